@@ -1,0 +1,37 @@
+"""The failures a user can meet: one sentence, one remedy, one exit code."""
+
+from typing import ClassVar
+
+
+class DrError(Exception):
+    """A failure that is explained to the user instead of shown as a traceback.
+
+    Args:
+        message: One clear sentence that names file, line, key and value where there are any.
+        remedy: What to do about it, starting with a verb.
+    """
+
+    code: ClassVar[int] = 1
+    """Exit code of the process that ends with this failure."""
+
+    def __init__(self, message: str, *, remedy: str) -> None:
+        super().__init__(message)
+        self.remedy = remedy
+
+
+class SettingsError(DrError):
+    """A setting, parameter file or reward function is wrong."""
+
+    code = 3
+
+
+class StorageError(DrError):
+    """The bucket cannot be reached, read or written."""
+
+    code = 4
+
+
+class WorkerDied(DrError):
+    """A worker process ended and could not be brought back."""
+
+    code = 5

@@ -1,0 +1,1 @@
+"""The learner: tensors in, tensors out, no files and no processes."""

@@ -1,0 +1,82 @@
+"""Where and in which number format the learner computes, chosen by trying."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+
+import torch
+
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, ActorCritic, PolicySpec
+
+TRIAL_S = 0.25
+"""How long each format is tried, seconds."""
+
+
+@dataclass(frozen=True)
+class Compute:
+    """Device and number format of an update.
+
+    Attributes:
+        device: "cpu" or "cuda".
+        bf16: Whether convolutions and matrix products run in bfloat16. Weights, optimizer and
+            losses stay in float32.
+        reason: Why, in words for the log.
+    """
+
+    device: torch.device
+    bf16: bool
+    reason: str
+
+    def autocast(self) -> contextlib.AbstractContextManager[None]:
+        """The context that a forward pass runs in."""
+        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.bf16)
+
+
+def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int) -> Compute:
+    """Pick device and number format for this machine.
+
+    Args:
+        wanted: "fp32" or "bf16" to insist, "auto" to time both and keep the faster.
+        spec: The network to be trained.
+        batch_size: Steps in a minibatch.
+        threads: Processor cores to use.
+    """
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(True)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    where = torch.cuda.get_device_name() if device.type == "cuda" else f"{threads} threads"
+    if wanted != "auto":
+        return Compute(device, wanted == "bf16", f"{wanted} on {where}, as set")
+
+    speeds = {
+        bf16: _samples_per_s(Compute(device, bf16, ""), spec, batch_size) for bf16 in (False, True)
+    }
+    faster = speeds[True] > speeds[False]
+    return Compute(
+        device,
+        faster,
+        f"{'bf16' if faster else 'fp32'} on {where}: "
+        f"{speeds[False]:.0f} samples/s in fp32, {speeds[True]:.0f} in bf16",
+    )
+
+
+def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int) -> float:
+    """Forward and backward passes of a throw-away network, timed."""
+    model = ActorCritic(spec).to(compute.device)
+    frames = torch.zeros(
+        (batch_size, FRAME_HEIGHT, FRAME_WIDTH), dtype=torch.uint8, device=compute.device
+    )
+
+    def once() -> None:
+        with compute.autocast():
+            policy, value = model(frames)
+        (policy.square().mean() + value.square().mean()).backward()
+        if compute.device.type == "cuda":
+            torch.cuda.synchronize()
+
+    once()
+    start, count = time.perf_counter(), 0
+    while (elapsed := time.perf_counter() - start) < TRIAL_S or count == 0:
+        once()
+        count += 1
+    return count * batch_size / elapsed

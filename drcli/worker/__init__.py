@@ -1,0 +1,1 @@
+"""The two worker loops, each run as a process of its own."""

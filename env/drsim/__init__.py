@@ -1,0 +1,1 @@
+"""DeepRacer simulation on MuJoCo: cars, camera, tracks, reward parameters and episode rules."""
