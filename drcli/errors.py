@@ -35,3 +35,9 @@ class WorkerDied(DrError):
     """A worker process ended and could not be brought back."""
 
     code = 5
+
+
+class TrainingFailed(DrError):
+    """Learning cannot go on; everything learned before is kept."""
+
+    code = 6

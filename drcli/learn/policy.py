@@ -56,9 +56,11 @@ class ShallowBody(nn.Module):
         self.conv2 = nn.Conv2d(32, 64, kernel_size=4, stride=2)
         self.conv3 = nn.Conv2d(64, 64, kernel_size=3, stride=1)
         self.dense = nn.Linear(11 * 16 * 64, self.features)
-        for layer in (self.conv1, self.conv2, self.conv3, self.dense):
-            nn.init.xavier_uniform_(layer.weight)
-            nn.init.zeros_(layer.bias)
+        for name, parameter in self.named_parameters():
+            if name.endswith("weight"):
+                nn.init.xavier_uniform_(parameter)
+            else:
+                nn.init.zeros_(parameter)
 
     def forward(self, frames: Tensor) -> Tensor:
         """Turn grey pictures into features.
@@ -106,7 +108,9 @@ class ActorCritic(nn.Module):
             # Nearly equal chances at the start: every action gets tried from the first episode.
             _init_columns(self.policy_head.weight, 0.01)
         # oneDNN trains these convolutions two to four times faster with channels last.
-        self.to(memory_format=torch.channels_last)
+        for parameter in self.parameters():
+            if parameter.dim() == 4:
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, frames: Tensor) -> Output:
         """Evaluate policy and value.

@@ -120,8 +120,8 @@ class PPO:
 
         if not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
-                f"The loss is {float(loss)} (surrogate {float(surrogate_loss):.4g}, "
-                f"value {float(value_loss):.4g}, entropy {float(entropy):.4g})."
+                f"The loss is {loss.item()} (surrogate {surrogate_loss.item():.4g}, "
+                f"value {value_loss.item():.4g}, entropy {entropy.item():.4g})."
             )
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]

@@ -1,0 +1,98 @@
+"""What a launcher tells its worker processes, and how they tell it why they ended."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from drcli.config import Settings
+from drcli.errors import DrError
+
+VARIABLE = "DRCLI_JOB"
+"""Environment variable that carries the job to a worker process."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One start of a training or an evaluation.
+
+    Attributes:
+        settings: What the racer wrote, checked.
+        directory: The racer's working folder.
+        session: Unique name of this start; rollouts of an earlier start never carry it.
+        seed: What all random numbers of the run are derived from.
+        until_laps: Finish once an evaluation completes all its laps, at least so many.
+        max_minutes: Finish after so much wall time.
+        folder: Where processes leave their last words on this machine.
+        launcher_pid: The process whose end ends the workers too.
+    """
+
+    settings: Settings
+    directory: Path
+    session: str
+    seed: int
+    until_laps: int | None
+    max_minutes: float | None
+    folder: Path
+    launcher_pid: int
+
+    def to_environment(self) -> dict[str, str]:
+        """The environment of a worker process of this job."""
+        fields = {
+            "settings": self.settings.dump(),
+            "directory": str(self.directory),
+            "session": self.session,
+            "seed": self.seed,
+            "until_laps": self.until_laps,
+            "max_minutes": self.max_minutes,
+            "folder": str(self.folder),
+            "launcher_pid": self.launcher_pid,
+        }
+        return {**os.environ, VARIABLE: json.dumps(fields)}
+
+    @staticmethod
+    def from_environment() -> "Job":
+        """The job that the launcher of this process gave it."""
+        fields = json.loads(os.environ[VARIABLE])
+        fields["settings"] = Settings.restore(fields["settings"])
+        fields["directory"] = Path(fields["directory"])
+        fields["folder"] = Path(fields["folder"])
+        return Job(**fields)
+
+
+@dataclass(frozen=True)
+class LastWords:
+    """Why a worker process ended.
+
+    Attributes:
+        message: One sentence.
+        remedy: What to do about it.
+        code: The exit code that the command should end with.
+    """
+
+    message: str
+    remedy: str
+    code: int
+
+    @staticmethod
+    def of(error: DrError) -> "LastWords":
+        """What an explained failure has to say."""
+        return LastWords(str(error), error.remedy, error.code)
+
+    def leave(self, folder: Path, name: str) -> None:
+        """Write them down for the supervisor."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.last-words.json").write_text(json.dumps(asdict(self)), "utf-8")
+
+    @staticmethod
+    def find(folder: Path, name: str) -> "LastWords | None":
+        """What the worker of that name wrote down, if it did."""
+        path = folder / f"{name}.last-words.json"
+        if not path.exists():
+            return None
+        return LastWords(**json.loads(path.read_text("utf-8")))
+
+    @staticmethod
+    def forget(folder: Path, name: str) -> None:
+        """Remove what an earlier process of that name wrote down."""
+        (folder / f"{name}.last-words.json").unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""Runs: start, watch, stop and describe the processes of a training or an evaluation."""

@@ -1,0 +1,63 @@
+"""Who trains on a model prefix: a note in the bucket that its owner renews.
+
+It is no lock: nothing waits for it, and a note that is not renewed means nothing after a minute,
+so a machine that vanishes leaves nothing behind that somebody has to remove.
+"""
+
+import json
+import os
+import socket
+import time
+from dataclasses import asdict, dataclass
+
+import psutil
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+
+STALE_S = 60.0
+"""Age after which a note means nothing. Its owner renews it every ten seconds."""
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The note.
+
+    Attributes:
+        session: Unique name of the start that owns the prefix.
+        host: Its machine.
+        pid: Its supervisor there.
+        renewed: Unix seconds.
+    """
+
+    session: str
+    host: str
+    pid: int
+    renewed: float
+
+
+def holder(bucket: Bucket, prefix: str) -> Lease | None:
+    """Who trains on the prefix now, or None."""
+    try:
+        lease = Lease(**json.loads(bucket.get(keys.lease(prefix))))
+    except ObjectMissing:
+        return None
+    return lease if time.time() - lease.renewed < STALE_S else None
+
+
+def is_owner_alive(lease: Lease) -> bool:
+    """Whether the owner may still be at work: on this machine we can look, elsewhere we believe."""
+    return lease.host != socket.gethostname() or psutil.pid_exists(lease.pid)
+
+
+def renew(bucket: Bucket, prefix: str, session: str) -> None:
+    """Say that this process trains on the prefix."""
+    lease = Lease(session, socket.gethostname(), os.getpid(), time.time())
+    bucket.put(keys.lease(prefix), json.dumps(asdict(lease)).encode())
+
+
+def release(bucket: Bucket, prefix: str, session: str) -> None:
+    """Take the note back, if it is this session's."""
+    lease = holder(bucket, prefix)
+    if lease is not None and lease.session == session:
+        bucket.delete([keys.lease(prefix)])

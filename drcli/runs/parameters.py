@@ -1,0 +1,93 @@
+"""training_params.yaml and evaluation_params.yaml, as the reference's launcher writes them.
+
+Nothing of ours reads them back: upload and import tools, and people, expect them in the bucket.
+"""
+
+from typing import Any
+
+import yaml
+
+from drcli.config import Settings
+from drcli.store import keys
+
+
+def training_parameters(settings: Settings) -> bytes:
+    """The file below the model prefix that describes a training."""
+    s = settings
+    values = {
+        "JOB_TYPE": "TRAINING",
+        **_common(s),
+        "METRICS_S3_BUCKET": s.bucket,
+        "METRICS_S3_OBJECT_KEY": keys.training_metrics(s.metrics_prefix, 0),
+        "MODEL_METADATA_FILE_S3_KEY": s.model_metadata_key,
+        "REWARD_FILE_S3_KEY": s.reward_key,
+        "TRAINING_JOB_ARN": "arn:Dummy",
+        "NUM_WORKERS": s.workers,
+        "SAGEMAKER_SHARED_S3_BUCKET": s.bucket,
+        "SAGEMAKER_SHARED_S3_PREFIX": s.model_prefix,
+        "SIMTRACE_S3_BUCKET": s.bucket,
+        "SIMTRACE_S3_PREFIX": s.model_prefix,
+        "BODY_SHELL_TYPE": s.car_body_shell_type,
+        "CAR_COLOR": s.car_color,
+        "CAR_NAME": s.car_name,
+        "DISPLAY_NAME": s.display_name,
+        "RACER_NAME": s.racer_name,
+        "REVERSE_DIR": s.train_reverse_direction,
+        "ALTERNATE_DRIVING_DIRECTION": s.train_alternate_driving_direction,
+        "CHANGE_START_POSITION": s.train_change_start_position,
+        "ROUND_ROBIN_ADVANCE_DIST": s.train_round_robin_advance_dist,
+        "START_POSITION_OFFSET": s.train_start_position_offset,
+        "MIN_EVAL_TRIALS": s.train_min_eval_trials,
+        "BEST_MODEL_METRIC": s.train_best_model_metric,
+    }
+    return _dump(values)
+
+
+def evaluation_parameters(settings: Settings, simtrace_prefix: str, metrics_key: str) -> bytes:
+    """The file below the model prefix that describes a stand-alone evaluation."""
+    s = settings
+    values = {
+        "JOB_TYPE": "EVALUATION",
+        **_common(s),
+        "MODEL_S3_BUCKET": [s.bucket],
+        "MODEL_S3_PREFIX": [s.model_prefix],
+        "SIMTRACE_S3_BUCKET": [s.bucket],
+        "SIMTRACE_S3_PREFIX": [simtrace_prefix],
+        "METRICS_S3_BUCKET": [s.bucket],
+        "METRICS_S3_OBJECT_KEY": [metrics_key],
+        "MP4_S3_BUCKET": [],
+        "MP4_S3_OBJECT_PREFIX": [],
+        "BODY_SHELL_TYPE": [s.car_body_shell_type],
+        "CAR_COLOR": [s.car_color],
+        "DISPLAY_NAME": [s.display_name],
+        "RACER_NAME": [s.racer_name],
+        "EVAL_CHECKPOINT": s.eval_checkpoint,
+        "NUMBER_OF_TRIALS": s.eval_number_of_trials,
+        "IS_CONTINUOUS": s.eval_is_continuous,
+        "NUMBER_OF_RESETS": s.eval_max_resets,
+        "OFF_TRACK_PENALTY": s.eval_off_track_penalty,
+        "COLLISION_PENALTY": s.eval_collision_penalty,
+        "RESET_BEHIND_DIST": s.eval_reset_behind_dist,
+        "REVERSE_DIR": s.eval_reverse_direction,
+    }
+    return _dump(values)
+
+
+def _common(s: Settings) -> dict[str, Any]:
+    return {
+        "AWS_REGION": s.aws_app_region,
+        "KINESIS_VIDEO_STREAM_NAME": s.kinesis_stream_name,
+        "ROBOMAKER_SIMULATION_JOB_ACCOUNT_ID": "Dummy",
+        "RACE_TYPE": s.race_type,
+        "WORLD_NAME": s.world_name,
+        "ENABLE_DOMAIN_RANDOMIZATION": s.enable_domain_randomization,
+        "CAMERA_MAIN_ENABLE": s.camera_main_enable,
+        "CAMERA_SUB_ENABLE": s.camera_sub_enable,
+        "ENABLE_EXTRA_KVS_OVERLAY": s.enable_extra_kvs_overlay,
+    }
+
+
+def _dump(values: dict[str, Any]) -> bytes:
+    """One document, sorted keys, every scalar single-quoted: readers of the reference expect it."""
+    text = yaml.safe_dump(values, default_style="'", explicit_start=True, sort_keys=True)
+    return text.encode()

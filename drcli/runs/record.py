@@ -1,0 +1,109 @@
+"""The note a run leaves on this machine: who supervises it and how it is going."""
+
+import json
+import os
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import psutil
+
+from drcli.config import Settings
+from drcli.runs.report import State
+
+LIVE_STATES: tuple[State, ...] = ("starting", "running")
+
+
+@dataclass(frozen=True)
+class WorkerRecord:
+    """A worker process as its supervisor knows it."""
+
+    name: str
+    pid: int | None
+    restarts: int
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
+
+    Attributes:
+        run_id: DR_RUN_ID.
+        session: Unique name of the start.
+        bucket: Name of the bucket.
+        prefix: Model prefix.
+        world: DR_WORLD_NAME.
+        state: As the supervisor last wrote it.
+        pid: The supervisor.
+        pid_started: When that process began, Unix seconds: process numbers are used again.
+        started_at: Unix seconds.
+        ended_at: Unix seconds, or None.
+        exit_code: Of the supervisor, when it has ended.
+        message: Why the run ended.
+        remedy: What to do about it.
+        workers: Its processes.
+    """
+
+    run_id: int
+    session: str
+    bucket: str
+    prefix: str
+    world: str
+    state: State
+    pid: int
+    pid_started: float
+    started_at: float
+    ended_at: float | None = None
+    exit_code: int | None = None
+    message: str = ""
+    remedy: str = ""
+    workers: list[WorkerRecord] = field(default_factory=list)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the supervisor still runs."""
+        return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
+
+    def write(self, folder: Path) -> None:
+        """Replace the note in one step, so that a reader never sees half of it."""
+        folder.mkdir(parents=True, exist_ok=True)
+        scratch = folder / f".run.{os.getpid()}.json"
+        scratch.write_text(json.dumps(asdict(self), indent=2), "utf-8")
+        scratch.replace(folder / "run.json")
+
+    @staticmethod
+    def read(folder: Path) -> "RunRecord | None":
+        """The note of the last start, or None if nothing was started yet."""
+        path = folder / "run.json"
+        if not path.exists():
+            return None
+        fields = json.loads(path.read_text("utf-8"))
+        fields["workers"] = [WorkerRecord(**worker) for worker in fields["workers"]]
+        return RunRecord(**fields)
+
+    def ended(
+        self, state: State, exit_code: int, message: str, remedy: str, now: float
+    ) -> "RunRecord":
+        """The note once the run is over."""
+        return replace(
+            self,
+            state=state,
+            exit_code=exit_code,
+            message=message,
+            remedy=remedy,
+            ended_at=now,
+        )
+
+
+def run_folder(settings: Settings, directory: Path) -> Path:
+    """Where this machine keeps what it knows of the run."""
+    return directory / "data" / "runs" / str(settings.run_id)
+
+
+def is_alive(pid: int, pid_started: float) -> bool:
+    """Whether a process runs and is the one that began at that time."""
+    try:
+        process = psutil.Process(pid)
+        same = abs(process.create_time() - pid_started) < 1.0
+        return same and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

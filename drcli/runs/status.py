@@ -1,0 +1,103 @@
+"""Describes a run: from the note on this machine and from what lies in the bucket."""
+
+import json
+from pathlib import Path
+
+import psutil
+
+from drcli.config import Settings
+from drcli.errors import StorageError
+from drcli.runs.logs import log_file
+from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
+from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.connect import open_running_bucket
+from drcli.store.history import IterationRecord, read_history
+
+
+def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
+    """Everything there is to say about the run of these settings."""
+    directory = (directory or Path.cwd()).absolute()
+    record = RunRecord.read(run_folder(settings, directory))
+    if record is None:
+        return RunReport(
+            run_id=settings.run_id,
+            bucket=settings.bucket,
+            prefix=settings.model_prefix,
+            world=settings.world_name,
+            state="none",
+        )
+    bucket = open_running_bucket(settings, directory)
+    history: list[IterationRecord] = []
+    best = last = None
+    activities: dict[str, str] = {}
+    if bucket is not None:
+        try:
+            history = read_history(bucket, record.prefix)
+            best, last = _checkpoints(bucket, record.prefix)
+            names = [worker.name for worker in record.workers]
+            activities = {name: _activity(bucket, record.prefix, name) for name in names}
+        except StorageError as error:
+            activities = {"trainer": f"the bucket does not answer: {error}"}
+    state: State = record.state
+    if record.state in LIVE_STATES and not record.alive:
+        state = "lost"
+    running = state in LIVE_STATES
+    workers = [
+        WorkerReport(
+            name=worker.name,
+            pid=worker.pid,
+            alive=running and worker.pid is not None and psutil.pid_exists(worker.pid),
+            restarts=worker.restarts,
+            activity=activities.get(worker.name, "") if running else "",
+            log=str(log_file(settings, directory, worker.name)),
+        )
+        for worker in record.workers
+    ]
+    return RunReport(
+        run_id=record.run_id,
+        bucket=record.bucket,
+        prefix=record.prefix,
+        world=record.world,
+        state=state,
+        message=record.message
+        if state != "lost"
+        else "The supervisor is gone; its workers have left with it.",
+        remedy=record.remedy if state != "lost" else "Continue with `dr-start-training --resume`.",
+        exit_code=record.exit_code,
+        started_at=record.started_at,
+        elapsed_s=history[-1].elapsed_s if history else 0.0,
+        pid=record.pid,
+        workers=workers,
+        history=history,
+        best=best,
+        last=last,
+    )
+
+
+def _checkpoints(
+    bucket: Bucket, prefix: str
+) -> tuple[CheckpointReport | None, CheckpointReport | None]:
+    """The best and the last checkpoint, as far as there are any."""
+    try:
+        file = json.loads(bucket.get(keys.deepracer_checkpoints(prefix)))
+    except ObjectMissing:
+        return None, None
+    return _report(file.get("best_checkpoint")), _report(file.get("last_checkpoint"))
+
+
+def _report(entry: dict[str, object] | None) -> CheckpointReport | None:
+    if not entry:
+        return None
+    metric = entry.get("avg_eval_metric")
+    return CheckpointReport(
+        str(entry["name"]), float(metric) if isinstance(metric, int | float) else None
+    )
+
+
+def _activity(bucket: Bucket, prefix: str, name: str) -> str:
+    try:
+        return str(json.loads(bucket.get(keys.status(prefix, name)))["activity"])
+    except ObjectMissing:
+        return "starting"

@@ -1,0 +1,247 @@
+"""Keeps a training alive: starts its workers, brings back what dies, ends it in good order."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from types import FrameType
+
+from drcli.errors import DrError, StorageError
+from drcli.job import Job, LastWords
+from drcli.runs import lease
+from drcli.runs.logs import log_file, upload_logs
+from drcli.runs.record import RunRecord, WorkerRecord
+from drcli.runs.report import State
+from drcli.store.bucket import Bucket
+
+POLL_S = 0.2
+"""How often the supervisor looks at its processes."""
+
+SERVER_CHECK_S = 1.0
+LEASE_S = 10.0
+LOG_UPLOAD_S = 300.0
+
+LEAVE_S = 10.0
+"""How long a worker may take to leave after SIGTERM before it is killed."""
+
+QUICK_DEATH_S = 20.0
+"""A worker that lives shorter than this after a restart has died quickly."""
+
+MAX_QUICK_DEATHS = 3
+"""Quick deaths in a row, each by a failure of the worker's own, after which the run ends."""
+
+MAX_QUICK_KILLS = 25
+"""Quick deaths in a row by a signal from outside after which the run ends."""
+
+FATAL_CODES = (3, 6)
+"""A worker that ends with one of these would fail again: settings, or training gone wrong."""
+
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit codes after Ctrl-C and after SIGTERM."""
+
+
+@dataclass
+class Child:
+    """A worker process and what became of its predecessors."""
+
+    name: str
+    module: str
+    arguments: list[str]
+    process: subprocess.Popen[bytes] | None = None
+    started: float = 0.0
+    restarts: int = 0
+    quick_deaths: int = field(default=0)
+
+    @property
+    def running(self) -> bool:
+        """Whether the process is alive."""
+        return self.process is not None and self.process.poll() is None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    code: int
+    message: str
+    remedy: str = ""
+
+
+class Supervisor:
+    """One run on this machine, from the first process to the last."""
+
+    def __init__(
+        self, job: Job, bucket: Bucket, record: RunRecord, revive_server: Callable[[], None]
+    ) -> None:
+        self._job = job
+        self._bucket = bucket
+        self._record = record
+        self._revive_server = revive_server
+        self._signal: int | None = None
+        self._environment = job.to_environment()
+        self._children = [Child("trainer", "drcli.worker.train", [])]
+        for k in range(job.settings.workers):
+            self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
+        self._clocks: dict[str, float] = {}
+
+    def run(self) -> int:
+        """Supervise until the training is over.
+
+        Returns:
+            The exit code of the command.
+        """
+        signal.signal(signal.SIGTERM, self._note)
+        signal.signal(signal.SIGINT, self._note)
+        outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
+        try:
+            for child in self._children:
+                self._start(child)
+            self._publish("running")
+            outcome = self._watch()
+        except DrError as error:
+            outcome = Outcome(error.code, str(error), error.remedy)
+        finally:
+            self._end(outcome)
+        return outcome.code
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        if self._signal is not None:
+            for child in self._children:
+                if child.running and child.process is not None:
+                    child.process.kill()
+        self._signal = number
+
+    def _start(self, child: Child) -> None:
+        path = log_file(self._job.settings, self._job.directory, child.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab") as log:
+            child.process = subprocess.Popen(
+                [sys.executable, "-m", child.module, *child.arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                cwd=self._job.directory,
+                start_new_session=True,
+            )
+        child.started = time.monotonic()
+        self._log(f"{child.name} started, process {child.process.pid}.")
+
+    def _watch(self) -> Outcome:
+        """Look after everything until there is a reason to end."""
+        while True:
+            if self._signal is not None:
+                name = signal.Signals(self._signal).name
+                code = INTERRUPTED if self._signal == signal.SIGINT else TERMINATED
+                return Outcome(
+                    code, f"Stopped by {name}.", "Continue with `dr-start-training --resume`."
+                )
+            for child in self._children:
+                if not child.running:
+                    outcome = self._bury(child)
+                    if outcome is not None:
+                        return outcome
+            self._every("server", SERVER_CHECK_S, self._revive_server)
+            self._every("lease", LEASE_S, self._renew_lease)
+            self._every("logs", LOG_UPLOAD_S, self._upload_logs)
+            time.sleep(POLL_S)
+
+    def _bury(self, child: Child) -> Outcome | None:
+        """Deal with a process that has ended.
+
+        Returns:
+            How the run ends, or None when it goes on.
+        """
+        assert child.process is not None
+        code = child.process.returncode
+        words = LastWords.find(self._job.folder, child.name)
+        if code == 0 and child.name == "trainer":
+            return Outcome(0, words.message if words else "Training is complete.")
+        if words is not None and words.code in FATAL_CODES and code > 0:
+            return Outcome(words.code, words.message, words.remedy)
+
+        lived_s = time.monotonic() - child.started
+        child.quick_deaths = child.quick_deaths + 1 if lived_s < QUICK_DEATH_S else 0
+        limit = MAX_QUICK_DEATHS if code > 0 else MAX_QUICK_KILLS
+        if child.quick_deaths > limit:
+            reason = words.message if words else f"exit code {code}"
+            remedy = words.remedy if words else f"Read the reason with `dr-logs {child.name}`."
+            died = f"{child.name} died {child.quick_deaths} times in a row: {reason}"
+            return Outcome(
+                words.code if words and words.code == StorageError.code else 5, died, remedy
+            )
+        how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
+        self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
+        child.restarts += 1
+        self._start(child)
+        self._publish("running")
+        return None
+
+    def _end(self, outcome: Outcome) -> None:
+        """Send the workers away, bring the logs home, write down how it went."""
+        running = [child for child in self._children if child.running]
+        for child in running:
+            assert child.process is not None
+            child.process.terminate()
+        deadline = time.monotonic() + LEAVE_S
+        for child in running:
+            assert child.process is not None
+            try:
+                child.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                self._log(f"{child.name} did not leave within {LEAVE_S:.0f} s and was killed.")
+                child.process.kill()
+                child.process.wait()
+        self._log(f"{outcome.message} {outcome.remedy}".strip())
+        try:
+            self._revive_server()
+            self._upload_logs()
+            lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
+        except DrError as error:
+            self._log(f"The logs could not be uploaded: {error}")
+        state: State = "failed"
+        if outcome.code == 0:
+            state = "finished"
+        elif outcome.code in (INTERRUPTED, TERMINATED):
+            state = "stopped"
+        self._record = self._with_workers().ended(
+            state, outcome.code, outcome.message, outcome.remedy, time.time()
+        )
+        self._record.write(self._job.folder)
+
+    def _with_workers(self) -> RunRecord:
+        workers = [
+            WorkerRecord(c.name, c.process.pid if c.process else None, c.restarts)
+            for c in self._children
+        ]
+        return replace(self._record, workers=workers)
+
+    def _publish(self, state: State) -> None:
+        self._record = replace(self._with_workers(), state=state)
+        self._record.write(self._job.folder)
+
+    def _every(self, name: str, seconds: float, what: Callable[[], None]) -> None:
+        """Do something at most every so many seconds; an outage of the bucket is no end."""
+        now = time.monotonic()
+        if now < self._clocks.get(name, 0.0):
+            return
+        self._clocks[name] = now + seconds
+        try:
+            what()
+        except StorageError as error:
+            self._log(f"{error}")
+
+    def _renew_lease(self) -> None:
+        lease.renew(self._bucket, self._job.settings.model_prefix, self._job.session)
+
+    def _upload_logs(self) -> None:
+        names = [child.name for child in self._children] + ["supervisor"]
+        upload_logs(self._bucket, self._job.settings, self._job.directory, names)
+
+    def _log(self, text: str) -> None:
+        path = log_file(self._job.settings, self._job.directory, "supervisor")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8") as log:
+            print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)

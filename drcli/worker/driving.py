@@ -1,0 +1,238 @@
+"""Drives episodes side by side: one batch of cars, one policy, whole episodes out."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.learn.acting import decide
+from drcli.learn.policy import ActorCritic
+from drcli.worker.process import StopRequested
+from drcli.worker.trace import STEP_S, Episode, Phase, Row
+from drsim.actions import Actions, ContinuousActions
+from drsim.episode import Status
+from drsim.simulation import Simulation, StepResult
+
+DRAWS = 256
+"""Random numbers drawn at a time for an episode."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An episode to be driven.
+
+    Attributes:
+        number: As in `Episode`.
+        phase: Training samples from the policy, evaluation takes its most likely action.
+        start_fraction: Where on the lap it starts, 0 to 1.
+        reverse: Whether it drives against the direction of the simulation's track.
+    """
+
+    number: int
+    phase: Phase
+    start_fraction: float
+    reverse: bool = False
+
+
+@dataclass
+class Driven(Episode):
+    """An episode with what the learner wants to know of each step but the first.
+
+    Attributes:
+        frames: What the car saw. Each of shape (120, 160).
+        actions: What was chosen: an index, or unclipped values of shape (dims,).
+        log_probs: Log-probability of the choice.
+        values: The critic's estimate.
+    """
+
+    frames: list[NDArray[np.uint8]] = field(default_factory=list)
+    actions: list[NDArray[np.float32] | int] = field(default_factory=list)
+    log_probs: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+
+class _Lane:
+    """A car and the episode it is driving."""
+
+    def __init__(self, plan: Plan, seed: int, num_noise: int, first: "_Columns", car: int) -> None:
+        self.plan = plan
+        self.episode = Driven(plan.number, plan.phase)
+        # The clock of the car has taken the first step already; the episode began before it.
+        self._began_s = first.sim_time_s[car] - STEP_S
+        self._first = first
+        # An episode draws the same numbers wherever, whenever and beside whichever others it is
+        # driven, so that an iteration that has to be repeated is the same.
+        self._draw = np.random.Generator(np.random.Philox(key=[seed, plan.number]))
+        self._num_noise = num_noise
+        self._block = np.empty((0, num_noise), dtype=np.float32)
+        self._used = 0
+
+    def record(self, columns: "_Columns", car: int, request: Sequence[float], label: str) -> None:
+        """Add a row; the first step of an episode carries the first action that was chosen."""
+        rows = self.episode.rows
+        if not rows:
+            rows.append(self._first.row(car, request, label, self._began_s))
+        rows.append(columns.row(car, request, label, self._began_s))
+
+    def noise(self) -> NDArray[np.float32]:
+        if self._used == len(self._block):
+            shape = (DRAWS, self._num_noise)
+            self._block = (
+                self._draw.standard_normal(shape, dtype=np.float32)
+                if self._num_noise > 1
+                else self._draw.random(shape, dtype=np.float32)
+            )
+            self._used = 0
+        self._used += 1
+        row: NDArray[np.float32] = self._block[self._used - 1]
+        return row
+
+
+class Driver:
+    """A simulation with a policy at every wheel."""
+
+    def __init__(
+        self, simulation: Simulation, actions: Actions, model: ActorCritic, seed: int
+    ) -> None:
+        self._simulation = simulation
+        self._actions = actions
+        self._continuous = isinstance(actions, ContinuousActions)
+        self._model = model
+        self._seed = seed
+
+    def drive(
+        self,
+        plans: Sequence[Plan],
+        on_episode: Callable[[Driven], None],
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Drive all planned episodes, as many at a time as there are cars.
+
+        Args:
+            plans: In the order in which cars take them up.
+            on_episode: Called with each episode as soon as it is over.
+            should_stop: Asked at every step.
+
+        Raises:
+            StopRequested: When `should_stop` said so.
+        """
+        waiting = deque(plans)
+        lanes: list[_Lane | None] = [None] * self._simulation.num_cars
+        self._fill(lanes, waiting)
+        while any(lane is not None for lane in lanes):
+            if should_stop():
+                raise StopRequested
+            ended = self._step(lanes)
+            for car in ended:
+                lane = lanes[car]
+                lanes[car] = None
+                if lane is not None:
+                    on_episode(lane.episode)
+            if ended and waiting:
+                self._fill(lanes, waiting)
+
+    def _fill(self, lanes: list[_Lane | None], waiting: deque[Plan]) -> None:
+        """Put waiting episodes into free cars."""
+        free = [car for car, lane in enumerate(lanes) if lane is None][: len(waiting)]
+        if not free:
+            return
+        plans = [waiting.popleft() for _ in free]
+        first = self._simulation.reset(
+            np.array(free),
+            np.array([plan.start_fraction for plan in plans]),
+            reverse=np.array([plan.reverse for plan in plans]),
+        )
+        columns = _Columns.of(first)
+        num_noise = self._model.spec.num_actions if self._continuous else 1
+        for car, plan in zip(free, plans, strict=True):
+            lanes[car] = _Lane(plan, self._seed, num_noise, columns, car)
+
+    def _step(self, lanes: list[_Lane | None]) -> list[int]:
+        """One step of all cars that drive.
+
+        Returns:
+            The cars whose episode ended.
+        """
+        driving = [(car, lane) for car, lane in enumerate(lanes) if lane is not None]
+        cars = np.array([car for car, _ in driving])
+        frames = self._simulation.observations[cars]
+        noise = np.stack([lane.noise() for _, lane in driving])
+        deterministic = np.array([lane.plan.phase == "evaluation" for _, lane in driving])
+        decision = decide(
+            self._model,
+            frames,
+            noise if self._continuous else noise[:, 0],
+            deterministic,
+        )
+        steering, speed = np.zeros(len(lanes)), np.zeros(len(lanes))
+        steering[cars], speed[cars] = self._actions.requests(decision.actions)
+        result = self._simulation.step(steering, speed)
+
+        columns = _Columns.of(result)
+        actions = decision.actions if self._continuous else decision.actions.tolist()
+        choices = zip(
+            driving,
+            frames,
+            actions,
+            zip(steering[cars].tolist(), speed[cars].tolist(), strict=True),
+            decision.log_probs.tolist(),
+            decision.values.tolist(),
+            strict=True,
+        )
+        for (car, lane), frame, action, request, log_prob, value in choices:
+            label = f"[{request[0]} {request[1]}]" if self._continuous else str(action)
+            lane.record(columns, car, request, label)
+            if lane.plan.phase == "training":
+                episode = lane.episode
+                episode.frames.append(frame)
+                episode.actions.append(action)
+                episode.log_probs.append(log_prob)
+                episode.values.append(value)
+        return [car for car, _ in driving if columns.done[car]]
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """A step's results as plain Python values, one list a column: rows are made car by car."""
+
+    steps: list[int]
+    x: list[float]
+    y: list[float]
+    yaw_deg: list[float]
+    reward: list[float]
+    done: list[bool]
+    all_wheels_on_track: list[bool]
+    progress: list[float]
+    closest_waypoint: list[int]
+    status: list[int]
+    pause_s: list[float]
+    sim_time_s: list[float]
+
+    @staticmethod
+    def of(result: StepResult) -> "_Columns":
+        return _Columns(*(getattr(result, f.name).tolist() for f in fields(_Columns)))
+
+    def row(self, car: int, request: Sequence[float], label: str, began_s: float) -> Row:
+        return Row(
+            steps=self.steps[car],
+            x=self.x[car],
+            y=self.y[car],
+            yaw_deg=self.yaw_deg[car],
+            steering_deg=request[0],
+            speed_mps=request[1],
+            action=label,
+            reward=self.reward[car],
+            done=self.done[car],
+            all_wheels_on_track=self.all_wheels_on_track[car],
+            progress=self.progress[car],
+            closest_waypoint=self.closest_waypoint[car],
+            status=STATUS_WORDS[self.status[car]],
+            pause_s=self.pause_s[car],
+            time_s=self.sim_time_s[car] - began_s,
+        )
+
+
+STATUS_WORDS = [status.label for status in Status]
+"""Words of the trace by the simulation's status numbers."""

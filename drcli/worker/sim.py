@@ -1,0 +1,322 @@
+"""The simulation worker: drives with each new checkpoint and puts what it drove into the bucket.
+
+Run by the supervisor as `python -m drcli.worker.sim K`, K counting the workers from 0.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load as load_tensors
+
+from drcli.hyperparameters import Hyperparameters
+from drcli.job import Job
+from drcli.learn.policy import ActorCritic
+from drcli.model_metadata import ModelMetadata
+from drcli.store import keys
+from drcli.store.bucket import ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.connect import open_bucket
+from drcli.store.episodes import Episodes
+from drcli.store.rollouts import RolloutWriter
+from drcli.worker import announce, process
+from drcli.worker.driving import Driven, Driver, Plan
+from drcli.worker.learning import policy_spec
+from drcli.worker.metrics import TrainingMetrics
+from drcli.worker.process import Activity, Lifeline, StopRequested
+from drcli.worker.trace import csv_text, log_lines, schedule
+from drcli.worker.world import actions_of, load_reward, load_world, longest_episode
+from drsim.episode import EpisodeRules
+from drsim.simulation import Simulation
+
+SHARD_STEPS = 256
+"""Steps after which finished episodes travel to the bucket: about 2 MB."""
+
+SEED_STRIDE = 7_919
+"""Keeps the random numbers of one worker apart from those of the next."""
+
+POLL_S = (0.05, 0.25)
+"""First and longest pause between two looks for a new checkpoint, seconds."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which training episodes of an iteration this worker drives.
+
+    Attributes:
+        worker: Index from 0.
+        workers: Number of workers.
+        episodes: Training episodes of an iteration over all workers.
+    """
+
+    worker: int
+    workers: int
+    episodes: int
+
+    @property
+    def count(self) -> int:
+        """Episodes of this worker in every iteration."""
+        return self.episodes // self.workers + (self.worker < self.episodes % self.workers)
+
+    def numbers(self, iteration: int) -> range:
+        """Numbers of this worker's episodes in one iteration, counted from 0 for its whole life."""
+        return range(iteration * self.count, (iteration + 1) * self.count)
+
+    def position(self, number: int) -> int:
+        """Place of an episode in the order of all workers' episodes; decides where it starts."""
+        return number * self.workers + self.worker
+
+
+class SimWorker:
+    """One simulation worker, from its first checkpoint to the end of the training."""
+
+    def __init__(self, job: Job, lifeline: Lifeline, worker: int) -> None:
+        s = job.settings
+        self._job = job
+        self._settings = s
+        self._lifeline = lifeline
+        self._prefix = s.model_prefix
+        self._bucket = open_bucket(s, job.directory)
+        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
+        self._activity.say("starting")
+        self._checkpoints = CheckpointStore(self._bucket, self._prefix)
+        parameters = Hyperparameters.from_bytes(
+            self._bucket.get(keys.hyperparameters(self._prefix)), "hyperparameters.json"
+        )
+        self._share = Share(worker, s.workers, parameters.num_episodes_between_training)
+        metadata = ModelMetadata.from_bytes(
+            self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
+        )
+        print(announce.start_lines(s, metadata, parameters, "TRAINING"))
+
+        threads = max(1, (os.cpu_count() or 1) // s.workers)
+        torch.set_num_threads(threads)
+        torch.set_flush_denormal(True)
+        self._model = ActorCritic(policy_spec(metadata)).eval()
+        self._trials = _evaluation_trials(job) if worker == 0 else 0
+        reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
+        track = load_world(s, job.directory)
+        self._track = track.reversed() if s.train_reverse_direction else track
+        actions = actions_of(metadata)
+        seed = job.seed + SEED_STRIDE * worker
+        simulation = Simulation(
+            self._track,
+            num_cars=s.train_lanes or self._share.count + self._trials,
+            reward_function=reward,
+            rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
+            num_threads=threads,
+            seed=seed,
+        )
+        self._driver = Driver(simulation, actions, self._model, seed)
+        self._metrics = TrainingMetrics(
+            self._bucket,
+            keys.training_metrics(s.metrics_prefix, worker),
+            s.train_best_model_metric,
+        )
+        self._total_steps = 0
+
+    def run(self) -> None:
+        """Drive with one checkpoint after the other until the training is over."""
+        number = 0
+        while True:
+            name = self._wait_for_checkpoint(number)
+            if name is None:
+                print("Received termination signal from trainer. Goodbye.")
+                return
+            number = name.number
+            self._total_steps = name.steps
+            weights = load_tensors(self._checkpoints.load(str(name)).tensors)
+            self._model.load_state_dict(weights)
+            self._iterate(name)
+            number += 1
+
+    def _wait_for_checkpoint(self, number: int) -> keys.CheckpointName | None:
+        """Wait for a checkpoint of at least this number.
+
+        Returns:
+            Its name, or None when the training is finished.
+
+        Raises:
+            StopRequested: When this process was asked to leave.
+        """
+        pause_s = POLL_S[0]
+        while True:
+            if self._lifeline.should_stop():
+                raise StopRequested
+            name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
+            if name is not None and name.number >= number:
+                return name
+            if self._finished():
+                return None
+            self._activity.say(f"waits for the trainer (checkpoint {number})")
+            time.sleep(pause_s)
+            pause_s = min(1.5 * pause_s, POLL_S[1])
+
+    def _finished(self) -> bool:
+        try:
+            mark = json.loads(self._bucket.get(keys.finished(self._prefix)))
+        except ObjectMissing:
+            return False
+        return bool(mark["session"] == self._job.session)
+
+    def _iterate(self, name: keys.CheckpointName) -> None:
+        """Drive this worker's share with one checkpoint and publish everything about it."""
+        iteration = name.number
+        numbers = self._share.numbers(iteration)
+        self._metrics.keep_before(numbers.start)
+        self._activity.say(f"drives iteration {iteration}")
+        training: list[Driven] = []
+        evaluation: list[Driven] = []
+        writer = RolloutWriter(
+            self._bucket,
+            self._prefix,
+            iteration=iteration,
+            worker=self._share.worker,
+            checkpoint=str(name),
+            session=f"{self._job.session}-{os.getpid()}",
+        )
+        shard: list[Driven] = []
+        begin = time.time()
+
+        def collect(episode: Driven) -> None:
+            if episode.phase == "evaluation":
+                evaluation.append(episode)
+                return
+            training.append(episode)
+            shard.append(episode)
+            last = len(training) == len(numbers)
+            if last or sum(e.steps for e in shard) >= SHARD_STEPS:
+                writer.add(_packed(shard))
+                shard.clear()
+            if last:
+                writer.finish({"drive_s": time.time() - begin})
+                self._publish_training(iteration, training, (begin, time.time()))
+                self._activity.say(f"evaluates checkpoint {iteration}")
+
+        try:
+            self._driver.drive(self._plans(numbers), collect, self._lifeline.should_stop)
+        except StopRequested:
+            writer.abandon()
+            raise
+        if evaluation:
+            evaluation.sort(key=lambda episode: episode.number)
+            self._publish_evaluation(name, evaluation, numbers.stop)
+
+    def _plans(self, numbers: range) -> list[Plan]:
+        """The training episodes of an iteration, and the evaluation of its checkpoint."""
+        s = self._settings
+        offset = s.train_start_position_offset
+        advance = s.train_round_robin_advance_dist if s.train_change_start_position else 0.0
+        alternate = s.train_alternate_driving_direction
+        plans = [
+            Plan(
+                number,
+                "training",
+                (offset + self._share.position(number) * advance) % 1.0,
+                reverse=alternate and number % 2 == 1,
+            )
+            for number in numbers
+        ]
+        # A deterministic policy drives every lap from one start alike, so trials start at
+        # different places: together they say whether the car gets around from everywhere.
+        return plans + [
+            Plan(trial, "evaluation", (offset + trial / self._trials) % 1.0)
+            for trial in range(self._trials)
+        ]
+
+    def _publish_training(
+        self, iteration: int, episodes: list[Driven], wall_clock: tuple[float, float]
+    ) -> None:
+        episodes.sort(key=lambda episode: episode.number)
+        schedule(episodes, self._metrics.clock_s)
+        self._metrics.add(episodes)
+        length_m = self._track.length_m
+        trace = csv_text(episodes, length_m, wall_clock)
+        key = keys.training_trace(
+            self._prefix, iteration, worker=self._share.worker, workers=self._share.workers
+        )
+        self._bucket.put(key, trace.encode())
+        total = self._total_steps
+        for episode in episodes:
+            total += episode.steps
+            print(log_lines(episode, length_m, wall_clock[1]))
+            print(announce.training_line(episode, self._share.worker, total, iteration))
+
+    def _publish_evaluation(
+        self, name: keys.CheckpointName, episodes: list[Driven], last_episode: int
+    ) -> None:
+        schedule(episodes, self._metrics.clock_s)
+        self._metrics.add([], episodes)
+        result = {
+            "checkpoint": str(name),
+            "progress": [float(e.progress) for e in episodes],
+            "reward": [float(e.reward) for e in episodes],
+            "lap_s": [float(e.duration_s) for e in episodes if e.completed],
+            "clock_s": self._metrics.clock_s,
+        }
+        self._bucket.put(
+            keys.evaluation_result(self._prefix, name.number), json.dumps(result).encode()
+        )
+        print(
+            announce.evaluation_lines(
+                list(episodes), self._share.worker, last_episode, self._total_steps, name.number
+            )
+        )
+
+
+def _evaluation_trials(job: Job) -> int:
+    """Evaluation episodes of each checkpoint; never none, or there would be no best one."""
+    return max(1, job.settings.train_min_eval_trials, job.until_laps or 0)
+
+
+def _packed(episodes: list[Driven]) -> Episodes:
+    """Finished episodes as the columns that travel; their frames are let go of."""
+    packed = Episodes(
+        frames=np.concatenate([np.stack(e.frames) for e in episodes]),
+        actions=np.concatenate([_action_column(e.actions) for e in episodes]),
+        log_probs=np.concatenate([np.array(e.log_probs, np.float32) for e in episodes]),
+        values=np.concatenate([np.array(e.values, np.float32) for e in episodes]),
+        rewards=np.concatenate([_reward_column(e) for e in episodes]),
+        episode_numbers=np.array([e.number for e in episodes]),
+        episode_lengths=np.array([e.steps for e in episodes]),
+        extras={
+            "progress": np.array([e.progress for e in episodes]),
+            "completed": np.array([e.completed for e in episodes]),
+            "duration_s": np.array([e.duration_s for e in episodes]),
+        },
+    )
+    for episode in episodes:
+        episode.frames.clear()
+    return packed
+
+
+def _reward_column(episode: Driven) -> NDArray[np.float32]:
+    return np.array([row.reward for row in episode.rows[1:]], dtype=np.float32)
+
+
+def _action_column(
+    actions: list[NDArray[np.float32] | int],
+) -> NDArray[np.int64] | NDArray[np.float32]:
+    if isinstance(actions[0], int):
+        return np.array(actions, dtype=np.int64)
+    return np.stack([np.asarray(action, dtype=np.float32) for action in actions])
+
+
+def main(worker: int) -> Callable[[Job, Lifeline], None]:
+    """The loop of worker K, to be run as a process."""
+
+    def loop(job: Job, lifeline: Lifeline) -> None:
+        SimWorker(job, lifeline, worker).run()
+
+    return loop
+
+
+if __name__ == "__main__":
+    index = int(sys.argv[1])
+    process.run(f"sim-{index}", main(index))

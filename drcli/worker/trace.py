@@ -1,0 +1,221 @@
+"""One driven episode as rows: the simtrace CSV, the SIM_TRACE_LOG line, the metrics record.
+
+All three formats are contracts with the community's analysis tools: names, order, decimals and
+spelling are theirs.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+CSV_HEADER = (
+    "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
+    "closest_waypoint,track_len,tstamp,episode_status,pause_duration,obstacle_crash_counter,"
+    "wall_clock"
+)
+"""First line of a simtrace. Source: the reference simulator, version 6."""
+
+STEP_S = 1.0 / 15.0
+"""Simulated time of one step, seconds."""
+
+STATUS_LABELS = {
+    "lap_complete": "Lap complete",
+    "off_track": "Off track",
+    "crashed": "Crashed",
+    "immobilized": "Immobilized",
+    "reversed": "Reversed",
+    "in_progress": "In progress",
+    "pause": "Pause",
+    "prepare": "Prepare",
+    "park": "Park",
+    "time_up": "Time Up",
+}
+"""How metrics files spell the status words of traces."""
+
+Phase = Literal["training", "evaluation"]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One step of one car.
+
+    Attributes:
+        steps: From 1, the `prepare` step.
+        x: Of the point 0.14 m ahead of the car's origin, metres.
+        y: Of the same point, metres.
+        yaw_deg: Heading, degrees in [-180, 180].
+        steering_deg: Requested steering, degrees, left positive.
+        speed_mps: Requested speed.
+        action: Index in the action list, or "[steering speed]".
+        reward: Of this step.
+        done: Whether the episode ended here.
+        all_wheels_on_track: Whether all four wheels were on the road.
+        progress: Percent of the lap.
+        closest_waypoint: Index.
+        status: Word of the trace vocabulary.
+        pause_s: Penalty still to wait, seconds.
+        time_s: Simulated seconds since the episode's reset.
+    """
+
+    steps: int
+    x: float
+    y: float
+    yaw_deg: float
+    steering_deg: float
+    speed_mps: float
+    action: str
+    reward: float
+    done: bool
+    all_wheels_on_track: bool
+    progress: float
+    closest_waypoint: int
+    status: str
+    pause_s: float
+    time_s: float
+
+
+@dataclass
+class Episode:
+    """A whole episode, from `prepare` to its end.
+
+    Attributes:
+        number: Counted from 0 through the whole life of the worker; trials restart at 0.
+        phase: Whether it was driven to learn from or to see how good the policy is.
+        rows: All steps.
+        clock_s: Simulation clock at its reset, as if episodes were driven one after another.
+        begin_s: Row time at which it begins: 0 but for the later laps of a continuous race.
+    """
+
+    number: int
+    phase: Phase
+    rows: list[Row] = field(default_factory=list)
+    clock_s: float = 0.0
+    begin_s: float = 0.0
+
+    @property
+    def reward(self) -> float:
+        """Sum of the rewards."""
+        return sum(row.reward for row in self.rows)
+
+    @property
+    def progress(self) -> float:
+        """Percent of the lap at the last step."""
+        return self.rows[-1].progress
+
+    @property
+    def status(self) -> str:
+        """How it ended, in the words of the trace."""
+        return self.rows[-1].status
+
+    @property
+    def completed(self) -> bool:
+        """Whether it ended with a completed lap."""
+        return self.status == "lap_complete"
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated seconds from reset to end; the lap time, if the lap was completed."""
+        return self.rows[-1].time_s - self.begin_s
+
+    @property
+    def steps(self) -> int:
+        """Steps in which the policy drove: all but the first."""
+        return len(self.rows) - 1
+
+
+def schedule(episodes: Iterable[Episode], clock_s: float) -> float:
+    """Give episodes that were driven side by side consecutive places on one simulation clock.
+
+    Args:
+        episodes: In the order of their numbers; their `clock_s` is set.
+        clock_s: Simulation clock before the first.
+
+    Returns:
+        Simulation clock after the last.
+    """
+    for episode in episodes:
+        episode.clock_s = clock_s
+        clock_s += episode.duration_s + STEP_S
+    return clock_s
+
+
+def csv_text(
+    episodes: Iterable[Episode], track_length_m: float, wall_clock: tuple[float, float]
+) -> str:
+    """A simtrace file.
+
+    Args:
+        episodes: In the order of their numbers.
+        track_length_m: Length of the centre line.
+        wall_clock: Unix seconds when driving began and ended. Cars drive side by side, so the
+            rows share that time equally; this keeps the real-time factor that analysis tools
+            derive from the column right.
+    """
+    rows = [(episode, row) for episode in episodes for row in episode.rows]
+    begin, end = wall_clock
+    per_row = (end - begin) / max(len(rows), 1)
+    lines = [CSV_HEADER]
+    lines += [
+        ",".join(_fields(episode, row, track_length_m, begin + per_row * (i + 1)))
+        for i, (episode, row) in enumerate(rows)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float) -> list[str]:
+    return [
+        str(episode.number),
+        f"{float(row.steps)}",
+        str(row.x),
+        str(row.y),
+        str(row.yaw_deg),
+        str(row.steering_deg),
+        str(row.speed_mps),
+        row.action,
+        str(row.reward),
+        str(row.done),
+        str(row.all_wheels_on_track),
+        str(row.progress),
+        str(row.closest_waypoint),
+        str(track_length_m),
+        str(episode.clock_s + row.time_s),
+        row.status,
+        str(row.pause_s),
+        "0",
+        str(wall_clock),
+    ]
+
+
+def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
+    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read."""
+    return "\n".join(
+        f"SIM_TRACE_LOG:{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
+        f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
+        f"{row.all_wheels_on_track},{row.progress:.4f},{row.closest_waypoint},"
+        f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},0,"
+        f"{wall_clock:.4f}"
+        for row in episode.rows
+    )
+
+
+def training_record(episode: Episode, training_number: int, trial: int) -> dict[str, Any]:
+    """One entry of TrainingMetrics.json.
+
+    Args:
+        episode: A training episode, or an evaluation episode during training.
+        training_number: Number of the (last) training episode, from 1.
+        trial: Number of the (last) training episode within the iteration, from 1.
+    """
+    start_ms = round(episode.clock_s * 1000)
+    end_ms = round((episode.clock_s + episode.duration_s) * 1000)
+    return {
+        "reward_score": round(episode.reward),
+        "metric_time": end_ms,
+        "start_time": start_ms,
+        "elapsed_time_in_milliseconds": end_ms - start_ms,
+        "episode": training_number,
+        "trial": trial,
+        "phase": episode.phase,
+        "completion_percentage": min(100, max(0, int(episode.progress))),
+        "episode_status": STATUS_LABELS[episode.status],
+    }

@@ -1,0 +1,180 @@
+"""What a world looks like: line widths, greys after lighting, walls and sky; no geometry.
+
+Greys are what the lens sees, 0..255, after the light has fallen on the colour of the texture. The
+light was measured on camera frames of the reference simulator in one world; `_LIGHT` carries it
+over to the texture colours of every other world.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+RGB = tuple[float, float, float]
+
+LUMA: RGB = (0.2989, 0.5870, 0.1140)
+"""Weights of red, green and blue in a grey. Source: the reference simulator's camera filter."""
+
+_LIGHT = 1.115
+"""Seen grey over texture grey on the ground. Source: measured on frames of the reference simulator;
+road, border line, dash and field agree within 2 % there. Assumed for all worlds, as 121 of the 127
+share one sun and one lamp."""
+
+
+@dataclass(frozen=True)
+class Paint:
+    """One painted material.
+
+    Attributes:
+        grey: Mean grey, 0..255.
+        grain: Standard deviation of the grain, greys; 0 paints it flat.
+    """
+
+    grey: float
+    grain: float = 0.0
+
+
+@dataclass(frozen=True)
+class Walls:
+    """The rectangle of walls around the field.
+
+    Attributes:
+        margin_m: Gap between the bounding box of the outer border and the walls.
+        height_m: Height above the ground.
+        greys: Greys of the walls at the least x, greatest x, least y and greatest y; they differ
+            because the sun, which goes down towards -x and a little towards +y, meets each at
+            another angle.
+    """
+
+    margin_m: float = 0.762
+    height_m: float = 1.0
+    greys: tuple[float, float, float, float] = (13.0, 24.0, 1.0, 21.0)
+
+
+@dataclass(frozen=True)
+class Look:
+    """Everything about a world's appearance that its route does not say.
+
+    Attributes:
+        border_side: "in" when the white line lies on the road side of the border, so that touching
+            white is still on track; "out" when it lies beyond, so that white is off track.
+        border_width_m: Width of the white line.
+        kerb_width_m: Width of the kerb that follows outside the white line; 0 for none.
+        dash_width_m: Width of a centre dash.
+        dash_length_m: Length of a centre dash.
+        dash_pitch_m: Distance from the start of one dash to the start of the next.
+        dash_start_m: Where along the centre line, from waypoint 0, the first dash starts.
+        start_depth_m: Depth of the chequered start line along the road; 0 for none.
+        start_squares: How many fields the chequer has across the road and along it.
+        road: Paint of the road.
+        line: Paint of the border line and of the light fields of the start line.
+        dash: Paint of the centre dashes.
+        kerb: Paint of the kerb.
+        field: Paint of everything beside the road.
+        chequer: Paint of the dark fields of the start line.
+        walls: Walls around the field.
+        sky_grey: Grey of the sky, flat.
+    """
+
+    border_side: Literal["in", "out"] = "in"
+    border_width_m: float = 0.0762
+    kerb_width_m: float = 0.0
+    dash_width_m: float = 0.0254
+    dash_length_m: float = 0.0508
+    dash_pitch_m: float = 0.1016
+    dash_start_m: float = 0.0508
+    start_depth_m: float = 0.07
+    start_squares: tuple[int, int] = (8, 2)
+    road: Paint = Paint(71.0, 8.0)
+    line: Paint = Paint(249.0, 9.0)
+    dash: Paint = Paint(169.0)
+    kerb: Paint = Paint(152.0)
+    field: Paint = Paint(137.0, 4.0)
+    chequer: Paint = Paint(25.0)
+    walls: Walls = Walls()
+    sky_grey: float = 178.0
+
+
+def look_of(world: str) -> Look:
+    """Appearance of a world by name; an unknown name gets the common set.
+
+    Source of widths and texture colours: the reference simulator's meshes and textures. Scenery,
+    buildings and grandstands of the few worlds that have them are not modelled: those worlds get
+    plain walls. A kerb is painted in the mean of its red and its white.
+    """
+    name = _base_name(world)
+    look = _COMMON
+    if name in _REINVENT_ROADS:
+        look = replace(_REINVENT, road=_REINVENT_ROADS[name])
+    if name == "Virtual_May19_Train_track":
+        look = replace(
+            look, road=_lit((76, 73, 70), _GRAIN), line=_lit((232, 232, 232), _LINE_GRAIN)
+        )
+    if name == "LGSWide":
+        look = replace(look, walls=Walls(margin_m=9.1))
+    if name == "caecer_gp":
+        look = replace(look, border_width_m=0.10)
+    if name in _LINE_OUTSIDE:
+        width_m, kerb_m = _LINE_OUTSIDE[name]
+        look = replace(look, border_side="out", border_width_m=width_m, kerb_width_m=kerb_m)
+    return look
+
+
+def _base_name(world: str) -> str:
+    """Name of a world without the suffix that chooses its driving direction."""
+    return world.removesuffix("_ccw").removesuffix("_cw")
+
+
+def _lit(rgb: RGB, grain: float = 0.0) -> Paint:
+    """Paint of a texture colour under the light that most worlds share."""
+    grey = sum(weight * value for weight, value in zip(LUMA, rgb, strict=True))
+    return Paint(min(255.0, _LIGHT * grey), grain)
+
+
+_GRAIN, _LINE_GRAIN, _FIELD_GRAIN = 5.0, 8.0, 3.0
+
+_COMMON = Look(
+    road=_lit((64, 63, 61), _GRAIN),
+    line=_lit((223, 223, 222), _LINE_GRAIN),
+    dash=_lit((225, 143, 0)),
+    kerb=_lit((180, 118, 118)),
+    field=_lit((126, 133, 65), _FIELD_GRAIN),
+)
+
+_REINVENT = replace(
+    _COMMON,
+    line=_lit((194, 194, 190), _LINE_GRAIN),
+    dash=_lit((194, 117, 0)),
+    field=_lit((95, 136, 104), _FIELD_GRAIN),
+    walls=Walls(margin_m=0.914),
+)
+
+_REINVENT_ROADS = {
+    "reinvent_base": _lit((36, 49, 64), _GRAIN),
+    "reinvent_carpet": _lit((50, 50, 50), _GRAIN),
+    "reinvent_concrete": _lit((116, 110, 107), _GRAIN),
+    "reinvent_wood": _lit((110, 71, 41), _GRAIN),
+}
+
+_LINE_OUTSIDE = {
+    "Virtual_May19_Train_track": (0.0762, 0.0),
+    "Oval_track": (0.0762, 0.0),
+    "Bowtie_track": (0.0762, 0.0),
+    "AWS_track": (0.0762, 0.0),
+    "July_2020": (0.0762, 0.0),
+    "caecer_loop": (0.0762, 0.0),
+    "Spain_track": (0.0762, 0.0),
+    "Spain_track_f1": (0.0762, 0.0),
+    "Straight_track": (0.1525, 0.0),
+    "China_track": (0.051, 0.07),
+    "Mexico_track": (0.051, 0.07),
+    "Tokyo_Training_track": (0.051, 0.07),
+    "New_York_Track": (0.051, 0.07),
+    "Canada_Training": (0.051, 0.07),
+    "Monaco": (0.076, 0.07),
+    "Monaco_building": (0.076, 0.07),
+    "Singapore": (0.076, 0.07),
+    "Singapore_building": (0.076, 0.07),
+    "Singapore_f1": (0.076, 0.07),
+    "Austin": (0.076, 0.07),
+}
+"""Worlds whose line lies outside the road: width of the line and of the kerb, metres. Source:
+the reference simulator's meshes; the width of the first eight is that of all other worlds."""

@@ -1,0 +1,131 @@
+"""The parameters a reward function is given: 27 keys whose names and meaning the users own."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.reward import RewardParams
+from drsim.track import Location, Track
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Where each car is and what it was asked to do; arrays over cars.
+
+    All track quantities belong to the point 0.14 m ahead of the car's origin.
+
+    Attributes:
+        xy: That point in the world, metres. Shape (n, 2).
+        heading_deg: Yaw of the car, -180 .. 180. Shape (n,).
+        where: That point seen from the centre line.
+        all_on: All four wheel centres are on the track. Shape (n,).
+        none_on: No wheel centre is on the track. Shape (n,).
+        progress: Percent of the lap. Shape (n,).
+        steps: Steps of the episode, the first included. Shape (n,).
+        sim_time_s: Clock of the simulation. Shape (n,).
+        steering_deg: Angle asked for, not clipped. Shape (n,).
+        speed_mps: Speed asked for, not clipped. Shape (n,).
+        backward: Index into the tracks: 1 for a car that drives the lap the other way. Shape (n,).
+    """
+
+    xy: Floats
+    heading_deg: Floats
+    where: Location
+    all_on: Bools
+    none_on: Bools
+    progress: Floats
+    steps: NDArray[np.int64]
+    sim_time_s: Floats
+    steering_deg: Floats
+    speed_mps: Floats
+    backward: NDArray[np.int64]
+
+
+def params_of(
+    tracks: Sequence[Track], situation: Situation, cars: NDArray[np.int64]
+) -> Iterator[RewardParams]:
+    """Build the dictionaries of some cars, one at a time.
+
+    Every dictionary is fresh, lists included, so that a reward function may alter what it gets.
+
+    Args:
+        tracks: The track as given and, where cars drive both ways, the reversed one.
+        situation: All cars.
+        cars: The cars wanted. Shape (k,).
+
+    Yields:
+        The parameters of each car, in the order given, as plain Python values.
+    """
+    s, where = situation, situation.where
+    columns = zip(
+        s.backward[cars].tolist(),
+        s.all_on[cars].tolist(),
+        s.none_on[cars].tolist(),
+        s.xy[cars].tolist(),
+        s.heading_deg[cars].tolist(),
+        where.from_center_m[cars].tolist(),
+        where.distance_m[cars].tolist(),
+        s.progress[cars].tolist(),
+        s.steps[cars].tolist(),
+        s.speed_mps[cars].tolist(),
+        s.steering_deg[cars].tolist(),
+        where.track_width_m[cars].tolist(),
+        where.previous[cars].tolist(),
+        where.next[cars].tolist(),
+        where.left_of_center[cars].tolist(),
+        s.sim_time_s[cars].tolist(),
+        strict=True,
+    )
+    for (
+        direction,
+        all_on,
+        none_on,
+        (x, y),
+        heading_deg,
+        from_center_m,
+        distance_m,
+        progress,
+        steps,
+        speed_mps,
+        steering_deg,
+        width_m,
+        previous,
+        following,
+        left,
+        sim_time_s,
+    ) in columns:
+        track = tracks[direction]
+        yield {
+            "all_wheels_on_track": all_on,
+            "x": x,
+            "y": y,
+            "heading": heading_deg,
+            "distance_from_center": from_center_m,
+            "projection_distance": distance_m,
+            "progress": progress,
+            "steps": float(steps),
+            "speed": speed_mps,
+            "steering_angle": steering_deg,
+            "track_width": width_m,
+            "track_length": track.length_m,
+            "waypoints": list(track.waypoints),
+            "closest_waypoints": [previous, following],
+            "is_left_of_center": left,
+            "is_reversed": track.reverse,
+            "closest_objects": [0, 0],
+            "objects_location": [],
+            "objects_left_of_center": [],
+            "object_in_camera": False,
+            "objects_speed": [],
+            "objects_heading": [],
+            "objects_distance_from_center": [],
+            "objects_distance": [],
+            "is_crashed": False,
+            "is_offtrack": none_on,
+            "sim_time": sim_time_s,
+        }

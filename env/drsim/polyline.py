@@ -1,0 +1,172 @@
+"""Compiled geometry of polylines: the nearest point on one, and whether rings contain a point."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_SHORTEST_M = 1e-12
+"""A segment no longer than this is a repeated point; its direction would be noise."""
+
+_END = 1.0 - 1e-12
+"""From this share of a segment on a point counts as its end: a waypoint itself must not come out as
+a hair before the waypoint, which is all that rounding leaves of it."""
+
+
+def segments(points: Floats) -> Floats:
+    """The segments of a polyline, laid out for the kernels of this module.
+
+    Args:
+        points: Vertices in metres. Shape (n, 2).
+
+    Returns:
+        Rows: x and y where each segment starts, x and y where it ends, the inverse of its squared
+        length, and the distance along the polyline where it starts and where it ends. Segments
+        without length are left out. Shape (7, n - 1) or less.
+    """
+    start, end = points[:-1], points[1:]
+    real = np.hypot(*(end - start).T) > _SHORTEST_M
+    start, end = start[real], end[real]
+    length_m = np.hypot(*(end - start).T)
+    end_m = np.cumsum(length_m)
+    start_m = np.concatenate([[0.0], end_m[:-1]])
+    return np.stack([*start.T, *end.T, 1.0 / length_m**2, start_m, end_m])
+
+
+@kernel
+def locate(
+    xy: Floats, center: Floats, inner: Floats, outer: Floats, closed: bool, is_ccw: bool
+) -> tuple[Floats, Floats, Floats, Ints, Ints, Ints, Floats, Bools]:
+    """Where points lie relative to a track.
+
+    Args:
+        xy: Points in metres. Shape (m, 2).
+        center: Segments of the centre line, none without length. Shape (7, n - 1).
+        inner: Segments of the inner border. Shape (7, n - 1).
+        outer: Segments of the outer border. Shape (7, n - 1).
+        closed: Whether the centre line ends where it begins.
+        is_ccw: Whether the inner border lies to the left of the driving direction.
+
+    Returns:
+        The fields of `drsim.track.Location`, in their order.
+    """
+    m, rows = xy.shape[0], center.shape[1] + 1
+    distance_m, center_xy, from_center_m = np.empty(m), np.empty((m, 2)), np.empty(m)
+    previous, following, nearest = (
+        np.empty(m, np.int64),
+        np.empty(m, np.int64),
+        np.empty(m, np.int64),
+    )
+    width_m, left = np.empty(m), np.empty(m, np.bool_)
+    scratch = np.empty(max(center.shape[1], inner.shape[1], outer.shape[1]))
+    for i in range(m):
+        x, y = xy[i, 0], xy[i, 1]
+        k, along, cx, cy = _nearest(center, x, y, scratch)
+        if (
+            along >= 1.0
+        ):  # exactly on a waypoint: that one is behind, as in a bisection to the right
+            k += 1
+            distance_m[i] = center[6, k - 1]
+        else:
+            distance_m[i] = center[5, k] + along * (center[6, k] - center[5, k])
+        ahead = k + 1 if k + 1 < rows else 0
+        _, _, ix, iy = _nearest(inner, cx, cy, scratch)
+        _, _, ox, oy = _nearest(outer, cx, cy, scratch)
+        center_xy[i, 0], center_xy[i, 1] = cx, cy
+        from_center_m[i] = np.hypot(x - cx, y - cy)
+        previous[i], following[i] = k, ahead
+        nearest[i] = k if _square_to(center, k, x, y) <= _square_to(center, ahead, x, y) else ahead
+        width_m[i] = np.hypot(ix - ox, iy - oy)
+        inner_is_nearer = np.hypot(x - ix, y - iy) < np.hypot(x - ox, y - oy)
+        left[i] = inner_is_nearer == is_ccw
+    return distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
+
+
+@kernel
+def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
+    """Whether points lie strictly inside the outer ring and strictly outside the inner one.
+
+    Args:
+        xy: Points in metres. Shape (m, 2).
+        outer: Vertices of the outer ring, the last equal to the first. Shape (n, 2).
+        inner: Vertices of the hole, likewise, or none at all. Shape (k, 2).
+
+    Returns:
+        True where the point is on the road; a point exactly on a border is not. Shape (m,).
+    """
+    inside = np.empty(xy.shape[0], np.bool_)
+    for i in range(xy.shape[0]):
+        x, y = xy[i, 0], xy[i, 1]
+        inside[i] = _side(outer, x, y) > 0 and _side(inner, x, y) < 0
+    return inside
+
+
+@kernel
+def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, float, float, float]:
+    """Segment nearest to a point, how far along it (0 .. 1), and the nearest point itself.
+
+    Two passes, because the first one, which holds the arithmetic, then runs in vector registers.
+    Of equally near segments the first one wins.
+    """
+    n = line.shape[1]
+    for k in range(n):
+        along, px, py = _nearest_of(line, k, x, y)
+        scratch[k] = (x - px) * (x - px) + (y - py) * (y - py)
+    best = 0
+    for k in range(1, n):
+        if scratch[k] < scratch[best]:
+            best = k
+    along, px, py = _nearest_of(line, best, x, y)
+    return best, along, px, py
+
+
+@kernel
+def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float, float]:
+    """How far along segment k (0 .. 1) its point nearest to a point lies, and that point.
+
+    Both ends are met exactly, so that two segments are equally near where they join.
+    """
+    ax, ay, bx, by = line[0, k], line[1, k], line[2, k], line[3, k]
+    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[4, k]
+    if along >= _END:
+        return 1.0, bx, by
+    along = max(along, 0.0)
+    return along, ax + along * (bx - ax), ay + along * (by - ay)
+
+
+@kernel
+def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
+    """Squared distance from a point to a vertex of a polyline."""
+    last = vertex == line.shape[1]
+    x_m: float = x - (line[2, vertex - 1] if last else line[0, vertex])
+    y_m: float = y - (line[3, vertex - 1] if last else line[1, vertex])
+    return x_m * x_m + y_m * y_m
+
+
+@kernel
+def _side(ring: Floats, x: float, y: float) -> int:
+    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x."""
+    inside = False
+    for k in range(ring.shape[0] - 1):
+        ax, ay, bx, by = ring[k, 0], ring[k, 1], ring[k + 1, 0], ring[k + 1, 1]
+        if (ay > y) == (by > y) and ay != y and by != y:
+            continue
+        if ax < x and bx < x:
+            continue
+        if ay == y and by == y:
+            if min(ax, bx) <= x <= max(ax, bx):
+                return 0
+            continue
+        if (bx == x and by == y) or (ax == x and ay == y):
+            return 0
+        if (ay > y) == (by > y):
+            continue
+        turn = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        if turn == 0.0:
+            return 0
+        inside ^= (turn > 0.0) == (by > ay)
+    return 1 if inside else -1

@@ -1,0 +1,76 @@
+"""A closed cubic spline through points, and points at given distances along it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_STEPS_PER_PIECE = 200
+"""Chords that measure the length of one piece of the spline; the error is far below 0.1 mm."""
+
+
+class ClosedSpline:
+    """The smoothest closed curve through points: cubic pieces, continuous in curvature.
+
+    Args:
+        points: Points to pass through in metres, in order, no two neighbours equal; the curve
+            returns to the first one by itself. Shape (k, 2), k >= 3.
+    """
+
+    def __init__(self, points: Floats) -> None:
+        self._points = points
+        self._chord_m = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+        self._slope = _slopes(points, self._chord_m)
+        piece = np.repeat(np.arange(len(points)), _STEPS_PER_PIECE)
+        share = np.tile(np.arange(_STEPS_PER_PIECE) / _STEPS_PER_PIECE, len(points))
+        xy, _ = self._evaluate(piece, share)
+        step_m = np.hypot(*(np.roll(xy, -1, axis=0) - xy).T)
+        self._along_m = np.concatenate([[0.0], np.cumsum(step_m)])
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole curve."""
+        return float(self._along_m[-1])
+
+    def at(self, distance_m: Floats) -> tuple[Floats, Floats]:
+        """Points on the curve and the unit vectors along it.
+
+        Args:
+            distance_m: Distances along the curve from its first point. Shape (m,).
+
+        Returns:
+            Points in metres and directions. Shapes (m, 2).
+        """
+        wrapped_m = distance_m % self.length_m
+        parameter = np.interp(wrapped_m, self._along_m, np.arange(len(self._along_m)))
+        piece, share = np.divmod(parameter / _STEPS_PER_PIECE, 1.0)
+        xy, slope = self._evaluate(piece.astype(np.int64) % len(self._points), share)
+        return xy, slope / np.hypot(*slope.T)[:, None]
+
+    def _evaluate(self, piece: NDArray[np.int64], share: Floats) -> tuple[Floats, Floats]:
+        """Hermite form: points, and their change per metre of chord, at shares 0 .. 1 of pieces."""
+        following = (piece + 1) % len(self._points)
+        p, q = self._points[piece], self._points[following]
+        h = self._chord_m[piece][:, None]
+        u, v = self._slope[piece] * h, self._slope[following] * h
+        t = share[:, None]
+        bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
+        return ((twist * t + bend) * t + u) * t + p, ((3 * twist * t + 2 * bend) * t + u) / h
+
+
+def _slopes(points: Floats, chord_m: Floats) -> Floats:
+    """Change per metre of chord at each point, such that the second derivative is continuous.
+
+    With chords a before and b after a point, the condition there is
+    b * slope_before + 2 (a + b) * slope + a * slope_after = 3 (b * secant_before + a * secant).
+    """
+    k = len(points)
+    here, before, after = np.arange(k), np.arange(k) - 1, (np.arange(k) + 1) % k
+    secant = (points[after] - points) / chord_m[:, None]
+    a, b = chord_m[before], chord_m
+    matrix = np.zeros((k, k))
+    np.add.at(matrix, (here, before), b)
+    np.add.at(matrix, (here, here), 2 * (a + b))
+    np.add.at(matrix, (here, after), a)
+    right = 3 * (b[:, None] * secant[before] + a[:, None] * secant)
+    return np.linalg.solve(matrix, right).astype(np.float64, copy=False)

@@ -1,0 +1,189 @@
+"""Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim import polyline
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Lane = Literal["center", "inner", "outer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Where m points lie relative to a track. Source: the reference simulator's definitions.
+
+    Attributes:
+        distance_m: Distance along the centre line from waypoint 0 to the centre-line point nearest
+            to the point, 0 .. track length. The whole line is searched. Shape (m,).
+        center_xy: That nearest centre-line point. Shape (m, 2).
+        from_center_m: Distance of the point from it. Shape (m,).
+        previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
+        next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
+            index is the waypoint that repeats waypoint 0. Shape (m,).
+        nearest: The one of the two that is nearer by straight distance. Shape (m,).
+        track_width_m: Distance between the projections of the nearest centre-line point on the two
+            borders. Shape (m,).
+        left_of_center: Whether the point lies left of the centre line as seen in the driving
+            direction: which of those two border points is nearer decides. Shape (m,).
+    """
+
+    distance_m: Floats
+    center_xy: Floats
+    from_center_m: Floats
+    previous: Ints
+    next: Ints
+    nearest: Ints
+    track_width_m: Floats
+    left_of_center: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A road between two borders, in driving order.
+
+    `drsim.worlds.load_track` makes checked ones.
+
+    Attributes:
+        name: World name.
+        center: Centre line in metres, no two neighbours equal. On a closed track the last row
+            repeats the first one. Shape (n, 2).
+        inner: Border on the inside of the loop, row by row beside `center`. Shape (n, 2).
+        outer: Border on the outside of the loop. Shape (n, 2).
+        closed: Whether the track is a loop.
+        reverse: Whether it is driven against the order of its definition.
+    """
+
+    name: str
+    center: Floats
+    inner: Floats
+    outer: Floats
+    closed: bool
+    reverse: bool = False
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: every car of a simulation shares them."""
+        for line in (self.center, self.inner, self.outer):
+            line.flags.writeable = False
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of the centre line."""
+        return float(self._center_segments[6, -1])
+
+    @cached_property
+    def is_ccw(self) -> bool:
+        """Whether it is driven counter-clockwise; an open track, in the order of its definition."""
+        if not self.closed:
+            return not self.reverse
+        x, y = (self.center - self.center[0]).T
+        return bool(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0)
+
+    @cached_property
+    def waypoints(self) -> list[tuple[float, float]]:
+        """Rows of the centre line as plain numbers, the closing one included. Do not alter."""
+        return [(x, y) for x, y in self.center.tolist()]
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Least x, least y, greatest x and greatest y of the road in metres."""
+        borders = np.concatenate([self.inner, self.outer])
+        x_min, y_min = borders.min(axis=0).tolist()
+        x_max, y_max = borders.max(axis=0).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def reversed(self) -> "Track":
+        """The same road, driven the other way."""
+        return Track(
+            name=self.name,
+            center=np.ascontiguousarray(self.center[::-1]),
+            inner=np.ascontiguousarray(self.inner[::-1]),
+            outer=np.ascontiguousarray(self.outer[::-1]),
+            closed=self.closed,
+            reverse=not self.reverse,
+        )
+
+    def locate(self, xy: Floats) -> Location:
+        """Where points lie along and across the track.
+
+        Args:
+            xy: Points in metres. Shape (m, 2).
+        """
+        return Location(
+            *polyline.locate(
+                np.ascontiguousarray(xy, dtype=np.float64),
+                self._center_segments,
+                self._inner_segments,
+                self._outer_segments,
+                self.closed,
+                self.is_ccw,
+            )
+        )
+
+    def on_road(self, xy: Floats) -> Bools:
+        """Whether points lie strictly between the borders; a point exactly on one does not.
+
+        Args:
+            xy: Points in metres. Shape (..., 2).
+
+        Returns:
+            One answer a point. Shape (...).
+        """
+        points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
+        return polyline.inside_road(points, *self._rings).reshape(xy.shape[:-1])
+
+    def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
+        """Poses on a lane that look along it.
+
+        Args:
+            distance_m: Distances along the centre line from waypoint 0. They wrap on a closed
+                track and end at the ends of an open one. On the inner and outer lane they mean
+                the same part of the lap. Shape (m,).
+            lane: The centre line, or the line midway between it and a border.
+
+        Returns:
+            x and y in metres and yaw in radians, each towards the next vertex of the lane.
+            Shape (m, 3).
+        """
+        line = self._lanes[lane]
+        part = np.asarray(distance_m, dtype=np.float64) / self.length_m
+        part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)
+        along_m = part * line[6, -1]
+        k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
+        start, end = line[0:2, k], line[2:4, k]
+        share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
+        step = end - start
+        return np.stack([*(start + share * step), np.arctan2(step[1], step[0])], axis=1)
+
+    @cached_property
+    def _center_segments(self) -> Floats:
+        return polyline.segments(self.center)
+
+    @cached_property
+    def _inner_segments(self) -> Floats:
+        return polyline.segments(self.inner)
+
+    @cached_property
+    def _outer_segments(self) -> Floats:
+        return polyline.segments(self.outer)
+
+    @cached_property
+    def _lanes(self) -> dict[Lane, Floats]:
+        return {
+            "center": self._center_segments,
+            "inner": polyline.segments((self.center + self.inner) / 2),
+            "outer": polyline.segments((self.center + self.outer) / 2),
+        }
+
+    @cached_property
+    def _rings(self) -> tuple[Floats, Floats]:
+        """The ring round the road and the ring round its hole, which an open track has not."""
+        if self.closed:
+            return self.outer.copy(), self.inner.copy()  # writable ones: else compiled once more
+        return np.concatenate([self.outer, self.inner[::-1], self.outer[:1]]), np.empty((0, 2))

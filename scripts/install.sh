@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# Makes .venv and installs the project into it. Does nothing when that is already done.
+#
+#   scripts/install.sh          what training needs
+#   scripts/install.sh dev      and what the tests need
+#
+# PYTHON names the interpreter to use (default: the first Python 3.11 or newer found).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+extra=${1:-}
+venv=.venv
+stamp=$venv/.installed-${extra:-base}
+
+find_python() {
+    local candidate
+    for candidate in "${PYTHON:-}" python3 python3.13 python3.12 python3.11 python; do
+        if [ -n "$candidate" ] && "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            echo "$candidate"
+            return
+        fi
+    done
+    echo "Python 3.11 or newer is needed and was not found. Install it, or set PYTHON to its path." >&2
+    exit 1
+}
+
+# The plain index serves a build with several gigabytes of CUDA libraries. Without an NVIDIA GPU
+# they are dead weight, so the CPU build is taken from PyTorch's own index where that can be reached.
+install_torch() {
+    local wanted cpu_index=https://download.pytorch.org/whl/cpu
+    wanted=$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
+    if "$venv/bin/python" -c 'import importlib.metadata as m, sys; sys.exit("torch==" + m.version("torch").split("+")[0] != sys.argv[1])' "$wanted" 2>/dev/null; then
+        return
+    fi
+    if ! command -v nvidia-smi >/dev/null 2>&1 && [ "$(uname -s)" = Linux ] &&
+        "$venv/bin/python" -c 'import sys, urllib.request as u; u.urlopen(sys.argv[1] + "/torch/", timeout=5)' "$cpu_index" 2>/dev/null; then
+        "$venv/bin/python" -m pip install --quiet --index-url "$cpu_index" "$wanted"
+    else
+        "$venv/bin/python" -m pip install --quiet "$wanted"
+    fi
+}
+
+if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ]; then
+    exit 0
+fi
+[ -x "$venv/bin/python" ] || "$(find_python)" -m venv "$venv"
+echo "Installing into $venv ..." >&2
+install_torch
+"$venv/bin/python" -m pip install --quiet --editable ".${extra:+[$extra]}"
+touch "$stamp"

@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# From nothing to evaluated laps: installs, trains on the default track until the car laps,
+# evaluates the best checkpoint, shows the result. Takes a few minutes on two cores.
+#
+# Works in a folder of its own (default: quickstart/ beside this project's files), so that it
+# never touches a racer's own runs. Run it again to start over.
+set -euo pipefail
+project=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+work=${1:-$project/data/quickstart}
+
+"$project/scripts/install.sh"
+export PATH="$project/.venv/bin:$PATH"
+
+mkdir -p "$work"
+cp "$project/run.env" "$project/system.env" "$work/"
+cd "$work"
+dr-stop-training
+dr-start-training -w --until-laps 5 --max-minutes 8
+dr-evaluate

@@ -1,0 +1,252 @@
+"""The reward guard: what a user's function may do wrong, and what the message then says."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from drsim.errors import RewardError
+from drsim.reward import (
+    REWARD_LIMIT,
+    centre_line_reward,
+    checked_reward,
+    checked_rewards,
+    load_reward_function,
+)
+
+PARAMS = {"steps": 2.0, "speed": 1.23456789, "waypoints": [(0.0, 0.0), (1.0, 0.0)]}
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a reward function file and return its path."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "reward_function.py"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def returning(write, expression: str):
+    return load_reward_function(write(f"def reward_function(params):\n    return {expression}\n"))
+
+
+@pytest.mark.parametrize(
+    ("expression", "reward"),
+    [("1.5", 1.5), ("3", 3.0), ("True", 1.0), ("__import__('numpy').float32(0.5)", 0.5)],
+)
+def test_every_kind_of_number_is_a_reward(write, expression, reward):
+    function = returning(write, expression)
+
+    got = checked_reward(function, PARAMS)
+
+    assert type(got) is float
+    assert got == reward
+
+
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("float('nan')", "nan"),
+        ("float('inf')", "inf"),
+        ("-float('inf')", "-inf"),
+        ("'1.0'", "'1.0', which is not a number"),
+        ("None", "None, which is not a number"),
+        ("[1.0]", "[1.0], which is not a number"),
+        ("1.00001e5", "100001.0; rewards must lie between"),
+        ("-200_000", "-200000.0; rewards must lie between"),
+        ("1j", "1j, which is not a number"),
+    ],
+)
+def test_what_is_no_reward_is_named_with_the_parameters(write, expression, said):
+    function = returning(write, expression)
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(function, dict(PARAMS))
+
+    assert said in str(caught.value)
+    assert caught.value.params == {"steps": 2.0, "speed": 1.2346, "waypoints": "<2 points>"}
+    assert "<2 points>" in str(caught.value)
+    assert caught.value.line == 1
+
+
+def test_the_limits_themselves_are_rewards(write):
+    assert checked_reward(returning(write, "1e5"), PARAMS) == REWARD_LIMIT
+    assert checked_reward(returning(write, "-1e5"), PARAMS) == -REWARD_LIMIT
+
+
+def test_an_exception_names_the_users_file_line_and_text(write):
+    path = write(
+        "import json\n\ndef helper(params):\n    return json.loads(params['no such key'])\n\n"
+        "def reward_function(params):\n    return helper(params)\n"
+    )
+    function = load_reward_function(path)
+
+    with pytest.raises(RewardError, match="KeyError: 'no such key'") as caught:
+        checked_reward(function, PARAMS)
+
+    assert (caught.value.file, caught.value.line) == (path, 4)
+    assert caught.value.source == "return json.loads(params['no such key'])"
+    assert f"{path}, line 4" in str(caught.value)
+    assert isinstance(caught.value.__cause__, KeyError)
+
+
+def test_an_exception_inside_a_library_names_the_users_line(write):
+    path = write("import json\ndef reward_function(params):\n    return json.loads('{')\n")
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(load_reward_function(path), PARAMS)
+
+    assert caught.value.line == 3
+
+
+def test_a_function_that_ends_the_program_is_an_error_and_not_the_end(write):
+    function = returning(write, "exit(3)")
+
+    with pytest.raises(RewardError, match="SystemExit"):
+        checked_reward(function, PARAMS)
+
+
+@pytest.mark.parametrize(
+    "loop", ["while True: pass", "while True:\n        try: 1 / 0\n        except Exception: pass"]
+)
+def test_an_endless_loop_is_cut_by_the_deadline(write, loop):
+    path = write(f"def reward_function(params):\n    {loop}\n")
+
+    with pytest.raises(RewardError, match=r"did not return within 0\.1 s") as caught:
+        checked_reward(load_reward_function(path), PARAMS, deadline_s=0.1)
+
+    assert caught.value.line in (2, 3, 4)
+    assert caught.value.file == path
+
+
+def test_each_call_of_a_batch_has_its_own_deadline(write):
+    path = write(
+        "import time\ndef reward_function(params):\n"
+        "    end = time.perf_counter() + 0.15\n"
+        "    while time.perf_counter() < end: pass\n    return 1.0\n"
+    )
+
+    rewards = checked_rewards(load_reward_function(path), [PARAMS] * 4, deadline_s=0.4)
+
+    assert rewards == [1.0] * 4
+
+
+def test_the_timer_and_handler_of_others_survive(write):
+    heard = []
+    before = signal.signal(signal.SIGALRM, lambda *_: heard.append("alarm"))
+    left_s, interval_s = signal.setitimer(signal.ITIMER_REAL, 50.0)
+
+    try:
+        checked_reward(returning(write, "1.0"), PARAMS)
+        remaining_s, _ = signal.getitimer(signal.ITIMER_REAL)
+        signal.raise_signal(signal.SIGALRM)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, left_s, interval_s)
+        signal.signal(signal.SIGALRM, before)
+
+    assert 40.0 < remaining_s <= 50.0
+    assert heard == ["alarm"]
+
+
+def test_outside_the_main_thread_rewards_are_computed_without_a_deadline(write):
+    function = returning(write, "2.0")
+    rewards = []
+    thread = threading.Thread(target=lambda: rewards.append(checked_reward(function, PARAMS)))
+
+    thread.start()
+    thread.join()
+
+    assert rewards == [2.0]
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(RewardError, match=r"nowhere\.py"):
+        load_reward_function(tmp_path / "nowhere.py")
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "reward_function.py"
+    path.write_bytes(b"\xff\xfe\x00")
+
+    with pytest.raises(RewardError, match="UTF-8"):
+        load_reward_function(path)
+
+
+def test_a_syntax_error_names_line_and_text(write):
+    with pytest.raises(RewardError, match="not valid Python") as caught:
+        load_reward_function(write("def reward_function(params):\n    return 1 +\n"))
+
+    assert caught.value.line == 2
+    assert caught.value.source == "return 1 +"
+
+
+def test_a_file_without_the_function_is_told_what_to_add(write):
+    with pytest.raises(RewardError, match=r"Add `def reward_function\(params\):`"):
+        load_reward_function(write("def reward(params):\n    return 1.0\n"))
+
+
+@pytest.mark.parametrize("signature", ["", "a, b", "*, params"])
+def test_a_function_of_other_than_one_argument_is_refused(write, signature):
+    with pytest.raises(RewardError, match="exactly one argument"):
+        load_reward_function(write(f"def reward_function({signature}):\n    return 1.0\n"))
+
+
+def test_a_failing_import_names_its_line(write):
+    with pytest.raises(RewardError, match="no_such_package_at_all") as caught:
+        load_reward_function(write("import math\nimport no_such_package_at_all\n"))
+
+    assert caught.value.line == 2
+
+
+def test_the_users_folder_does_not_join_the_import_path(write, tmp_path):
+    (tmp_path / "json.py").write_text("raise RuntimeError('shadowed')\n", encoding="utf-8")
+    path_before = list(sys.path)
+
+    function = returning(write, "float(bool(__import__('json').dumps({})))")
+
+    assert sys.path == path_before
+    assert checked_reward(function, PARAMS) == 1.0
+
+
+def test_module_globals_live_across_calls(write):
+    path = write(
+        "calls = 0\ndef reward_function(params):\n"
+        "    global calls\n    calls += 1\n    return calls\n"
+    )
+    function = load_reward_function(path)
+
+    assert checked_rewards(function, [PARAMS] * 3) == [1.0, 2.0, 3.0]
+
+
+def test_printing_is_allowed(write, capsys):
+    path = write("def reward_function(params):\n    print('hello')\n    return 1.0\n")
+
+    checked_reward(load_reward_function(path), PARAMS)
+
+    assert capsys.readouterr().out == "hello\n"
+
+
+def test_a_changed_file_is_quoted_as_it_is_now(write):
+    text = "def reward_function(params):\n    return 1 / {}\n"
+    first = load_reward_function(write(text.format("0")))
+    with pytest.raises(RewardError):
+        checked_reward(first, PARAMS)
+
+    second = load_reward_function(write(text.format("(2 - 2)")))
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(second, PARAMS)
+    assert caught.value.source == "return 1 / (2 - 2)"
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "reward"),
+    [(0.0, 1.0), (0.1, 1.0), (0.11, 0.5), (0.25, 0.5), (0.4, 0.1), (0.5, 0.1), (0.51, 0.001)],
+)
+def test_the_centre_line_reward_falls_in_steps(distance_m, reward):
+    assert centre_line_reward({"track_width": 1.0, "distance_from_center": distance_m}) == reward
