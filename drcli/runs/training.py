@@ -104,12 +104,12 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     parameters, metadata = inputs.check()
     if options.resume:
         _refuse_another_action_space(bucket, prefix, metadata, inputs.metadata.origin)
-    unsupported = metadata.unsupported()
-    if unsupported is not None:
-        raise SettingsError(
-            f"{inputs.metadata.origin}: {unsupported}",
-            remedy="Change model_metadata.json.",
-        )
+    for file, unsupported in (
+        (inputs.metadata, metadata.unsupported()),
+        (inputs.hyperparameters, parameters.unsupported()),
+    ):
+        if unsupported is not None:
+            raise SettingsError(f"{file.origin}: {unsupported}", remedy=f"Change {file.name}.")
     warnings = [*settings.warnings, *parameters.warnings, *metadata.warnings]
     seed = _seed(settings, options, bucket)
     job = Job(

@@ -37,7 +37,7 @@ class Lifeline:
         return self._signalled or os.getppid() != self._launcher_pid
 
 
-class StopRequested(Exception):  # noqa: N818 - it is no error
+class StopRequested(Exception):
     """Raised where a worker leaves because it was asked to."""
 
 

@@ -57,7 +57,7 @@ class Collected:
     drive_s: float
 
 
-class TrainingOver(Exception):  # noqa: N818 - it is no error
+class TrainingOver(Exception):
     """Raised where the trainer finds a reason to end while it waits."""
 
 

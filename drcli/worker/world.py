@@ -64,9 +64,10 @@ def reward_failure(error: RewardError) -> SettingsError:
 def actions_of(metadata: ModelMetadata) -> Actions:
     """The action space of model_metadata.json, as the simulation understands it."""
     space = metadata.action_space
-    if space.continuous:
-        return ContinuousActions(space.steering_deg, space.speed_mps)
-    return DiscreteActions(space.values)
+    if space.low is None or space.high is None:
+        return DiscreteActions(space.values)
+    steering_deg, speed_mps = zip(space.low, space.high, strict=True)
+    return ContinuousActions(steering_deg, speed_mps)
 
 
 def longest_episode(track: Track, actions: Actions) -> int:

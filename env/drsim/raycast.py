@@ -126,7 +126,7 @@ def _backdrop(
                     break
         # The floor is convex and so is its image: a row with both ends on the floor lies on it.
         if inside and upright and share[row, 0] >= 1.0 and share[row, -1] >= 1.0:
-            return first, row
+            return min(first, row), row
     return first, rows
 
 

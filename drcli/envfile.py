@@ -1,0 +1,131 @@
+"""Reads run.env and system.env: NAME=value lines together with the place each one stands at.
+
+The lines are read, never executed. Values may hold spaces and `=`, may stand in quotes, and `#`
+after a space starts a comment. `$NAME` is left in place here; `drcli.settings.layers` fills it in.
+"""
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from dotenv.parser import Binding, parse_stream
+
+from drcli.errors import SettingsError
+from drcli.findings import Finding, shown
+
+LARGEST_BYTES = 256 * 1024
+"""No settings file comes near this; a file beyond it was named by mistake."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_LINE_END = re.compile(r"\r\n|\n|\r")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One value somebody gave to a name.
+
+    Attributes:
+        name: The variable.
+        value: The text as written, without its quotes.
+        where: Place, such as `run.env line 7`.
+        expands: Whether `$NAME` inside stands for another value.
+    """
+
+    name: str
+    value: str
+    where: str
+    expands: bool
+
+
+@dataclass(frozen=True)
+class EnvFile:
+    """The entries of a file in their order, and the lines that could not be read."""
+
+    entries: tuple[Entry, ...]
+    findings: tuple[Finding, ...]
+
+
+def read_env_file(path: Path, name: str) -> EnvFile:
+    """Read a file.
+
+    Args:
+        path: The file.
+        name: What to call it in messages.
+
+    Raises:
+        SettingsError: It cannot be opened or is no text.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as e:
+        raise SettingsError(
+            f"{name}: cannot be read ({e.strerror or e}).",
+            remedy=f"Check that {path} is a file and that you may read it.",
+        ) from e
+    return parse_env(data, name)
+
+
+def parse_env(data: bytes, name: str) -> EnvFile:
+    """Take the content of a settings file apart.
+
+    Args:
+        data: Content, UTF-8 with or without a byte order mark, any line ends.
+        name: What to call the file in messages.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    entries: list[Entry] = []
+    findings: list[Finding] = []
+    for binding in parse_stream(io.StringIO(_text(data, name), newline="")):
+        written = binding.original.string
+        lead = written[: len(written) - len(written.lstrip())]
+        where = f"{name} line {binding.original.line + len(_LINE_END.findall(lead))}"
+        problem = _problem(binding)
+        if problem is not None:
+            findings.append(Finding(where, f"{shown(written.strip())} {problem[0]}", problem[1]))
+        elif binding.key is not None and binding.value is not None:
+            quoted = written.partition("=")[2].lstrip().startswith("'")
+            entries.append(Entry(binding.key, binding.value, where, expands=not quoted))
+    return EnvFile(tuple(entries), tuple(findings))
+
+
+def _text(data: bytes, name: str) -> str:
+    remedy = f"Save {name} as plain UTF-8 text, or restore it from your backup."
+    if len(data) > LARGEST_BYTES:
+        raise SettingsError(
+            f"{name}: is {len(data):,} bytes long, which no settings file is.", remedy=remedy
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as e:
+        line = data[: e.start].count(b"\n") + 1
+        raise SettingsError(
+            f"{name} line {line}: holds byte 0x{data[e.start]:02x}, which is no UTF-8 text.",
+            remedy=remedy,
+        ) from e
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise SettingsError(f"{name} line {line}: holds a NUL, so is no text.", remedy=remedy)
+    return text
+
+
+def _problem(binding: Binding) -> tuple[str, str] | None:
+    """What is wrong with a line, and the remedy."""
+    if binding.error:
+        return (
+            "is no NAME=value line",
+            "Write NAME=value, close every quote at the end of the value, "
+            "and start comments with #.",
+        )
+    if binding.key is None:
+        return None
+    if binding.value is None:
+        return "has no =", "Write NAME=value, or start the line with # if it is a comment."
+    if not _NAME.fullmatch(binding.key):
+        return (
+            "does not start with a variable name",
+            "Use only letters, digits and _ in the name, as in DR_WORKERS=1.",
+        )
+    return None

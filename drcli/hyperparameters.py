@@ -1,0 +1,194 @@
+"""hyperparameters.json: how the learner learns, checked key by key."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from drcli.findings import Finding, closest, one_of, settings_error, shown
+from drcli.jsonfile import JsonFile, read_json_object
+
+Exploration = Literal["categorical", "e-greedy", "additive_noise"]
+Loss = Literal["huber", "mean squared error"]
+
+PASSED_THROUGH = (
+    "preset_s3_key",
+    "max_sample_count",
+    "sampling_frequency",
+    "s3_kms_cmk_arn",
+    "is_profiler_on",
+    "profiler_s3_bucket",
+    "profiler_s3_prefix",
+)
+"""Keys that steer the reference's trainer process. They are kept and do nothing here."""
+
+
+class Hyperparameters(BaseModel):
+    """All hyperparameters; those missing in the file have the reference trainer's defaults."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    batch_size: int = Field(64, ge=1)
+    lr: float = Field(0.0003, ge=1e-8, le=1e-3)
+    discount_factor: float = Field(0.999, ge=0, le=1)
+    num_epochs: int = Field(10, ge=1)
+    beta_entropy: float = Field(0.01, ge=0, le=1)
+    loss_type: Loss = "mean squared error"
+    exploration_type: Exploration = "categorical"
+    e_greedy_value: float = Field(0.05, ge=0, le=1)
+    epsilon_steps: int = Field(10_000, ge=1)
+    num_episodes_between_training: int = Field(20, ge=1, le=100)
+    stack_size: int = Field(1, ge=1)
+    term_cond_max_episodes: int = Field(100_000, ge=1)
+    term_cond_avg_score: float = 100_000.0
+    sac_alpha: float = Field(0.2, ge=0, le=1)
+
+    extra: Mapping[str, Any] = Field(default={}, exclude=True)
+    """Keys of the reference's trainer process, with their values."""
+    warnings: tuple[str, ...] = Field(default=(), exclude=True)
+    """Sentences about values that are legal but unusual."""
+
+    @staticmethod
+    def from_bytes(data: bytes, name: str = "hyperparameters.json") -> "Hyperparameters":
+        """Read a file's content.
+
+        Args:
+            data: The content.
+            name: What to call the file in messages.
+
+        Raises:
+            SettingsError: A key is unknown, misspelt, of the wrong type or out of range.
+        """
+        return _check(read_json_object(data, name))
+
+    @property
+    def huber(self) -> bool:
+        """Whether the value loss is Huber's; otherwise it is the mean squared error."""
+        return self.loss_type == "huber"
+
+    def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
+        """All values filled in, in the layout of the copy that lies beside a model.
+
+        Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
+        12 for sac.
+        """
+        foreign = {"sac_alpha"}
+        if training_algorithm == "sac":
+            foreign = {"beta_entropy", "num_epochs"}
+        values = self.model_dump(exclude=foreign)
+        return json.dumps(values, indent=2, sort_keys=True)
+
+    def unsupported(self) -> str | None:
+        """Why this cannot be trained yet, as one sentence; None when it can."""
+        if self.exploration_type != "categorical":
+            return (
+                f"exploration_type={self.exploration_type} cannot be trained yet, "
+                "only categorical can."
+            )
+        return None
+
+
+KEYS = tuple(name for name in Hyperparameters.model_fields if name not in ("extra", "warnings"))
+"""Every key of the file."""
+
+_SPELLINGS = {
+    "loss_type": {"mean_squared_error": "mean squared error", "mse": "mean squared error"},
+    "exploration_type": {"e_greedy": "e-greedy"},
+}
+"""Other spellings in use; letter case never matters."""
+
+
+def _check(file: JsonFile) -> Hyperparameters:
+    findings: list[Finding] = []
+    warnings: list[str] = []
+    values: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
+    for key, written in file.values.items():
+        where = file.where(key)
+        if key in PASSED_THROUGH:
+            extra[key] = written
+            warnings.append(f"{where}: {key} steers the reference's trainer and does nothing here.")
+        elif key not in KEYS:
+            findings.append(_unknown(where, key, written))
+        else:
+            values[key], problem = _value(key, written)
+            if problem is not None:
+                what = f"{key}={shown(json.dumps(written))} {problem[0]}"
+                findings.append(Finding(where, what, problem[1]))
+    if findings:
+        raise settings_error(findings)
+    unusual = Hyperparameters(**values)
+    warnings += [f"{file.where(key)}: {text}" for key, text in _unusual(unusual) if key in values]
+    return Hyperparameters(**values, extra=extra, warnings=tuple(warnings))
+
+
+def _unknown(where: str, key: str, written: Any) -> Finding:
+    meant = closest(key, KEYS)
+    remedy = f"Did you mean {meant}? Correct the key" if meant is not None else "Remove the line"
+    what = f"{shown(key)}={shown(json.dumps(written))} is no hyperparameter"
+    return Finding(where, what, f"{remedy}; the keys are {', '.join(KEYS)}.")
+
+
+def _value(key: str, written: Any) -> tuple[Any, tuple[str, str] | None]:
+    """The value to use, or the reason and remedy why there is none."""
+    info = Hyperparameters.model_fields[key]
+    if info.annotation not in (int, float):
+        return _word(key, written, get_args(info.annotation))
+    whole = info.annotation is int
+    low = next((rule.ge for rule in info.metadata if hasattr(rule, "ge")), None)
+    high = next((rule.le for rule in info.metadata if hasattr(rule, "le")), None)
+    expected = "a whole number" if whole else "a number"
+    if low is not None:
+        expected += f" from {low} to {high}" if high is not None else f", {low} or more"
+    remedy = f"Write {expected}, without quotes, as in {json.dumps(key)}: {info.default}."
+    if isinstance(written, bool) or not isinstance(written, int | float):
+        return None, ("is no number", remedy)
+    if abs(written) > 1e15:
+        return None, ("is far too large", remedy)
+    if whole and written != int(written):
+        return None, ("is no whole number", remedy)
+    if low is not None and written < low:
+        return None, (f"is below {low}", remedy)
+    if high is not None and written > high:
+        return None, (f"is above {high}", remedy)
+    return (int(written) if whole else float(written)), None
+
+
+def _word(
+    key: str, written: Any, words: tuple[str, ...]
+) -> tuple[str | None, tuple[str, str] | None]:
+    if not isinstance(written, str):
+        return None, ("is no text", f"Write one of {', '.join(words)} in double quotes.")
+    word = written.strip().casefold()
+    word = _SPELLINGS[key].get(word, word)
+    if word not in words:
+        return None, (f"is none of {', '.join(words)}", one_of(words, written))
+    return word, None
+
+
+def _unusual(values: Hyperparameters) -> Iterator[tuple[str, str]]:
+    """Keys with a sentence about each value outside what the DeepRacer console offers."""
+    v = values
+    if v.batch_size == 34:
+        yield "batch_size", "batch_size=34 is used as it is; 32 is probably meant."
+    elif v.batch_size not in (32, 64, 128, 256, 512):
+        yield (
+            "batch_size",
+            f"batch_size={v.batch_size} is unusual; common are 32, 64, 128, 256, 512.",
+        )
+    if not 3 <= v.num_epochs <= 10:
+        yield "num_epochs", f"num_epochs={v.num_epochs} is unusual; common are 3 to 10."
+    if v.num_episodes_between_training < 5:
+        yield (
+            "num_episodes_between_training",
+            f"num_episodes_between_training={v.num_episodes_between_training} leaves the learner "
+            "little to learn from; 10, 20 or 40 are usual with clipped_ppo.",
+        )
+    if not 35_000 <= v.term_cond_avg_score <= 100_000:
+        yield (
+            "term_cond_avg_score",
+            f"term_cond_avg_score={v.term_cond_avg_score:g} is outside 35000 to 100000.",
+        )
+    if v.stack_size > 1:
+        yield "stack_size", f"stack_size={v.stack_size} has no effect: one frame is seen at a time."

@@ -1,0 +1,46 @@
+"""How long to wait between two looks at something that is not there yet."""
+
+import time
+from collections.abc import Callable, Iterator
+
+FIRST_DELAY_S = 0.05
+LAST_DELAY_S = 1.0
+
+FAST_GROWTH = 2.0
+"""For failures: leave a server in trouble alone soon."""
+
+SLOW_GROWTH = 1.05
+"""For work in progress: each delay is a twentieth of the time waited so far, so no more than that
+is lost between the end of the work and the look that notices it."""
+
+
+def delays_s(
+    first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
+) -> Iterator[float]:
+    """Yield waiting times for ever: the first, then longer by a factor each time up to the last."""
+    delay_s = first_s
+    while True:
+        yield delay_s
+        delay_s = min(growth * delay_s, last_s)
+
+
+def wait_until(
+    condition: Callable[[], bool],
+    *,
+    patience_s: float,
+    first_s: float = FIRST_DELAY_S,
+    last_s: float = LAST_DELAY_S,
+    growth: float = FAST_GROWTH,
+    clock: Callable[[], float] = time.monotonic,
+    pause: Callable[[float], None] = time.sleep,
+) -> bool:
+    """Look until the condition holds or the patience ends; True when it came to hold."""
+    deadline_s = clock() + patience_s
+    for delay_s in delays_s(first_s, last_s, growth=growth):
+        if condition():
+            return True
+        left_s = deadline_s - clock()
+        if left_s <= 0:
+            return False
+        pause(min(delay_s, left_s))
+    raise AssertionError("delays_s never ends")

@@ -1,0 +1,95 @@
+"""The bucket as everything above storage sees it: five verbs, kept by S3 or by memory."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Protocol
+
+from drcli.errors import StorageError
+
+
+class ObjectMissing(StorageError):
+    """There is no object under this key."""
+
+
+class ObjectDamaged(StorageError):
+    """The object is there, but it is not what was written."""
+
+
+@dataclass(frozen=True)
+class ObjectInfo:
+    """One line of a listing.
+
+    The embedded server leaves `etag` empty: it would have to read every object to fill it.
+    """
+
+    key: str
+    size_bytes: int
+    etag: str
+    modified: datetime
+
+
+Listing = list[ObjectInfo]
+"""Named, because inside a bucket `list` is a verb."""
+
+
+class Bucket(Protocol):
+    """What everything above storage needs from it. Every method may raise StorageError."""
+
+    @property
+    def name(self) -> str:
+        """Name of the bucket."""
+        ...
+
+    def get(self, key: str) -> bytes:
+        """Read a whole object.
+
+        Raises:
+            ObjectMissing: There is none.
+        """
+        ...
+
+    def put(self, key: str, data: bytes) -> None:
+        """Write an object, which other readers see whole or not at all. May be repeated."""
+        ...
+
+    def delete(self, keys: Iterable[str]) -> None:
+        """Delete objects; those that do not exist are no failure."""
+        ...
+
+    def exists(self, key: str) -> bool:
+        """Whether there is an object under this key."""
+        ...
+
+    def list(self, folder: str) -> Listing:
+        """All objects below a folder, sorted by key.
+
+        Args:
+            folder: Ends with a slash, so that `model-1/` does not list `model-10/`; empty for all.
+        """
+        ...
+
+
+def get_json(bucket: Bucket, key: str) -> Any:
+    """Read a JSON object from the bucket; ObjectDamaged when it is none."""
+    data = bucket.get(key)
+    try:
+        return json.loads(data)
+    except ValueError as e:
+        raise ObjectDamaged(
+            f"{bucket.name}/{key} is not JSON: {e}.",
+            remedy="Restore the object, or delete it if it is not needed.",
+        ) from e
+
+
+def put_json(bucket: Bucket, key: str, value: object) -> None:
+    """Write a value as one line of JSON."""
+    bucket.put(key, json.dumps(value, allow_nan=False).encode())
+
+
+def checked_folder(folder: str) -> str:
+    """The folder itself; a listing without the closing slash would mix in its neighbours."""
+    if folder and not folder.endswith("/"):
+        raise ValueError(f"List folders only, with a slash at the end: {folder!r}.")
+    return folder

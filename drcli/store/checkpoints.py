@@ -1,0 +1,326 @@
+"""Checkpoints of a model in the bucket: written so that a reader never takes a damaged one.
+
+A checkpoint is its tensors, optionally its optimizer's, and a small record with sizes, hashes and
+counters. It counts from the moment the pointer names it, which is written after all of these. The
+trainer alone writes here; everybody else reads.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from drcli.errors import StorageError
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.store.fingerprint import Fingerprint
+from drcli.store.keys import CheckpointName
+from drcli.store.scores import Score, Scores, read_scores, write_scores
+
+KEEP = 4
+"""Newest checkpoints that pruning leaves, beside the best one. Source: the reference simulator."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of a checkpoint without reading its tensors.
+
+    Args:
+        name: For instance `12_Step-7824.ckpt`.
+        tensors: What the weights must look like.
+        optimizer: The same of the optimizer state, None where there is none.
+        sim_time_s: Simulated seconds driven until then.
+        counters: Whatever the trainer needs to continue: iteration, episodes, elapsed time.
+    """
+
+    name: str
+    tensors: Fingerprint
+    optimizer: Fingerprint | None = None
+    sim_time_s: float = 0.0
+    counters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """The checkpoint's number."""
+        return _parsed(self.name).number
+
+    @property
+    def steps(self) -> int:
+        """Environment steps learned from until then."""
+        return _parsed(self.name).steps
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A checkpoint whose bytes are the ones its record speaks of.
+
+    Args:
+        record: Name, hashes and counters.
+        tensors: Weights, a safetensors file.
+        optimizer: Optimizer state, a safetensors file; None where none was saved or asked for.
+        damaged: Newer checkpoints that were passed over, each with the reason.
+    """
+
+    record: Record
+    tensors: bytes
+    optimizer: bytes | None = None
+    damaged: tuple[str, ...] = ()
+
+
+class CheckpointStore:
+    """The checkpoints below one model prefix."""
+
+    def __init__(self, bucket: Bucket, prefix: str) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+
+    def save(
+        self,
+        number: int,
+        steps: int,
+        tensors: bytes,
+        *,
+        optimizer: bytes | None = None,
+        sim_time_s: float = 0.0,
+        counters: Mapping[str, Any] | None = None,
+    ) -> Record:
+        """Write a checkpoint, let the pointer name it, and drop what is too old.
+
+        Args:
+            number: One more than the checkpoint before, from 0.
+            steps: Environment steps learned from until now.
+            tensors: Weights, a safetensors file.
+            optimizer: State to continue with, a safetensors file.
+            sim_time_s: Simulated seconds driven until now.
+            counters: Free for the trainer; must be JSON.
+
+        Returns:
+            The record as written.
+        """
+        name = str(CheckpointName(number, steps))
+        record = Record(
+            name,
+            Fingerprint.of(tensors),
+            None if optimizer is None else Fingerprint.of(optimizer),
+            sim_time_s,
+            dict(counters or {}),
+        )
+        self._bucket.put(keys.checkpoint_tensors(self._prefix, name), tensors)
+        if optimizer is not None:
+            self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
+        put_json(self._bucket, keys.checkpoint_record(self._prefix, name), asdict(record))
+        self.point_to(record)
+        self._prune(record)
+        return record
+
+    def attach_optimizer(self, record: Record, optimizer: bytes) -> Record:
+        """Add the optimizer state to a published checkpoint, and drop that of older ones.
+
+        The weights are what everybody waits for, so they are published alone; the state, twice
+        their size, follows while the workers already drive.
+        """
+        complete = replace(record, optimizer=Fingerprint.of(optimizer))
+        self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
+        put_json(self._bucket, keys.checkpoint_record(self._prefix, record.name), asdict(complete))
+        own = keys.checkpoint_optimizer(self._prefix, record.name)
+        older = [
+            info.key
+            for info in self._bucket.list(keys.model_folder(self._prefix))
+            if keys.is_optimizer(info.key) and info.key != own
+        ]
+        self._bucket.delete(older)
+        return complete
+
+    def point_to(self, record: Record) -> None:
+        """Make this checkpoint the one that everybody drives and continues with.
+
+        `save` does so itself. A trainer that had to fall back on an older checkpoint points to
+        that one, so that the workers play it as well.
+        """
+        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+        try:
+            known = read_scores(self._bucket, self._prefix)
+        except ObjectDamaged:
+            known = None  # the best is forgotten, which is no reason to end a training
+        metric = None if known is None else known.metric_of(record.name)
+        last = Score(record.name, metric, record.sim_time_s)
+        best = last if known is None else known.best_checkpoint
+        write_scores(self._bucket, self._prefix, Scores(best, last))
+
+    def latest_name(self) -> str | None:
+        """The checkpoint that the pointer names, None before the first; cheap enough to poll.
+
+        Raises:
+            ObjectDamaged: The pointer holds something else.
+        """
+        try:
+            name = self._bucket.get(keys.coach_checkpoint(self._prefix)).decode().strip()
+        except ObjectMissing:
+            return None
+        if CheckpointName.parse(name) is None:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{keys.coach_checkpoint(self._prefix)} names no checkpoint.",
+                remedy="Write the name of the newest checkpoint into it, nothing else.",
+            )
+        return name
+
+    def record(self, name: str) -> Record:
+        """Sizes, hashes and counters of a checkpoint.
+
+        Raises:
+            ObjectMissing: There is no such checkpoint.
+            ObjectDamaged: There is, but its record is unreadable.
+        """
+        key = keys.checkpoint_record(self._prefix, name)
+        fields = get_json(self._bucket, key)
+        try:
+            optimizer = fields.pop("optimizer")
+            return Record(
+                tensors=Fingerprint(**fields.pop("tensors")),
+                optimizer=None if optimizer is None else Fingerprint(**optimizer),
+                **fields,
+            )
+        except (AttributeError, KeyError, TypeError) as e:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{key} does not describe a checkpoint: {e!r}.",
+                remedy="Delete that checkpoint's files; an older one is used instead.",
+            ) from e
+
+    def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
+        """Read one checkpoint and check it.
+
+        Raises:
+            ObjectMissing: One of its files is missing.
+            ObjectDamaged: Its record or weights are damaged; the sentence names the file.
+        """
+        record = self.record(name)
+        tensors = self._checked(keys.checkpoint_tensors(self._prefix, name), record.tensors)
+        optimizer = self._optimizer(record) if with_optimizer else None
+        return Checkpoint(record, tensors, optimizer)
+
+    def load_latest(self, *, with_optimizer: bool = False) -> Checkpoint | None:
+        """Read the newest checkpoint that is whole.
+
+        That is the one the pointer names; when it is damaged, the newest older one, and
+        `damaged` of the result says what was passed over and why.
+
+        Returns:
+            None when the model has no checkpoint at all.
+
+        Raises:
+            StorageError: There are checkpoints, but none is whole.
+        """
+        damaged: list[str] = []
+        for name in self._newest_first():
+            try:
+                found = self.load(name, with_optimizer=with_optimizer)
+            except (ObjectMissing, ObjectDamaged) as e:
+                damaged.append(f"{name}: {e}")
+            else:
+                return Checkpoint(found.record, found.tensors, found.optimizer, tuple(damaged))
+        if not damaged:
+            return None
+        raise StorageError(
+            f"No checkpoint below {self._bucket.name}/{keys.model_folder(self._prefix)} is whole: "
+            + " ".join(damaged),
+            remedy="Restore one from a copy, or train the model anew with `-w`.",
+        )
+
+    def best_name(self) -> str | None:
+        """The checkpoint with the best evaluation so far, None before the first checkpoint."""
+        scores = read_scores(self._bucket, self._prefix)
+        return None if scores is None else scores.best_checkpoint.name
+
+    def record_evaluation(
+        self, name: str, average: float, *, lower_is_better: bool = False
+    ) -> bool:
+        """Note how a checkpoint was evaluated; True when it is now the best.
+
+        A tie goes to the newer one; anything beats a checkpoint that was never evaluated. One that
+        was pruned meanwhile cannot become the best any more.
+
+        Args:
+            name: Checkpoint that was driven.
+            average: Mean of its evaluation episodes, in the unit the settings chose.
+            lower_is_better: Whether that unit is a lap time.
+        """
+        scores = read_scores(self._bucket, self._prefix)
+        try:
+            score = Score(name, average, self.record(name).sim_time_s)
+        except ObjectMissing:
+            return False
+        if scores is None:
+            return False
+        after = scores.with_evaluation(score, lower_is_better=lower_is_better)
+        write_scores(self._bucket, self._prefix, after)
+        return after.best_checkpoint == score
+
+    def _optimizer(self, record: Record) -> bytes | None:
+        """The optimizer state where it is there and whole: weights alone can go on, too."""
+        if record.optimizer is None:
+            return None
+        try:
+            return self._checked(
+                keys.checkpoint_optimizer(self._prefix, record.name), record.optimizer
+            )
+        except (ObjectMissing, ObjectDamaged):
+            return None
+
+    def _checked(self, key: str, fingerprint: Fingerprint) -> bytes:
+        data = self._bucket.get(key)
+        fault = fingerprint.fault(data)
+        if fault is not None:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{key} is damaged: {fault}.",
+                remedy="Restore it from a copy, or use an older checkpoint.",
+            )
+        return data
+
+    def _newest_first(self) -> list[str]:
+        """Where to look for a whole checkpoint.
+
+        What is newer than the pointer was never published and is left alone.
+        """
+        ours = (".ckpt.json", ".ckpt.safetensors")
+        listed = self._bucket.list(keys.model_folder(self._prefix))
+        found = {
+            name
+            for info in listed
+            if info.key.endswith(ours) and (name := keys.checkpoint_of(self._prefix, info.key))
+        }
+        try:
+            pointed = CheckpointName.parse(self.latest_name() or "")
+        except ObjectDamaged:
+            pointed = None  # the checkpoints themselves are still there
+        if pointed is not None:
+            found = {name for name in found if name < pointed} | {pointed}
+        return [str(name) for name in sorted(found, reverse=True)]
+
+    def _prune(self, newest: Record) -> None:
+        """Delete all but the newest checkpoints and the best.
+
+        A checkpoint that counts further than the newest was left by a trainer that died before
+        it published it, or was passed over as damaged; its place is taken again.
+        """
+        objects = {
+            info.key: name
+            for info in self._bucket.list(keys.model_folder(self._prefix))
+            if (name := keys.checkpoint_of(self._prefix, info.key)) is not None
+        }
+        names = set(objects.values())
+        older = sorted(name for name in names if name.number < newest.number)
+        kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
+        doomed = {name for name in names if str(name) not in kept}
+        numbers = {name.number for name in names - doomed}
+        graphs = [
+            keys.checkpoint_graph(self._prefix, name.number)
+            for name in doomed
+            if name.number not in numbers
+        ]
+        self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
+
+
+def _parsed(name: str) -> CheckpointName:
+    parsed = CheckpointName.parse(name)
+    if parsed is None:
+        raise ValueError(f"{name!r} is not the name of a checkpoint.")
+    return parsed

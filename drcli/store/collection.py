@@ -1,0 +1,186 @@
+"""The trainer's side of the rollouts: waits for the workers, takes what they played, sweeps up."""
+
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from drcli.store import keys
+from drcli.store.backoff import SLOW_GROWTH, delays_s
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged
+from drcli.store.episodes import Episodes, unpack_episodes
+from drcli.store.rollouts import Manifest, find_manifest
+
+PREFETCH_BYTES = 512 << 20
+"""Most that is held in memory on the mere hope that a manifest confirms it."""
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Who waits for whom, and for how long.
+
+    Args:
+        iteration: Iteration whose rollouts are missing.
+        missing: Workers that have not handed in theirs, in order.
+        waited_s: Seconds since the wait began.
+        gave_up: Whether this was the last look.
+    """
+
+    iteration: int
+    missing: tuple[int, ...]
+    waited_s: float
+    gave_up: bool = False
+
+    def __str__(self) -> str:
+        who = ", ".join(str(worker) for worker in self.missing)
+        end = "; going on without" if self.gave_up else ""
+        return (
+            f"The trainer has been waiting {self.waited_s:.0f} s for iteration {self.iteration} of "
+            f"simulation worker {who}{end}."
+        )
+
+
+class RolloutReader:
+    """Takes the rollouts of one model from the bucket. Close it when done."""
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._clock = clock
+        self._pause = pause
+        self._fetcher = ThreadPoolExecutor(2, thread_name_prefix="rollout-download")
+        self._fetched: dict[str, Future[bytes]] = {}
+        self._fetched_bytes = 0
+
+    def wait_manifests(
+        self,
+        iteration: int,
+        checkpoint: str,
+        workers: Iterable[int],
+        *,
+        patience_s: float,
+        on_wait: Callable[[Waiting], None] = lambda waiting: None,
+        report_every_s: float = 10.0,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> dict[int, Manifest]:
+        """Wait until every worker has handed in its rollouts; fetch parts that lie there already.
+
+        Args:
+            iteration: Which rollouts.
+            checkpoint: The one that must have played them; others are left over from a run that
+                was stopped or went back, and count as missing.
+            workers: Who plays.
+            patience_s: After that long, go on with what is there.
+            on_wait: Told who is missing, every `report_every_s` and when the patience ends.
+            report_every_s: Seconds between two reports.
+            should_stop: Asked at every look; ends the wait early.
+
+        Returns:
+            The manifests that came, by worker; all of them unless the wait was cut short.
+        """
+        wanted = sorted(workers)
+        arrived: dict[int, Manifest] = {}
+        started_s = reported_s = self._clock()
+        for delay_s in delays_s(growth=SLOW_GROWTH):
+            self._look(iteration, checkpoint, wanted, arrived)
+            missing = tuple(worker for worker in wanted if worker not in arrived)
+            if not missing or should_stop():
+                break
+            now_s = self._clock()
+            waited_s = now_s - started_s
+            if waited_s >= patience_s:
+                on_wait(Waiting(iteration, missing, waited_s, gave_up=True))
+                break
+            if now_s - reported_s >= report_every_s:
+                on_wait(Waiting(iteration, missing, waited_s))
+                reported_s = now_s
+            self._pause(min(delay_s, patience_s - waited_s))
+        return dict(sorted(arrived.items()))
+
+    def read(self, manifest: Manifest) -> list[Episodes]:
+        """The episodes of a worker, part by part, each checked against the manifest.
+
+        Raises:
+            ObjectMissing: A part is gone.
+            ObjectDamaged: A part is not what the worker wrote.
+        """
+        for part in manifest.parts:
+            self._prefetch(part.key, part.fingerprint.size_bytes)
+        found = []
+        for part in manifest.parts:
+            where = f"{self._bucket.name}/{part.key}"
+            data = self._take(part.key)
+            fault = part.fingerprint.fault(data)
+            if fault is not None:
+                data = self._bucket.get(part.key)  # fetched too early, perhaps
+                fault = part.fingerprint.fault(data)
+            if fault is not None:
+                raise ObjectDamaged(
+                    f"{where} is damaged: {fault}.",
+                    remedy=f"Simulation worker {manifest.worker} must play iteration "
+                    f"{manifest.iteration} again.",
+                )
+            found.append(unpack_episodes(data, where=where))
+        return found
+
+    def delete_learned(self, iteration: int) -> None:
+        """Delete the rollouts of this iteration and of all before it."""
+        self._forget()
+        doomed = []
+        for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
+            key = keys.rollout_key(self._prefix, info.key)
+            if key is not None and key.iteration <= iteration:
+                doomed.append(info.key)
+        self._bucket.delete(doomed)
+
+    def close(self) -> None:
+        """End the background downloads."""
+        self._forget()
+        self._fetcher.shutdown(wait=True, cancel_futures=True)
+
+    def _look(
+        self, iteration: int, checkpoint: str, wanted: list[int], arrived: dict[int, Manifest]
+    ) -> None:
+        """Take manifests that have come, and begin to fetch parts that have."""
+        listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
+        for worker in self._handed_in(listing):
+            if worker in wanted and worker not in arrived:
+                manifest = find_manifest(self._bucket, self._prefix, iteration, worker)
+                if manifest is not None and manifest.checkpoint == checkpoint:
+                    arrived[worker] = manifest
+        for info in listing:
+            key = keys.rollout_key(self._prefix, info.key)
+            if key is not None and not key.is_manifest:
+                self._prefetch(info.key, info.size_bytes)
+
+    def _handed_in(self, listing: Listing) -> list[int]:
+        found = (keys.rollout_key(self._prefix, info.key) for info in listing)
+        return [key.worker for key in found if key is not None and key.is_manifest]
+
+    def _prefetch(self, key: str, size_bytes: int) -> None:
+        if key in self._fetched or self._fetched_bytes + size_bytes > PREFETCH_BYTES:
+            return
+        self._fetched_bytes += size_bytes
+        self._fetched[key] = self._fetcher.submit(self._bucket.get, key)
+
+    def _take(self, key: str) -> bytes:
+        """What was fetched ahead, else fetched now."""
+        early = self._fetched.pop(key, None)
+        if early is None:
+            return self._bucket.get(key)
+        data = early.result()
+        self._fetched_bytes -= len(data)
+        return data
+
+    def _forget(self) -> None:
+        for early in self._fetched.values():
+            early.cancel()
+        self._fetched.clear()
+        self._fetched_bytes = 0

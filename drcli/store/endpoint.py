@@ -1,0 +1,71 @@
+"""Where the bucket is and who may use it, as far as this package needs to know."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+Cloud = Literal["local", "remote", "aws", "azure"]
+Engine = Literal["rclone", "minio", "moto"]
+
+
+@dataclass(frozen=True)
+class StorageConfig:
+    """The storage settings of one run, already checked for type.
+
+    Args:
+        cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
+            `aws` by Amazon.
+        bucket: DR_LOCAL_S3_BUCKET.
+        data_dir: Folder of the local server; objects lie under `<data_dir>/<bucket>/`.
+        engine: Program that serves `local`.
+        port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
+        endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
+        profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
+        region: DR_AWS_APP_REGION.
+    """
+
+    cloud: Cloud
+    bucket: str
+    data_dir: Path
+    engine: Engine = "rclone"
+    port: int | None = None
+    endpoint_url: str | None = None
+    profile: str | None = None
+    region: str = "us-east-1"
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """An S3 address together with what is needed to sign requests to it.
+
+    Args:
+        url: Address, None for Amazon's own.
+        access_key: None when boto3 looks for keys itself (profile, environment, instance role).
+        secret_key: Belongs to `access_key`; never printed.
+        profile: Profile of the AWS files to take the keys from.
+        region: Region to sign for.
+        engine: Program behind a local address, None for anybody else's server.
+        pid: Process of the local server where it is known.
+        data_dir: Folder in which the local server keeps its objects.
+    """
+
+    url: str | None
+    access_key: str | None = None
+    secret_key: str | None = field(default=None, repr=False)
+    profile: str | None = None
+    region: str = "us-east-1"
+    engine: Engine | None = None
+    pid: int | None = None
+    data_dir: Path | None = None
+
+    @property
+    def setting(self) -> str:
+        """Name of the setting that decides where this address points."""
+        if self.engine is not None:
+            return "DR_CLOUD=local"
+        return "DR_CLOUD=aws" if self.url is None else "DR_REMOTE_MINIO_URL"
+
+    @property
+    def place(self) -> str:
+        """The address as it reads in a sentence."""
+        return self.url if self.url is not None else f"Amazon S3 ({self.region})"

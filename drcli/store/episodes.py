@@ -1,0 +1,167 @@
+"""A batch of played episodes as bytes: columns in a safetensors file, camera frames compressed.
+
+Frames are zstd level 1 without any prediction. Measured on one core: plain frames of a computed
+camera shrink 55-fold at 2,200 MB/s and unfold at 7,500 MB/s. Differences between neighbouring
+pixels shrink noisy frames a quarter more, but undoing them costs more time (300 MB/s) than the
+smaller object saves on the way through the local bucket.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from drcli.store.bucket import ObjectDamaged
+
+SCHEMA = "1"
+"""Raised when a reader of the old form would misread the new one."""
+
+_LEVEL = 1
+_COLUMNS = ("actions", "log_probs", "values", "rewards", "episode_numbers", "episode_lengths")
+_EXTRA = "extra."
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Whole episodes, one after the other, T steps in E episodes.
+
+    Args:
+        frames: What the camera saw before each action, uint8. Shape (T, height, width).
+        actions: Shape (T,) int64 for a list of actions, (T, A) float32 for ranges.
+        log_probs: Log-probability of each action when it was chosen. Shape (T,).
+        values: What the critic expected at each step. Shape (T,).
+        rewards: What followed each action. Shape (T,).
+        episode_numbers: Which episodes these are. Shape (E,), int64.
+        episode_lengths: Steps of each; their sum is T. Shape (E,), int64.
+        extras: More columns by name, of any shape and number type.
+        notes: Free, must be JSON.
+
+    Raises:
+        ValueError: Lengths or types do not fit.
+    """
+
+    frames: NDArray[np.uint8]
+    actions: NDArray[Any]
+    log_probs: Floats
+    values: Floats
+    rewards: Floats
+    episode_numbers: NDArray[np.int64]
+    episode_lengths: NDArray[np.int64]
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.steps:
+            raise ValueError("Episodes without a single step are none.")
+        if self.frames.dtype != np.uint8 or self.frames.ndim != 3:
+            raise ValueError(f"frames are (T, height, width) uint8, not {_shape(self.frames)}.")
+        if self.actions.dtype not in (np.int64, np.float32):
+            raise ValueError(f"actions are int64 or float32, not {self.actions.dtype}.")
+        for name in ("actions", "log_probs", "values", "rewards"):
+            column = getattr(self, name)
+            if len(column) != self.steps:
+                raise ValueError(f"{name} has {len(column)} rows for {self.steps} frames.")
+            if name != "actions" and column.dtype != np.float32:
+                raise ValueError(f"{name} are float32, not {column.dtype}.")
+        if len(self.episode_numbers) != len(self.episode_lengths):
+            raise ValueError("Every episode has one number and one length.")
+        if int(self.episode_lengths.sum()) != self.steps:
+            raise ValueError(
+                f"Episodes of {self.episode_lengths.sum()} steps, {self.steps} frames."
+            )
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of all episodes together."""
+        return len(self.frames)
+
+    @property
+    def count(self) -> int:
+        """Number of episodes."""
+        return len(self.episode_lengths)
+
+
+def pack_episodes(episodes: Episodes) -> bytes:
+    """Turn episodes into bytes; the arrays may be used again afterwards."""
+    frames = np.ascontiguousarray(episodes.frames)
+    packed = zstandard.ZstdCompressor(level=_LEVEL).compress(frames.data.cast("B"))
+    tensors = {"frames": np.frombuffer(packed, np.uint8)}
+    tensors |= {name: np.ascontiguousarray(getattr(episodes, name)) for name in _COLUMNS}
+    tensors |= {_EXTRA + k: np.ascontiguousarray(v) for k, v in episodes.extras.items()}
+    header = {
+        "schema": SCHEMA,
+        "frames_shape": json.dumps(frames.shape),
+        "notes": json.dumps(dict(episodes.notes), allow_nan=False),
+    }
+    return bytes(save(tensors, metadata=header))
+
+
+def unpack_episodes(data: bytes, *, where: str = "a rollout") -> Episodes:
+    """Turn bytes back into episodes, whose frames are read-only until joined with others.
+
+    Args:
+        data: What `pack_episodes` gave.
+        where: Name of the object for the error.
+
+    Raises:
+        ObjectDamaged: The bytes are something else.
+    """
+    try:
+        header = _header(data)
+        if header.get("schema") != SCHEMA:
+            raise ValueError(f"schema {header.get('schema')} instead of {SCHEMA}")
+        tensors = load(data)
+        shape = json.loads(header["frames_shape"])
+        size_bytes = int(np.prod(shape))
+        raw = zstandard.ZstdDecompressor().decompress(tensors["frames"].data, size_bytes)
+        return Episodes(
+            frames=np.frombuffer(raw, np.uint8).reshape(shape),
+            **{name: tensors[name] for name in _COLUMNS},
+            extras={k.removeprefix(_EXTRA): v for k, v in tensors.items() if k.startswith(_EXTRA)},
+            notes=json.loads(header["notes"]),
+        )
+    except (KeyError, TypeError, ValueError, SafetensorError, zstandard.ZstdError) as e:
+        raise ObjectDamaged(
+            f"{where} holds no episodes: {e}.",
+            remedy="Let the worker play the iteration again; if it repeats, all machines need the "
+            "same version of this program.",
+        ) from e
+
+
+def join_episodes(parts: Sequence[Episodes]) -> Episodes:
+    """Put parts one after the other; notes are taken from the first.
+
+    Raises:
+        ValueError: There are none, or they have different columns.
+    """
+    if not parts:
+        raise ValueError("There are no episodes to join.")
+    first = parts[0]
+    if any(set(part.extras) != set(first.extras) for part in parts):
+        raise ValueError("All parts need the same extra columns.")
+    return Episodes(
+        frames=np.concatenate([part.frames for part in parts]),
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS},
+        extras={name: np.concatenate([p.extras[name] for p in parts]) for name in first.extras},
+        notes=first.notes,
+    )
+
+
+def _header(data: bytes) -> dict[str, str]:
+    """The text entries of a safetensors file, which its loader keeps to itself."""
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])
+    found: dict[str, str] = header["__metadata__"]
+    return found
+
+
+def _shape(array: NDArray[Any]) -> str:
+    return f"{array.shape} {array.dtype}"

@@ -1,0 +1,155 @@
+"""What botocore's exceptions mean to the user: a sentence, a remedy, and whether to try again."""
+
+import shutil
+from dataclasses import dataclass
+
+from drcli.errors import StorageError
+from drcli.store.bucket import ObjectMissing
+from drcli.store.endpoint import Endpoint
+
+MISSING_CODES = frozenset({"NoSuchKey", "404"})
+_REFUSED_CODES = frozenset(
+    {
+        "403",
+        "AccessDenied",
+        "AuthorizationHeaderMalformed",
+        "ExpiredToken",
+        "InvalidAccessKeyId",
+        "InvalidToken",
+        "SignatureDoesNotMatch",
+    }
+)
+_BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeout", "Throttling"})
+_FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
+
+_SPARE_BYTES = 1_000_000
+"""A disk with less room than this beyond the object counts as full."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One try to do something with the bucket, for the words of an error.
+
+    Args:
+        action: A verb for the sentence, for instance `write`.
+        endpoint: Server that was asked.
+        bucket: Name of the bucket.
+        key: Object, or the bucket itself when empty.
+        size_bytes: Bytes to be written.
+    """
+
+    action: str
+    endpoint: Endpoint
+    bucket: str
+    key: str = ""
+    size_bytes: int = 0
+
+    def __str__(self) -> str:
+        what = f"{self.bucket}/{self.key}" if self.key else f"bucket '{self.bucket}'"
+        return f"{self.action} {what} at {self.endpoint.place}"
+
+
+def patience_share(error: Exception) -> float:
+    """How much of the patience an error deserves: all (1), a little (0.1) or none (0).
+
+    A server that is silent or busy may be starting again. One that answers with an inner failure
+    may have been caught in the middle of an overwrite; rclone answers so for a moment.
+    """
+    from botocore import exceptions as boto
+
+    if isinstance(error, boto.ClientError):
+        code, status = _answer(error)
+        if code in _FULL_CODES or status == 507:
+            return 0.0
+        if code in _BUSY_CODES or status == 503:
+            return 1.0
+        return 0.1 if status >= 500 else 0.0
+    broke_on_the_way = (
+        boto.ConnectionError,
+        boto.HTTPClientError,
+        boto.IncompleteReadError,
+        ConnectionError,
+    )
+    return 1.0 if isinstance(error, broke_on_the_way) else 0.0
+
+
+def explain(error: Exception, attempt: Attempt) -> StorageError:
+    """Turn what boto3 raised into the failure that the user reads."""
+    from botocore.exceptions import ClientError, NoCredentialsError, PartialCredentialsError
+
+    if isinstance(error, ClientError):
+        return _explain_answer(error, attempt)
+    if isinstance(error, (NoCredentialsError, PartialCredentialsError)):
+        return StorageError(
+            f"Cannot {attempt}: boto3 found no access keys (DR_LOCAL_S3_PROFILE is "
+            f"'{attempt.endpoint.profile or ''}').",
+            remedy="Set DR_LOCAL_S3_PROFILE to a profile of ~/.aws/credentials, or export "
+            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
+        )
+    if patience_share(error) == 0:
+        return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
+    return StorageError(
+        f"Cannot {attempt} ({attempt.endpoint.setting}): nothing answers there.",
+        remedy=_wake_up(attempt.endpoint),
+    )
+
+
+def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
+    code, status = _answer(error)
+    endpoint = attempt.endpoint
+    if code == "NoSuchBucket" or (code in MISSING_CODES and not attempt.key):
+        return StorageError(
+            f"There is no bucket '{attempt.bucket}' at {endpoint.place} (DR_LOCAL_S3_BUCKET).",
+            remedy="Correct DR_LOCAL_S3_BUCKET, or create the bucket.",
+        )
+    if code in MISSING_CODES:
+        return ObjectMissing(
+            f"There is no object {attempt.bucket}/{attempt.key} at {endpoint.place}.",
+            remedy="Check the model prefix (DR_LOCAL_S3_MODEL_PREFIX) and the bucket "
+            "(DR_LOCAL_S3_BUCKET).",
+        )
+    if code in _REFUSED_CODES or status == 403:
+        whose = "DR_LOCAL_S3_PROFILE" if endpoint.engine is None else endpoint.setting
+        return StorageError(
+            f"Cannot {attempt}: the server refuses the access keys of {whose} ({code}).",
+            remedy="Check the keys of that profile and that they may read, write, list and delete "
+            f"in '{attempt.bucket}'."
+            if endpoint.engine is None
+            else f"Another server uses {endpoint.url}; set DR_LOCAL_S3_PORT to a free port.",
+        )
+    if code in _FULL_CODES or status == 507 or (status >= 500 and _disk_is_full(attempt)):
+        where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
+        return StorageError(
+            f"Cannot {attempt}: the disk{where} is full.",
+            remedy="Make room, for instance by deleting models that you no longer need, and "
+            "continue the run.",
+        )
+    return StorageError(
+        f"Cannot {attempt}: the server answered {status} {code}.",
+        remedy=f"Look at {endpoint.data_dir / '.server.log'}."
+        if endpoint.engine is not None and endpoint.data_dir is not None
+        else "Try again; if it stays so, ask whoever runs that server.",
+    )
+
+
+def _answer(error: Exception) -> tuple[str, int]:
+    """The error code and the HTTP status inside a ClientError; 0 where there is no status."""
+    response = getattr(error, "response", {})
+    code = str(response.get("Error", {}).get("Code", ""))
+    return code, int(response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0))
+
+
+def _disk_is_full(attempt: Attempt) -> bool:
+    """Whether the object cannot have fitted; only a local server's disk can be looked at."""
+    data_dir = attempt.endpoint.data_dir
+    if data_dir is None or not data_dir.exists():
+        return False
+    return shutil.disk_usage(data_dir).free < attempt.size_bytes + _SPARE_BYTES
+
+
+def _wake_up(endpoint: Endpoint) -> str:
+    if endpoint.engine is not None:
+        return "Start the command again; it starts the local server when it is not running."
+    if endpoint.url is None:
+        return "Check the network connection and DR_AWS_APP_REGION."
+    return "Start that server, or correct DR_REMOTE_MINIO_URL."

@@ -1,0 +1,98 @@
+"""The learning curve of a run: one record an iteration, in one object beside the metrics."""
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """One iteration: what was driven with a checkpoint and what was learned from it.
+
+    Attributes:
+        iteration: Number of the checkpoint that drove, from 0.
+        checkpoint: Its name.
+        episodes: Training episodes played.
+        steps: Steps learned from.
+        total_steps: Steps learned from since the beginning.
+        mean_reward: Mean sum of rewards of an episode.
+        mean_progress: Mean progress of an episode, percent of a lap.
+        full_laps: Episodes that ended with a completed lap.
+        best_lap_s: Fastest completed lap, simulated seconds, or None.
+        entropy: Mean entropy of the policy in the last epoch, nats.
+        surrogate_loss: Mean policy loss of the last epoch.
+        value_loss: Mean value loss of the last epoch.
+        kl: Mean divergence from the policy that drove, in the last epoch.
+        steps_per_s: Steps learned from per second of wall time, driving and learning together.
+        real_time_factor: Simulated seconds per second of wall time, all cars together.
+        drive_s: Wall time that the slowest worker drove.
+        learn_s: Wall time of the update.
+        exchange_s: Wall time of the iteration that neither driving nor learning explains.
+        elapsed_s: Wall time of training so far, without the time it was stopped.
+        evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
+        evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
+    """
+
+    iteration: int
+    checkpoint: str
+    episodes: int
+    steps: int
+    total_steps: int
+    mean_reward: float
+    mean_progress: float
+    full_laps: int
+    best_lap_s: float | None
+    entropy: float
+    surrogate_loss: float
+    value_loss: float
+    kl: float
+    steps_per_s: float
+    real_time_factor: float
+    drive_s: float
+    learn_s: float
+    exchange_s: float
+    elapsed_s: float
+    evaluation_progress: list[float] = field(default_factory=list)
+    evaluation_lap_s: list[float] = field(default_factory=list)
+
+
+class History:
+    """All iterations of a run. The trainer writes it, everybody may read it."""
+
+    def __init__(self, bucket: Bucket, prefix: str) -> None:
+        self._bucket = bucket
+        self._key = keys.history(prefix)
+        self.records: list[IterationRecord] = read_history(bucket, prefix)
+
+    def keep_before(self, iteration: int) -> None:
+        """Forget iterations that will be repeated."""
+        self.records = [r for r in self.records if r.iteration < iteration]
+
+    def add(self, record: IterationRecord) -> None:
+        """Append an iteration and publish."""
+        self.records.append(record)
+        self._write()
+
+    def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
+        """Note how a checkpoint's evaluation went, and publish."""
+        self.records = [
+            replace(r, evaluation_progress=progress, evaluation_lap_s=lap_s)
+            if r.iteration == iteration
+            else r
+            for r in self.records
+        ]
+        self._write()
+
+    def _write(self) -> None:
+        text = json.dumps({"iterations": [asdict(record) for record in self.records]})
+        self._bucket.put(self._key, text.encode())
+
+
+def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
+    """All iterations so far, oldest first; empty for a model that has none."""
+    key = keys.history(prefix)
+    if not bucket.exists(key):
+        return []
+    return [IterationRecord(**r) for r in json.loads(bucket.get(key))["iterations"]]

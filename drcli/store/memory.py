@@ -1,0 +1,59 @@
+"""A bucket that lives in memory, for tests of everything that stands on one."""
+
+import threading
+from collections.abc import Iterable
+from datetime import UTC, datetime
+
+from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, checked_folder
+from drcli.store.fingerprint import Fingerprint
+
+
+class MemoryBucket:
+    """Keeps objects in a dictionary and behaves like S3Bucket otherwise."""
+
+    def __init__(self, name: str = "bucket") -> None:
+        self._name = name
+        self._objects: dict[str, tuple[bytes, datetime]] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def name(self) -> str:
+        """Name of the bucket."""
+        return self._name
+
+    def get(self, key: str) -> bytes:
+        """Read a whole object; ObjectMissing when there is none."""
+        with self._lock:
+            if key not in self._objects:
+                raise ObjectMissing(
+                    f"There is no object {self._name}/{key} in memory.",
+                    remedy="Write it before reading it.",
+                )
+            return self._objects[key][0]
+
+    def put(self, key: str, data: bytes) -> None:
+        """Keep a copy of the data."""
+        with self._lock:
+            self._objects[key] = (bytes(data), datetime.now(UTC))
+
+    def delete(self, keys: Iterable[str]) -> None:
+        """Forget objects."""
+        doomed = list(keys)
+        with self._lock:
+            for key in doomed:
+                self._objects.pop(key, None)
+
+    def exists(self, key: str) -> bool:
+        """Whether there is an object under this key."""
+        with self._lock:
+            return key in self._objects
+
+    def list(self, folder: str) -> Listing:
+        """All objects below a folder (which ends with a slash), sorted by key."""
+        start = checked_folder(folder)
+        with self._lock:
+            found = {k: v for k, v in self._objects.items() if k.startswith(start)}
+        return [
+            ObjectInfo(key, len(data), Fingerprint.of(data).sha256, modified)
+            for key, (data, modified) in sorted(found.items())
+        ]

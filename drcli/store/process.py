@@ -1,0 +1,66 @@
+"""Starting, recognising and ending a server process that outlives the command."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from drcli.store.backoff import wait_until
+
+_TERM_PATIENCE_S = 5.0
+
+
+def start_detached(
+    command: Sequence[str], *, environment: Mapping[str, str], log: Path, folder: Path
+) -> int:
+    """Start a process that belongs to nobody, and return its id.
+
+    A shell starts it in a session of its own, tells its id and leaves, so that neither Ctrl-C in
+    this terminal nor the end of this command reaches it, and it is no zombie of ours when it ends.
+    """
+    script = 'log=$1; shift; "$@" >>"$log" 2>&1 </dev/null & echo $!'
+    shell = subprocess.run(
+        ["/bin/sh", "-c", script, "sh", str(log), *command],
+        env=dict(environment),
+        cwd=folder,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return int(shell.stdout)
+
+
+def is_running(pid: int, mark: str) -> bool:
+    """Whether this process lives and carries the mark in its command line.
+
+    The id alone proves nothing: after a reboot it may belong to somebody else.
+    """
+    return mark in _command_line(pid)
+
+
+def end(pid: int, mark: str) -> None:
+    """Ask the process to end, and make it end when it does not."""
+    if not is_running(pid, mark):
+        return
+    os.kill(pid, signal.SIGTERM)
+    if not wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S):
+        os.kill(pid, signal.SIGKILL)
+        wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S)
+
+
+def _command_line(pid: int) -> str:
+    """The command line of a process, empty when it has ended."""
+    if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
+        try:
+            return Path(f"/proc/{pid}/cmdline").read_text(errors="replace").replace("\0", " ")
+        except (FileNotFoundError, ProcessLookupError):
+            return ""
+    answer = subprocess.run(
+        ["ps", "-ww", "-o", "command=", "-p", str(pid)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        check=False,
+    )
+    return answer.stdout

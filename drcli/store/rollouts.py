@@ -1,0 +1,179 @@
+"""Rollouts in the bucket: a simulation worker writes them while it plays, the trainer takes them.
+
+Parts come first, the manifest that names them last; a reader trusts nothing that no manifest of
+the expected checkpoint confirms. Keys of parts carry the session of their writer, so a restarted
+worker never overwrites what somebody may be reading.
+"""
+
+import json
+import uuid
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from threading import BoundedSemaphore
+from typing import Any
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.episodes import Episodes, pack_episodes
+from drcli.store.fingerprint import Fingerprint
+
+_UNSENT_PARTS = 4
+"""How many parts may wait in memory for a slow bucket before playing has to wait, too."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One object with some of the episodes."""
+
+    key: str
+    fingerprint: Fingerprint
+    episodes: int
+    steps: int
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What one worker played in one iteration.
+
+    Args:
+        iteration: Number of the checkpoint that drove.
+        worker: Who played.
+        checkpoint: Name of the checkpoint that drove.
+        session: Start of the worker that wrote it.
+        parts: Objects with the episodes, in the order they were played.
+        notes: Free: results of the evaluation, time spent. Must be JSON.
+    """
+
+    iteration: int
+    worker: int
+    checkpoint: str
+    session: str
+    parts: tuple[Part, ...]
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes in all parts."""
+        return sum(part.episodes for part in self.parts)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps in all parts."""
+        return sum(part.steps for part in self.parts)
+
+    def to_bytes(self) -> bytes:
+        """The manifest as JSON."""
+        return json.dumps(asdict(self), allow_nan=False).encode()
+
+    @classmethod
+    def from_bytes(cls, data: bytes, *, where: str = "a manifest") -> "Manifest":
+        """Read a manifest.
+
+        Raises:
+            ObjectDamaged: The bytes are something else.
+        """
+        try:
+            fields = json.loads(data)
+            parts = tuple(
+                Part(**{**part, "fingerprint": Fingerprint(**part["fingerprint"])})
+                for part in fields.pop("parts")
+            )
+            return cls(parts=parts, **fields)
+        except (AttributeError, KeyError, TypeError, ValueError) as e:
+            raise ObjectDamaged(
+                f"{where} is no manifest: {e!r}.",
+                remedy="Delete it; the worker plays the iteration again.",
+            ) from e
+
+
+def new_session() -> str:
+    """A name that no other start of a worker has."""
+    return uuid.uuid4().hex[:12]
+
+
+def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
+    """What a worker has handed in already, None where it has not; damaged counts as not."""
+    key = keys.rollout_manifest(prefix, iteration, worker)
+    try:
+        return Manifest.from_bytes(bucket.get(key), where=f"{bucket.name}/{key}")
+    except (ObjectMissing, ObjectDamaged):
+        return None
+
+
+class RolloutWriter:
+    """Sends the episodes of one worker and one iteration while it goes on playing.
+
+    Leave it with `finish` or `abandon`.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        *,
+        iteration: int,
+        worker: int,
+        checkpoint: str,
+        session: str,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._iteration = iteration
+        self._worker = worker
+        self._checkpoint = checkpoint
+        self._session = session
+        self._parts: list[Part] = []
+        self._uploads: list[Future[None]] = []
+        self._sender = ThreadPoolExecutor(1, thread_name_prefix="rollout-upload")
+        self._room = BoundedSemaphore(_UNSENT_PARTS)
+
+    def add(self, episodes: Episodes) -> None:
+        """Send some whole episodes. The caller may reuse its arrays at once.
+
+        Raises:
+            StorageError: An earlier part could not be sent.
+        """
+        self._raise_failure()
+        data = pack_episodes(episodes)
+        key = keys.rollout_part(
+            self._prefix, self._iteration, self._worker, self._session, len(self._parts)
+        )
+        self._parts.append(Part(key, Fingerprint.of(data), episodes.count, episodes.steps))
+        self._room.acquire()
+        self._uploads.append(self._sender.submit(self._send, key, data))
+
+    def finish(self, notes: Mapping[str, Any] | None = None) -> Manifest:
+        """Wait until everything is sent, then write the manifest, which makes it count.
+
+        Raises:
+            StorageError: Something could not be sent; nothing counts then.
+        """
+        self._sender.shutdown(wait=True)
+        self._raise_failure()
+        manifest = Manifest(
+            self._iteration,
+            self._worker,
+            self._checkpoint,
+            self._session,
+            tuple(self._parts),
+            dict(notes or {}),
+        )
+        key = keys.rollout_manifest(self._prefix, self._iteration, self._worker)
+        self._bucket.put(key, manifest.to_bytes())
+        return manifest
+
+    def abandon(self) -> None:
+        """Send nothing more and write no manifest; the trainer sweeps up what was sent."""
+        self._sender.shutdown(wait=True, cancel_futures=True)
+
+    def _send(self, key: str, data: bytes) -> None:
+        try:
+            self._bucket.put(key, data)
+        finally:
+            self._room.release()
+
+    def _raise_failure(self) -> None:
+        for upload in self._uploads:
+            if upload.done():
+                upload.result()

@@ -1,0 +1,263 @@
+"""A bucket of any S3 server, patient with servers that are starting again."""
+
+import io
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, partial
+from typing import TYPE_CHECKING, TypeVar
+
+from drcli.errors import StorageError
+from drcli.store.backoff import delays_s
+from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, checked_folder
+from drcli.store.endpoint import Endpoint
+from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
+
+if TYPE_CHECKING:
+    from boto3.session import Session
+    from mypy_boto3_s3.client import S3Client
+
+MULTIPART_FROM_BYTES = 64 << 20
+"""Below this an object travels in one request, which a server either keeps whole or not at all."""
+
+_PART_BYTES = 16 << 20
+_CONNECT_TIMEOUT_S = 5
+_PAGE_KEYS = 1000
+"""S3 lists and deletes no more keys in one request."""
+
+T = TypeVar("T")
+
+
+class S3Bucket:
+    """A bucket of any S3 server, over boto3. May be used by several threads at once.
+
+    Args:
+        endpoint: Server and keys.
+        name: Bucket.
+        patience_s: For how long a server that does not answer is asked again before the call
+            fails; a supervisor starts a dead local server within seconds.
+        read_timeout_s: For how long an answer may stall.
+        clock: Monotonic seconds, for tests.
+        pause: Waits the given seconds, for tests.
+
+    Raises:
+        StorageError: The profile does not exist.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        name: str,
+        *,
+        patience_s: float = 60.0,
+        read_timeout_s: float = 60.0,
+        clock: Callable[[], float] = time.monotonic,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._endpoint = endpoint
+        self._name = name
+        self._patience_s = patience_s
+        self._clock = clock
+        self._pause = pause
+        self._client = _client(endpoint, read_timeout_s)
+
+    @property
+    def name(self) -> str:
+        """Name of the bucket."""
+        return self._name
+
+    @property
+    def endpoint(self) -> Endpoint:
+        """The server behind it."""
+        return self._endpoint
+
+    def close(self) -> None:
+        """Close the connections; not needed where the process ends anyway."""
+        self._client.close()
+
+    def get(self, key: str) -> bytes:
+        """Read a whole object; ObjectMissing when there is none."""
+        return self._patiently(
+            lambda: self._client.get_object(Bucket=self._name, Key=key)["Body"].read(),
+            self._attempt("read", key),
+        )
+
+    def put(self, key: str, data: bytes) -> None:
+        """Write an object, in one request below 64 MiB and in parts above."""
+        call = self._put_whole if len(data) < MULTIPART_FROM_BYTES else self._put_in_parts
+        self._patiently(lambda: call(key, data), self._attempt("write", key, len(data)))
+
+    def delete(self, keys: Iterable[str]) -> None:
+        """Delete objects, a thousand in a request."""
+        doomed = tuple(keys)
+        for start in range(0, len(doomed), _PAGE_KEYS):
+            batch = doomed[start : start + _PAGE_KEYS]
+            self._patiently(partial(self._delete_batch, batch), self._attempt("delete", batch[0]))
+
+    def exists(self, key: str) -> bool:
+        """Whether there is an object under this key."""
+        try:
+            self._patiently(
+                lambda: self._client.head_object(Bucket=self._name, Key=key),
+                self._attempt("look up", key),
+            )
+        except ObjectMissing:
+            return False
+        return True
+
+    def list(self, folder: str) -> Listing:
+        """All objects below a folder (which ends with a slash), sorted by key."""
+        return self._patiently(
+            lambda: self._list_all(checked_folder(folder)), self._attempt("list", folder)
+        )
+
+    def accepts_keys(self) -> bool:
+        """Whether a server answers now and knows our access keys."""
+        from botocore.exceptions import BotoCoreError, ClientError
+
+        try:
+            self._client.list_buckets()
+        except (BotoCoreError, ClientError):
+            return False
+        return True
+
+    def ensure_exists(self) -> None:
+        """Create the bucket where it is missing, as befits our own server only."""
+        from botocore.exceptions import ClientError
+
+        def ensure() -> None:
+            try:
+                self._client.head_bucket(Bucket=self._name)
+            except ClientError as e:
+                if e.response["Error"]["Code"] not in MISSING_CODES:
+                    raise
+                self._client.create_bucket(Bucket=self._name)
+
+        self._patiently(ensure, self._attempt("create", ""))
+
+    def probe(self) -> None:
+        """Prove that objects can be written, read, listed and deleted, before a run relies on it.
+
+        Raises:
+            StorageError: They cannot; the sentence says which and why.
+        """
+        self._patiently(
+            lambda: self._client.head_bucket(Bucket=self._name), self._attempt("open", "")
+        )
+        folder = f".probe-{uuid.uuid4().hex}/"
+        key, content = folder + "object", b"probe"
+        self.put(key, content)
+        try:
+            if self.get(key) != content or [o.key for o in self.list(folder)] != [key]:
+                raise StorageError(
+                    f"{self._endpoint.place} does not give back what was written to "
+                    f"'{self._name}' (DR_LOCAL_S3_BUCKET).",
+                    remedy="Use another S3 server; this one would lose a model.",
+                )
+        finally:
+            self.delete([key])
+
+    def _attempt(self, action: str, key: str, size_bytes: int = 0) -> Attempt:
+        return Attempt(action, self._endpoint, self._name, key, size_bytes)
+
+    def _patiently(self, call: Callable[[], T], attempt: Attempt) -> T:
+        """Call, and call again while the failure is of the kind that passes."""
+        from boto3.exceptions import Boto3Error
+        from botocore.exceptions import BotoCoreError, ClientError
+
+        started_s = self._clock()
+        delays = delays_s()
+        while True:
+            try:
+                return call()
+            except (BotoCoreError, ClientError, Boto3Error, ConnectionError) as e:
+                patience_s = self._patience_s * patience_share(e)
+                left_s = started_s + patience_s - self._clock()
+                if left_s <= 0:
+                    raise explain(e, attempt) from e
+                self._pause(min(next(delays), left_s))
+
+    def _put_whole(self, key: str, data: bytes) -> None:
+        self._client.put_object(Bucket=self._name, Key=key, Body=data)
+
+    def _put_in_parts(self, key: str, data: bytes) -> None:
+        from boto3.s3.transfer import TransferConfig
+
+        # One part after the other: the embedded server writes them to disk in that order and
+        # would have to hold back in memory what comes too early.
+        config = TransferConfig(
+            multipart_threshold=MULTIPART_FROM_BYTES,
+            multipart_chunksize=_PART_BYTES,
+            use_threads=False,
+        )
+        self._client.upload_fileobj(io.BytesIO(data), self._name, key, Config=config)
+
+    def _delete_batch(self, keys: Sequence[str]) -> None:
+        answer = self._client.delete_objects(
+            Bucket=self._name, Delete={"Objects": [{"Key": key} for key in keys], "Quiet": True}
+        )
+        for failure in answer.get("Errors", []):
+            if failure.get("Code") not in MISSING_CODES:
+                raise StorageError(
+                    f"Cannot delete {self._name}/{failure.get('Key')} at {self._endpoint.place}: "
+                    f"{failure.get('Code')} {failure.get('Message')}.",
+                    remedy="Check that the access keys may delete.",
+                )
+
+    def _list_all(self, folder: str) -> Listing:
+        pages = self._client.get_paginator("list_objects_v2").paginate(
+            Bucket=self._name, Prefix=folder, PaginationConfig={"PageSize": _PAGE_KEYS}
+        )
+        found = [
+            ObjectInfo(item["Key"], item["Size"], item["ETag"].strip('"'), item["LastModified"])
+            for page in pages
+            for item in page.get("Contents", [])
+        ]
+        return sorted(found, key=lambda info: info.key)
+
+
+_making_clients = threading.Lock()
+"""Clients may be shared by threads, but not made by several at once."""
+
+
+def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
+    from botocore.config import Config
+
+    config = Config(
+        # Repeated here, not by botocore, so that one clock bounds the wait.
+        retries={"total_max_attempts": 1, "mode": "standard"},
+        connect_timeout=_CONNECT_TIMEOUT_S,
+        read_timeout=read_timeout_s,
+        max_pool_connections=16,
+        # Other servers than Amazon's do not all know the newer checksums.
+        request_checksum_calculation="when_required",
+        response_checksum_validation="when_required",
+        s3={"addressing_style": "auto" if endpoint.url is None else "path"},
+    )
+    with _making_clients:
+        return _session(endpoint.profile).client(
+            "s3",
+            endpoint_url=endpoint.url,
+            region_name=endpoint.region,
+            aws_access_key_id=endpoint.access_key,
+            aws_secret_access_key=endpoint.secret_key,
+            config=config,
+        )
+
+
+@cache
+def _session(profile: str | None) -> "Session":
+    """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse."""
+    # Imported here: boto3 takes a quarter of a second that commands without a bucket need not pay.
+    from boto3.session import Session
+    from botocore.exceptions import ProfileNotFound
+
+    try:
+        return Session(profile_name=profile)
+    except ProfileNotFound as e:
+        raise StorageError(
+            f"There is no profile '{profile}' in the AWS files (DR_LOCAL_S3_PROFILE).",
+            remedy=f"Create it with `aws configure --profile {profile}`, or set "
+            "DR_LOCAL_S3_PROFILE to another one.",
+        ) from e

@@ -1,0 +1,290 @@
+"""The bucket's server: finds the one that runs, and starts the embedded one where none does."""
+
+import json
+import os
+import secrets
+import socket
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+from drcli.errors import StorageError
+from drcli.store import engines, process
+from drcli.store.backoff import wait_until
+from drcli.store.endpoint import Endpoint, Engine, StorageConfig
+from drcli.store.lock import exclusive
+from drcli.store.s3 import S3Bucket
+
+_LOCK_PATIENCE_S = 90.0
+_REVIVAL_PATIENCE_S = 5.0
+"""How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
+
+_PORTS = range(20_000, 30_000)
+"""Below those that systems give to outgoing connections: one of them could otherwise hold the port
+of a dead server, and its clients would look for it there in vain."""
+
+_LOG_BYTES = 1_000_000
+_START_ATTEMPTS = 3
+
+
+def connect(config: StorageConfig, *, patience_s: float = 60.0) -> S3Bucket:
+    """Open the configured bucket, starting the local server where needed.
+
+    Raises:
+        StorageError: The server cannot be started or found.
+    """
+    return S3Bucket(ensure_running(config), config.bucket, patience_s=patience_s)
+
+
+def ensure_running(config: StorageConfig) -> Endpoint:
+    """Find the server of this configuration; a local one is started when it does not answer.
+
+    Safe to call from several commands at once, and again by a supervisor after the server died:
+    keys stay, and so does the port unless somebody else took it meanwhile.
+
+    Raises:
+        StorageError: No address (DR_REMOTE_MINIO_URL), no program, or no port to serve on.
+    """
+    if config.cloud == "aws":
+        return Endpoint(None, profile=config.profile, region=config.region)
+    if config.cloud != "local":
+        return _remote(config)
+    config.data_dir.mkdir(parents=True, exist_ok=True)
+    with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
+        return _ensure_local(config)
+
+
+def find_running(config: StorageConfig) -> Endpoint | None:
+    """The server that runs already, None where the local one does not; starts nothing."""
+    if config.cloud != "local":
+        return ensure_running(config)
+    state = _State.read(_own(config, "json"))
+    return state.endpoint(config) if state is not None and _answers(state, config) else None
+
+
+def stop(config: StorageConfig) -> bool:
+    """End the local server; objects stay (moto's excepted). True when one was running."""
+    if config.cloud != "local" or not config.data_dir.exists():
+        return False
+    with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
+        path = _own(config, "json")
+        state = _State.read(path)
+        if state is None or state.pid is None:
+            return False
+        was_running = process.is_running(state.pid, state.mark)
+        process.end(state.pid, state.mark)
+        replace(state, pid=None).write(path)
+    return was_running
+
+
+@dataclass(frozen=True)
+class _State:
+    """What later commands must know of the server, kept in a file that its owner alone can read."""
+
+    engine: Engine
+    port: int
+    access_key: str
+    secret_key: str
+    pid: int | None = None
+
+    @classmethod
+    def read(cls, path: Path) -> "_State | None":
+        try:
+            return cls(**json.loads(path.read_text()))
+        except FileNotFoundError:
+            return None
+        except (ValueError, TypeError) as e:
+            raise StorageError(
+                f"{path} is damaged: {e}.",
+                remedy="Delete it; the next start makes new access keys.",
+            ) from e
+
+    def write(self, path: Path) -> None:
+        fresh = path.with_suffix(".new")
+        fresh.unlink(missing_ok=True)
+        # The mode is given on opening: nobody else may read the keys for even a moment.
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            json.dump(asdict(self), file)
+        fresh.replace(path)
+
+    @property
+    def mark(self) -> str:
+        """What the server's command line contains and no other does."""
+        where = f"127.0.0.1:{self.port}"
+        return f"drcli.store.moto_server {self.port}" if self.engine == "moto" else where
+
+    def endpoint(self, config: StorageConfig) -> Endpoint:
+        return Endpoint(
+            url=f"http://127.0.0.1:{self.port}",
+            access_key=self.access_key,
+            secret_key=self.secret_key,
+            region=config.region,
+            engine=self.engine,
+            pid=self.pid,
+            data_dir=config.data_dir,
+        )
+
+
+def _ensure_local(config: StorageConfig) -> Endpoint:
+    state = _State.read(_own(config, "json"))
+    if state is not None and state.pid is not None:
+        if _answers(state, config):
+            _check_same_server(state, config)
+            return _with_bucket(state, config)
+        process.end(state.pid, state.mark)
+    keys = state or _State(config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20))
+    _sweep(config.data_dir)
+    for _ in range(1 if config.port is not None else _START_ATTEMPTS):
+        fresh = replace(keys, engine=config.engine, port=_choose_port(config, state), pid=None)
+        started = _start(fresh, config)
+        if started is not None:
+            return _with_bucket(started, config)
+    raise StorageError(
+        f"The local S3 server ({config.engine}) did not start on port {fresh.port} "
+        f"(DR_LOCAL_S3_PORT): {_last_words(config)}",
+        remedy=f"Read {_own(config, 'log')}, or choose another DR_LOCAL_S3_PORT.",
+    )
+
+
+def _start(state: _State, config: StorageConfig) -> _State | None:
+    """Start the server and wait until it answers; None when it ended or stayed silent."""
+    launch = engines.launch_of(
+        state.engine,
+        config.data_dir.absolute(),
+        state.port,
+        access_key=state.access_key,
+        secret_key=state.secret_key,
+    )
+    launch.folder.mkdir(parents=True, exist_ok=True)
+    log = _own(config, "log").absolute()
+    if log.exists() and log.stat().st_size > _LOG_BYTES:
+        log.unlink()
+    path = _own(config, "json")
+    state.write(path)  # before the start, so that no crash leaves a server without its keys
+    pid = process.start_detached(
+        launch.command,
+        environment={**_inherited(), **launch.variables},
+        log=log,
+        folder=config.data_dir,
+    )
+    started = replace(state, pid=pid)
+    started.write(path)
+    probe = _probe(started.endpoint(config))
+    wait_until(
+        lambda: probe.accepts_keys() or not process.is_running(pid, started.mark),
+        patience_s=launch.start_s,
+        first_s=0.02,
+        last_s=0.2,
+    )
+    if process.is_running(pid, started.mark) and probe.accepts_keys():
+        return started
+    process.end(pid, started.mark)
+    return None
+
+
+def _inherited() -> dict[str, str]:
+    """Our environment without a racer's own rclone settings, which are about other things."""
+    return {k: v for k, v in os.environ.items() if not k.startswith("RCLONE_")}
+
+
+def _answers(state: _State, config: StorageConfig) -> bool:
+    """Whether the server works; one whose process lives may be slow for a moment."""
+    probe = _probe(state.endpoint(config))
+    if probe.accepts_keys():
+        return True
+    if state.pid is None or not process.is_running(state.pid, state.mark):
+        return False
+    return wait_until(probe.accepts_keys, patience_s=_REVIVAL_PATIENCE_S)
+
+
+@lru_cache(maxsize=4)
+def _probe(endpoint: Endpoint) -> S3Bucket:
+    """Asks whether a server that knows our keys listens; anybody can take a port or an id.
+
+    Kept, because a supervisor asks again and again and a new client costs 20 ms.
+    """
+    return S3Bucket(endpoint, "", patience_s=0, read_timeout_s=2)
+
+
+def _check_same_server(state: _State, config: StorageConfig) -> None:
+    """A server that works for somebody is not replaced by another one under their feet."""
+    if state.engine != config.engine:
+        raise StorageError(
+            f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
+            f"DR_LOCAL_S3_ENGINE asks for {config.engine}.",
+            remedy=f"Set DR_LOCAL_S3_ENGINE={state.engine}, or end that process first.",
+        )
+    if config.port not in (None, state.port):
+        raise StorageError(
+            f"The local S3 server (process {state.pid}) runs on port {state.port}, but "
+            f"DR_LOCAL_S3_PORT asks for {config.port}.",
+            remedy=f"Set DR_LOCAL_S3_PORT={state.port}, or end that process first.",
+        )
+
+
+def _with_bucket(state: _State, config: StorageConfig) -> Endpoint:
+    endpoint = state.endpoint(config)
+    _bucket(endpoint, config.bucket).ensure_exists()
+    return endpoint
+
+
+@lru_cache(maxsize=4)
+def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
+    """Kept for the same reason."""
+    return S3Bucket(endpoint, name, patience_s=10)
+
+
+def _choose_port(config: StorageConfig, state: _State | None) -> int:
+    """The port that was set, else the one of last time, else any."""
+    if config.port is not None:
+        if not _is_free(config.port):
+            raise StorageError(
+                f"Another program listens on port {config.port} (DR_LOCAL_S3_PORT).",
+                remedy="End that program, set DR_LOCAL_S3_PORT to a free port, or leave it out "
+                "and one is chosen.",
+            )
+        return config.port
+    if state is not None and _is_free(state.port):
+        return state.port
+    while True:
+        port = secrets.choice(_PORTS)
+        if _is_free(port):
+            return port
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as trial:
+        # As the server does it: connections that are only closing do not hold the port.
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
+
+
+def _sweep(data_dir: Path) -> None:
+    """Remove what a killed server left half written. Only while none runs."""
+    for leftover in data_dir.rglob(engines.LEFTOVERS):
+        leftover.unlink(missing_ok=True)
+
+
+def _last_words(config: StorageConfig) -> str:
+    log = _own(config, "log")
+    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+    return lines[-1] if lines else "it said nothing."
+
+
+def _own(config: StorageConfig, kind: str) -> Path:
+    """Our own files beside the buckets: `json` is the state, `lock`, `log`."""
+    return config.data_dir / f".server.{kind}"
+
+
+def _remote(config: StorageConfig) -> Endpoint:
+    if not config.endpoint_url:
+        raise StorageError(
+            f"DR_CLOUD={config.cloud} needs an address, but DR_REMOTE_MINIO_URL is not set.",
+            remedy="Set DR_REMOTE_MINIO_URL, for instance to http://192.168.1.10:9000, or use "
+            "DR_CLOUD=local.",
+        )
+    return Endpoint(config.endpoint_url, profile=config.profile, region=config.region)

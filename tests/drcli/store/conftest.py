@@ -1,0 +1,50 @@
+"""Buckets to test with: in memory, over the wire to moto, and on a real rclone server."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from moto.server import ThreadedMotoServer
+
+from drcli.store import server
+from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.store.memory import MemoryBucket
+from drcli.store.s3 import S3Bucket
+
+
+@pytest.fixture
+def memory() -> MemoryBucket:
+    return MemoryBucket()
+
+
+@pytest.fixture(scope="session")
+def moto_endpoint() -> Iterator[Endpoint]:
+    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    moto.start()
+    host, port = moto.get_host_and_port()
+    yield Endpoint(f"http://{host}:{port}", access_key="testing", secret_key="testing")
+    moto.stop()
+
+
+@pytest.fixture
+def wire(moto_endpoint: Endpoint) -> Iterator[S3Bucket]:
+    bucket = S3Bucket(moto_endpoint, "bucket", patience_s=5)
+    bucket.ensure_exists()
+    yield bucket
+    bucket.delete([info.key for info in bucket.list("")])
+    bucket.close()
+
+
+@pytest.fixture(params=["memory", "wire"])
+def bucket(request: pytest.FixtureRequest) -> MemoryBucket | S3Bucket:
+    """The same contract for both kinds."""
+    kind: MemoryBucket | S3Bucket = request.getfixturevalue(request.param)
+    return kind
+
+
+@pytest.fixture
+def local(tmp_path: Path) -> Iterator[StorageConfig]:
+    """Settings of a real local server, ended after the test whatever it was started by."""
+    config = StorageConfig("local", "bucket", tmp_path / "s3")
+    yield config
+    server.stop(config)

@@ -1,0 +1,74 @@
+"""What every bucket promises, kept in memory and over the wire."""
+
+import pytest
+
+from drcli.errors import StorageError
+from drcli.store.bucket import ObjectDamaged, ObjectMissing, get_json, put_json
+
+
+@pytest.mark.parametrize("data", [b"", b"x", bytes(range(256)) * 5_000])
+def test_what_was_put_is_what_is_got(bucket, data):
+    bucket.put("a/b", data)
+
+    assert bucket.get("a/b") == data
+
+
+def test_a_second_put_replaces_the_first(bucket):
+    bucket.put("a/b", b"old")
+    bucket.put("a/b", b"new")
+
+    assert bucket.get("a/b") == b"new"
+
+
+def test_a_missing_object_is_named_with_its_bucket(bucket):
+    with pytest.raises(ObjectMissing, match="bucket/a/none") as failure:
+        bucket.get("a/none")
+
+    assert isinstance(failure.value, StorageError)
+    assert failure.value.remedy
+
+
+def test_exists_tells_objects_from_folders_and_nothing(bucket):
+    bucket.put("a/b", b"x")
+
+    assert [bucket.exists(key) for key in ("a/b", "a/", "a/c")] == [True, False, False]
+
+
+def test_a_listing_leaves_the_neighbour_with_the_longer_name_out(bucket):
+    bucket.put("model-10/x", b"1")
+    bucket.put("model-1/y/z", b"22")
+
+    listed = bucket.list("model-1/")
+
+    assert [(info.key, info.size_bytes) for info in listed] == [("model-1/y/z", 2)]
+    assert listed[0].etag
+    assert listed[0].modified.tzinfo is not None
+
+
+def test_a_listing_without_the_closing_slash_is_refused(bucket):
+    with pytest.raises(ValueError, match="slash"):
+        bucket.list("model-1")
+
+
+def test_deleting_forgets_what_is_there_and_ignores_what_is_not(bucket):
+    bucket.put("a/b", b"x")
+    bucket.put("a/c", b"x")
+
+    bucket.delete(key for key in ("a/b", "a/none"))
+    bucket.delete([])
+
+    assert [info.key for info in bucket.list("a/")] == ["a/c"]
+
+
+def test_json_comes_back_as_it_went_on_one_line(bucket):
+    put_json(bucket, "a.json", {"b": [1, None, "ü"]})
+
+    assert get_json(bucket, "a.json") == {"b": [1, None, "ü"]}
+    assert b"\n" not in bucket.get("a.json")
+
+
+def test_json_that_is_none_is_named(bucket):
+    bucket.put("a.json", b"{")
+
+    with pytest.raises(ObjectDamaged, match=r"bucket/a\.json is not JSON"):
+        get_json(bucket, "a.json")

@@ -1,0 +1,291 @@
+"""A reader gets a whole checkpoint or a clear reason, whatever the trainer died of."""
+
+import json
+
+import pytest
+
+from drcli.errors import StorageError
+from drcli.store import keys
+from drcli.store.bucket import ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import KEEP, CheckpointStore
+from drcli.store.memory import MemoryBucket
+from drcli.store.scores import Score, Scores
+
+PREFIX = "team/model-1"
+
+
+class TrainerKilledError(Exception):
+    """Raised in the place of a write that never happens."""
+
+
+class MortalBucket(MemoryBucket):
+    """Lets its writer die before one of the next writes."""
+
+    writes_left = 1_000
+
+    def put(self, key: str, data: bytes) -> None:
+        if not self.writes_left:
+            raise TrainerKilledError
+        self.writes_left -= 1
+        super().put(key, data)
+
+
+@pytest.fixture
+def store(memory: MemoryBucket) -> CheckpointStore:
+    return CheckpointStore(memory, PREFIX)
+
+
+def names(bucket: MemoryBucket) -> list[str]:
+    found = {
+        keys.checkpoint_of(PREFIX, info.key) for info in bucket.list(keys.model_folder(PREFIX))
+    }
+    return [str(name) for name in sorted(name for name in found if name is not None)]
+
+
+def test_a_checkpoint_comes_back_with_its_counters_and_optimizer(store):
+    store.save(7, 4200, b"weights", optimizer=b"moments", sim_time_s=63.5, counters={"episodes": 9})
+
+    found = store.load_latest(with_optimizer=True)
+
+    assert found is not None
+    assert (found.tensors, found.optimizer, found.damaged) == (b"weights", b"moments", ())
+    assert (found.record.number, found.record.steps) == (7, 4200)
+    assert found.record.counters == {"episodes": 9}
+    assert found.record.sim_time_s == 63.5
+
+
+def test_the_optimizer_is_read_only_when_asked_for(store):
+    store.save(0, 0, b"weights", optimizer=b"moments")
+
+    assert store.load("0_Step-0.ckpt").optimizer is None
+
+
+def test_a_model_without_checkpoints_has_no_latest(store):
+    assert store.latest_name() is None
+    assert store.load_latest() is None
+    assert store.best_name() is None
+
+
+def test_the_pointer_is_the_plain_name_and_the_scores_are_one_line(store, memory):
+    store.save(0, 0, b"a", sim_time_s=0.0)
+    store.save(1, 2210, b"b", sim_time_s=147.25)
+
+    pointer = memory.get(f"{PREFIX}/model/.coach_checkpoint")
+    scores = memory.get(f"{PREFIX}/model/deepracer_checkpoints.json")
+
+    assert pointer == b"1_Step-2210.ckpt"
+    assert scores == (
+        b'{"best_checkpoint": {"name": "0_Step-0.ckpt", "avg_eval_metric": null, '
+        b'"time_stamp": 0.0}, "last_checkpoint": {"name": "1_Step-2210.ckpt", '
+        b'"avg_eval_metric": null, "time_stamp": 147.25}}'
+    )
+
+
+@pytest.mark.parametrize("writes", range(3))
+def test_a_trainer_killed_before_the_pointer_leaves_the_checkpoint_before(writes):
+    bucket = MortalBucket()
+    store = CheckpointStore(bucket, PREFIX)
+    store.save(8, 100, b"before", optimizer=b"m")
+    bucket.writes_left = writes
+
+    with pytest.raises(TrainerKilledError):
+        store.save(9, 200, b"after", optimizer=b"m")
+
+    found = store.load_latest(with_optimizer=True)
+    assert found is not None
+    assert (found.tensors, found.damaged) == (b"before", ())
+
+
+def test_an_unpublished_checkpoint_is_swept_when_its_place_is_taken(store, memory):
+    store.save(8, 100, b"before")
+    memory.put(keys.checkpoint_tensors(PREFIX, "9_Step-150.ckpt"), b"unpublished")
+
+    store.save(9, 200, b"after")
+
+    assert names(memory) == ["8_Step-100.ckpt", "9_Step-200.ckpt"]
+
+
+@pytest.mark.parametrize("content", [b"wei", b"weightz", b""])
+def test_a_damaged_checkpoint_is_passed_over_and_named(store, memory, content):
+    store.save(9, 100, b"good one")
+    store.save(10, 200, b"weights")
+    memory.put(keys.checkpoint_tensors(PREFIX, "10_Step-200.ckpt"), content)
+
+    found = store.load_latest()
+
+    assert found is not None
+    assert found.tensors == b"good one"
+    assert len(found.damaged) == 1
+    assert "10_Step-200.ckpt.safetensors is damaged" in found.damaged[0]
+
+
+def test_a_checkpoint_without_its_record_is_passed_over(store, memory):
+    for number in (9, 10):
+        store.save(number, 100, b"weights %d" % number)
+    memory.delete([keys.checkpoint_record(PREFIX, "10_Step-100.ckpt")])
+
+    found = store.load_latest()
+
+    assert found is not None
+    assert found.tensors == b"weights 9"
+    assert [text.partition(":")[0] for text in found.damaged] == ["10_Step-100.ckpt"]
+
+
+def test_whole_weights_go_on_without_a_damaged_optimizer(store, memory):
+    store.save(10, 100, b"weights", optimizer=b"moments")
+    memory.put(keys.checkpoint_optimizer(PREFIX, "10_Step-100.ckpt"), b"moment")
+
+    found = store.load_latest(with_optimizer=True)
+
+    assert found is not None
+    assert (found.tensors, found.optimizer, found.damaged) == (b"weights", None, ())
+
+
+def test_an_optimizer_that_follows_belongs_to_its_checkpoint_and_replaces_older_ones(store, memory):
+    before = store.save(9, 100, b"before")
+    store.attach_optimizer(before, b"old moments")
+    after = store.save(10, 200, b"after")
+
+    store.attach_optimizer(after, b"moments")
+
+    found = store.load_latest(with_optimizer=True)
+    assert found is not None
+    assert (found.tensors, found.optimizer) == (b"after", b"moments")
+    assert not memory.exists(keys.checkpoint_optimizer(PREFIX, "9_Step-100.ckpt"))
+
+
+@pytest.mark.parametrize("record", [b"{", b"[]", b'{"name": 1}', b'{"tensors": {}}'])
+def test_an_unreadable_record_counts_as_damage(store, memory, record):
+    store.save(0, 0, b"weights")
+    memory.put(keys.checkpoint_record(PREFIX, "0_Step-0.ckpt"), record)
+
+    with pytest.raises(ObjectDamaged, match=r"0_Step-0\.ckpt\.json"):
+        store.load("0_Step-0.ckpt")
+
+
+def test_when_no_checkpoint_is_whole_each_is_named(store, memory):
+    store.save(0, 0, b"a")
+    store.save(1, 5, b"b")
+    for name in ("0_Step-0.ckpt", "1_Step-5.ckpt"):
+        memory.put(keys.checkpoint_tensors(PREFIX, name), b"?!")
+
+    with pytest.raises(StorageError, match=r"1_Step-5.*0_Step-0"):
+        store.load_latest()
+
+
+@pytest.mark.parametrize("pointer", [None, b"", b"{}"])
+def test_a_lost_pointer_loses_no_checkpoint(store, memory, pointer):
+    store.save(9, 100, b"older")
+    store.save(10, 200, b"newest")
+    if pointer is None:
+        memory.delete([keys.coach_checkpoint(PREFIX)])
+    else:
+        memory.put(keys.coach_checkpoint(PREFIX), pointer)
+
+    found = store.load_latest()
+
+    assert found is not None
+    assert found.tensors == b"newest"
+
+
+def test_a_trainer_that_fell_back_points_everybody_to_the_older_checkpoint(store, memory):
+    store.save(9, 100, b"good")
+    store.save(10, 200, b"weights")
+    memory.put(keys.checkpoint_tensors(PREFIX, "10_Step-200.ckpt"), b"broken")
+    found = store.load_latest()
+    assert found is not None
+
+    store.point_to(found.record)
+    store.save(10, 180, b"again")
+
+    assert store.latest_name() == "10_Step-180.ckpt"
+    assert names(memory) == ["9_Step-100.ckpt", "10_Step-180.ckpt"]
+
+
+def test_only_the_newest_checkpoints_and_the_best_are_kept(store, memory):
+    for number in range(8):
+        store.save(number, 100 * number, b"weights", optimizer=b"moments")
+        memory.put(keys.checkpoint_graph(PREFIX, number), b"graph")
+        if number == 1:
+            store.record_evaluation("1_Step-100.ckpt", 50.0)
+    memory.put(f"{PREFIX}/model/model_metadata.json", b"{}")
+
+    store.save(8, 800, b"weights")
+
+    kept = ["1_Step-100.ckpt", *(f"{n}_Step-{n}00.ckpt" for n in range(9 - KEEP, 9))]
+    assert names(memory) == kept
+    assert store.load("1_Step-100.ckpt", with_optimizer=True).optimizer == b"moments"
+    assert not memory.exists(keys.checkpoint_graph(PREFIX, 2))
+    assert memory.exists(keys.checkpoint_graph(PREFIX, 7))
+    assert memory.exists(f"{PREFIX}/model/model_metadata.json")
+
+
+def test_a_neighbour_with_a_longer_name_is_never_pruned(memory):
+    CheckpointStore(memory, "model-10").save(0, 0, b"theirs")
+
+    for number in range(6):
+        CheckpointStore(memory, "model-1").save(number, 0, b"ours")
+
+    assert memory.exists("model-10/model/0_Step-0.ckpt.safetensors")
+
+
+def test_the_best_is_the_highest_mean_and_a_tie_goes_to_the_newer(store):
+    for number in range(4):
+        store.save(number, number, b"weights")
+
+    became_best = [
+        store.record_evaluation(f"{number}_Step-{number}.ckpt", mean)
+        for number, mean in enumerate([40.0, 60.0, 50.0, 60.0])
+    ]
+
+    assert became_best == [True, True, False, True]
+    assert store.best_name() == "3_Step-3.ckpt"
+
+
+def test_the_best_lap_time_is_the_lowest(store):
+    store.save(0, 0, b"weights")
+    store.save(1, 1, b"weights")
+
+    store.record_evaluation("0_Step-0.ckpt", 14_000.0, lower_is_better=True)
+
+    assert not store.record_evaluation("1_Step-1.ckpt", 15_000.0, lower_is_better=True)
+    assert store.best_name() == "0_Step-0.ckpt"
+
+
+def test_the_evaluation_of_the_last_checkpoint_shows_in_its_line(store, memory):
+    store.save(0, 0, b"weights", sim_time_s=1.5)
+
+    store.record_evaluation("0_Step-0.ckpt", 64.3)
+
+    line = json.loads(memory.get(keys.deepracer_checkpoints(PREFIX)))["last_checkpoint"]
+    assert line == {"name": "0_Step-0.ckpt", "avg_eval_metric": 64.3, "time_stamp": 1.5}
+
+
+def test_a_late_evaluation_of_a_pruned_checkpoint_changes_nothing(store):
+    for number in range(6):
+        store.save(number, 0, b"weights")
+
+    assert not store.record_evaluation("1_Step-0.ckpt", 100.0)
+    assert store.best_name() == "0_Step-0.ckpt"
+
+
+def test_unreadable_scores_do_not_end_a_training(store, memory):
+    store.save(0, 0, b"weights")
+    memory.put(keys.deepracer_checkpoints(PREFIX), b"[]")
+
+    store.save(1, 5, b"weights")
+
+    assert store.best_name() == "1_Step-5.ckpt"
+
+
+def test_scores_keep_what_is_known_of_a_checkpoint_that_is_pointed_to_again():
+    best = Score("1_Step-1.ckpt", 70.0, 2.0)
+    scores = Scores(best, Score("2_Step-2.ckpt", None, 3.0))
+
+    assert scores.metric_of("1_Step-1.ckpt") == 70.0
+    assert scores.metric_of("2_Step-2.ckpt") is None
+
+
+def test_loading_a_checkpoint_that_does_not_exist_names_it(store):
+    with pytest.raises(ObjectMissing, match=r"5_Step-5\.ckpt"):
+        store.load("5_Step-5.ckpt")

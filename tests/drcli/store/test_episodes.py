@@ -1,0 +1,105 @@
+"""Episodes survive the way to bytes and back; anything else is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drcli.store.bucket import ObjectDamaged
+from drcli.store.episodes import Episodes, join_episodes, pack_episodes, unpack_episodes
+
+
+def played(lengths: list[int], *, first: int = 0, continuous: bool = False) -> Episodes:
+    """Episodes of the given lengths with recognisable contents."""
+    steps = sum(lengths)
+    rng = np.random.default_rng(steps)
+    actions = rng.random((steps, 2), np.float32) if continuous else rng.integers(0, 9, steps)
+    return Episodes(
+        frames=rng.integers(0, 255, (steps, 12, 16), np.uint8),
+        actions=actions,
+        log_probs=rng.random(steps, np.float32),
+        values=rng.random(steps, np.float32),
+        rewards=rng.random(steps, np.float32),
+        episode_numbers=np.arange(first, first + len(lengths)),
+        episode_lengths=np.array(lengths),
+        extras={"last_values": rng.random(len(lengths), np.float32)},
+        notes={"world": "reinvent_base"},
+    )
+
+
+def assert_same(got: Episodes, expected: Episodes) -> None:
+    for name in ("frames", "actions", "log_probs", "values", "rewards", "episode_numbers"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+        assert getattr(got, name).dtype == getattr(expected, name).dtype
+    np.testing.assert_array_equal(got.episode_lengths, expected.episode_lengths)
+    assert set(got.extras) == set(expected.extras)
+    for name, column in expected.extras.items():
+        np.testing.assert_array_equal(got.extras[name], column)
+    assert got.notes == expected.notes
+
+
+@given(st.lists(st.integers(1, 5), min_size=1, max_size=4), st.booleans())
+def test_episodes_come_back_as_they_were(lengths, continuous):
+    episodes = played(lengths, continuous=continuous)
+
+    assert_same(unpack_episodes(pack_episodes(episodes)), episodes)
+
+
+def test_slices_of_a_larger_buffer_are_packed_right():
+    episodes = played([4, 4])
+    every_other = replace(
+        episodes,
+        frames=np.repeat(episodes.frames, 2, axis=0)[::2],
+        rewards=np.repeat(episodes.rewards, 2)[::2],
+    )
+
+    assert_same(unpack_episodes(pack_episodes(every_other)), episodes)
+
+
+def test_parts_are_joined_in_order():
+    joined = join_episodes([played([3, 2]), played([4], first=2)])
+
+    assert joined.count == 3
+    np.testing.assert_array_equal(joined.episode_numbers, [0, 1, 2])
+    np.testing.assert_array_equal(joined.episode_lengths, [3, 2, 4])
+    np.testing.assert_array_equal(joined.frames[5:], played([4]).frames)
+    assert joined.frames.flags.writeable  # torch takes no others without a warning
+
+
+@pytest.mark.parametrize("end", [0, 4, 100, -1])
+def test_truncated_bytes_are_refused(end):
+    data = pack_episodes(played([3]))
+
+    with pytest.raises(ObjectDamaged, match="bucket/k holds no episodes"):
+        unpack_episodes(data[:end], where="bucket/k")
+
+
+def test_another_schema_is_refused():
+    data = pack_episodes(played([3])).replace(b'"schema":"1"', b'"schema":"9"')
+
+    with pytest.raises(ObjectDamaged, match="schema 9 instead of 1"):
+        unpack_episodes(data)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"frames": np.zeros((3, 12, 16), np.float32)}, "frames"),
+        ({"actions": np.zeros(3, np.int32)}, "actions"),
+        ({"rewards": np.zeros(2, np.float32)}, "rewards has 2 rows"),
+        ({"values": np.zeros(3)}, "values are float32"),
+        ({"episode_lengths": np.array([2])}, "Episodes of 2 steps"),
+        ({"episode_numbers": np.array([1, 2])}, "one number and one length"),
+        ({"frames": np.zeros((0, 12, 16), np.uint8)}, "without a single step"),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused(change, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        replace(played([3]), **change)
+
+
+def test_parts_with_different_columns_cannot_be_joined():
+    with pytest.raises(ValueError, match="extra columns"):
+        join_episodes([played([3]), replace(played([3]), extras={})])

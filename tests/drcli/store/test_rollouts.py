@@ -1,0 +1,264 @@
+"""Workers hand in, the trainer takes: only what a manifest confirms, and nobody waits unheard."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drcli.errors import StorageError
+from drcli.store import collection, keys
+from drcli.store.bucket import ObjectDamaged, ObjectMissing
+from drcli.store.collection import RolloutReader, Waiting
+from drcli.store.episodes import Episodes
+from drcli.store.memory import MemoryBucket
+from drcli.store.rollouts import Manifest, RolloutWriter, find_manifest, new_session
+
+PREFIX = "team/model-1"
+CHECKPOINT = "3_Step-900.ckpt"
+
+
+def played(steps: int, number: int = 0) -> Episodes:
+    column = np.arange(steps, dtype=np.float32)
+    return Episodes(
+        frames=np.full((steps, 12, 16), number, np.uint8),
+        actions=np.arange(steps),
+        log_probs=column,
+        values=column,
+        rewards=column,
+        episode_numbers=np.array([number]),
+        episode_lengths=np.array([steps]),
+    )
+
+
+def writer(bucket, worker=0, *, session="s1", checkpoint=CHECKPOINT, iteration=3) -> RolloutWriter:
+    return RolloutWriter(
+        bucket, PREFIX, iteration=iteration, worker=worker, checkpoint=checkpoint, session=session
+    )
+
+
+def hand_in(bucket, worker=0, **kind) -> Manifest:
+    sending = writer(bucket, worker, **kind)
+    sending.add(played(5, 10 * worker))
+    sending.add(played(7, 10 * worker + 1))
+    return sending.finish({"seconds": 2.5})
+
+
+class Clock:
+    """Time that passes only while somebody waits; things may happen meanwhile."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.happens = {}
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def pause(self, seconds: float) -> None:
+        assert seconds > 0
+        self.now_s += seconds
+        for due_s in [due_s for due_s in self.happens if due_s <= self.now_s]:
+            self.happens.pop(due_s)()
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def reader(memory, clock):
+    reader = RolloutReader(memory, PREFIX, clock=clock, pause=clock.pause)
+    yield reader
+    reader.close()
+
+
+def wait(reader, workers, *, patience_s=100.0, **kind):
+    return reader.wait_manifests(3, CHECKPOINT, workers, patience_s=patience_s, **kind)
+
+
+def test_what_a_worker_played_arrives_part_by_part(bucket):
+    reader = RolloutReader(bucket, PREFIX)
+    manifest = hand_in(bucket)
+
+    arrived = wait(reader, [0])
+    parts = reader.read(arrived[0])
+    reader.close()
+
+    assert arrived == {0: manifest}
+    assert (manifest.episodes, manifest.steps, manifest.notes) == (2, 12, {"seconds": 2.5})
+    assert [(part.steps, int(part.frames[0, 0, 0])) for part in parts] == [(5, 0), (7, 1)]
+
+
+def test_a_manifest_comes_back_from_its_bytes(memory):
+    manifest = hand_in(memory, 2)
+
+    assert Manifest.from_bytes(manifest.to_bytes()) == manifest
+    assert find_manifest(memory, PREFIX, 3, 2) == manifest
+    assert find_manifest(memory, PREFIX, 4, 2) is None
+
+
+@pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"parts": [{}]}'])
+def test_other_bytes_are_no_manifest(memory, data):
+    memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
+
+    with pytest.raises(ObjectDamaged, match="is no manifest"):
+        Manifest.from_bytes(data)
+    assert find_manifest(memory, PREFIX, 3, 0) is None
+
+
+def test_the_caller_may_reuse_its_arrays_after_adding(memory, reader):
+    episodes = played(5, 1)
+    sending = writer(memory)
+
+    sending.add(episodes)
+    episodes.frames[:] = 99
+    manifest = sending.finish()
+
+    assert int(reader.read(manifest)[0].frames.max()) == 1
+
+
+def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
+    class FullBucket(MemoryBucket):
+        def put(self, key: str, data: bytes) -> None:
+            raise StorageError("The disk is full.", remedy="Make room.")
+
+    bucket = FullBucket()
+    sending = writer(bucket)
+    sending.add(played(5))
+
+    with pytest.raises(StorageError, match="disk is full"):
+        sending.finish()
+
+    assert find_manifest(bucket, PREFIX, 3, 0) is None
+
+
+def test_an_abandoned_rollout_has_no_manifest(memory):
+    sending = writer(memory)
+    sending.add(played(5))
+
+    sending.abandon()
+
+    assert find_manifest(memory, PREFIX, 3, 0) is None
+
+
+def test_a_restarted_worker_overwrites_no_part_of_its_former_self(memory, reader):
+    before = hand_in(memory, session=new_session())
+    after = hand_in(memory, session=new_session())
+
+    assert not {part.key for part in before.parts} & {part.key for part in after.parts}
+    assert wait(reader, [0])[0] == after
+
+
+def test_a_manifest_of_another_checkpoint_counts_as_missing(memory, reader, clock):
+    hand_in(memory, checkpoint="3_Step-880.ckpt", session="old")
+    clock.happens[20.0] = lambda: hand_in(memory, session="new")
+
+    arrived = wait(reader, [0])
+
+    assert arrived[0].session == "new"
+    assert 20.0 <= clock.now_s < 21.5
+
+
+def test_the_wait_says_who_is_missing_and_goes_on_without(memory, reader, clock):
+    hand_in(memory, 1)
+    said: list[Waiting] = []
+
+    arrived = wait(reader, [0, 1, 2], patience_s=25.0, on_wait=said.append, report_every_s=10.0)
+
+    assert list(arrived) == [1]
+    assert [waiting.missing for waiting in said] == [(0, 2)] * 3
+    assert [waiting.gave_up for waiting in said] == [False, False, True]
+    assert clock.now_s == pytest.approx(25.0)
+    assert str(said[-1]) == (
+        "The trainer has been waiting 25 s for iteration 3 of simulation worker 0, 2; "
+        "going on without."
+    )
+
+
+def test_a_stop_ends_the_wait(memory, reader, clock):
+    assert wait(reader, [0], should_stop=lambda: clock.now_s > 5) == {}
+    assert clock.now_s < 6
+
+
+def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
+    asked: list[str] = []
+
+    class WatchedBucket(MemoryBucket):
+        def get(self, key: str) -> bytes:
+            asked.append(f"{clock.now_s:.0f} {key.rpartition('/')[2]}")
+            return super().get(key)
+
+    bucket = WatchedBucket()
+    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=clock.pause)
+    sending = writer(bucket)
+    sending.add(played(5))
+    sending._uploads[0].result()
+    clock.happens[10.0] = sending.finish
+
+    manifest = wait(reader, [0])[0]
+    reader.read(manifest)
+    reader.close()
+
+    assert asked[0] == "0 s1-0.safetensors"
+    assert len([line for line in asked if line.endswith("s1-0.safetensors")]) == 1
+
+
+def test_no_more_is_fetched_ahead_than_memory_allows(memory, reader, monkeypatch):
+    monkeypatch.setattr(collection, "PREFETCH_BYTES", 0)
+    manifest = hand_in(memory)
+
+    wait(reader, [0])
+
+    assert reader._fetched == {}
+    assert len(reader.read(manifest)) == 2
+
+
+def test_a_part_that_its_manifest_does_not_confirm_is_refused(memory, reader):
+    manifest = hand_in(memory)
+    key = manifest.parts[1].key
+    memory.put(key, memory.get(manifest.parts[0].key))
+
+    with pytest.raises(ObjectDamaged, match=rf"{key} is damaged") as failure:
+        reader.read(manifest)
+
+    assert "worker 0 must play iteration 3 again" in failure.value.remedy
+
+
+def test_a_part_that_was_fetched_too_early_is_fetched_again(memory, reader):
+    manifest = hand_in(memory)
+    whole = memory.get(manifest.parts[0].key)
+    memory.put(manifest.parts[0].key, whole[:50])
+    wait(reader, [0])
+    reader._fetched[manifest.parts[0].key].result()
+
+    memory.put(manifest.parts[0].key, whole)
+
+    assert len(reader.read(manifest)) == 2
+
+
+def test_a_part_that_is_gone_is_named(memory, reader):
+    manifest = hand_in(memory)
+    memory.delete([manifest.parts[0].key])
+
+    with pytest.raises(ObjectMissing, match=manifest.parts[0].key):
+        reader.read(manifest)
+
+
+def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):
+    hand_in(memory, iteration=2)
+    hand_in(memory, iteration=3)
+    hand_in(memory, iteration=10)
+    other = replace(played(5), notes={})
+    neighbour = RolloutWriter(
+        memory, f"{PREFIX}/3", iteration=0, worker=0, checkpoint=CHECKPOINT, session="s"
+    )
+    neighbour.add(other)
+    neighbour.finish()
+
+    reader.delete_learned(3)
+
+    left = {info.key for info in memory.list("rollouts/")}
+    assert {key.split("/")[3] for key in left} == {"3", "10"}
+    assert all(
+        key.startswith((f"rollouts/{PREFIX}/3/0/0/", f"rollouts/{PREFIX}/10/")) for key in left
+    )

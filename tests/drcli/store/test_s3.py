@@ -1,0 +1,208 @@
+"""Patience with servers in trouble, and the sentence once it ends."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from botocore.exceptions import ClientError, EndpointConnectionError
+from botocore.response import StreamingBody
+
+from drcli.errors import StorageError
+from drcli.store import failures, s3
+from drcli.store.bucket import ObjectMissing
+from drcli.store.endpoint import Endpoint
+from drcli.store.s3 import S3Bucket
+
+LOCAL = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone")
+REMOTE = Endpoint("http://127.0.0.1:1", "AKkey", "secret")
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.pauses_s: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def pause(self, seconds: float) -> None:
+        self.now_s += seconds
+        self.pauses_s.append(seconds)
+
+
+def answer(code: str, status: int) -> ClientError:
+    return ClientError(
+        {"Error": {"Code": code}, "ResponseMetadata": {"HTTPStatusCode": status}}, "GetObject"
+    )
+
+
+SILENT = EndpointConnectionError(endpoint_url="http://127.0.0.1:1")
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def scripted(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Callable[..., S3Bucket]:
+    """A bucket whose server answers a read with these failures, one after the other."""
+
+    def make(*answers: Exception, endpoint: Endpoint = LOCAL, repeat: bool = False) -> S3Bucket:
+        bucket = S3Bucket(endpoint, "bucket", patience_s=60, clock=clock, pause=clock.pause)
+        script = list(answers)
+
+        def get_object(**_: str) -> dict[str, StreamingBody]:
+            if script:
+                raise script[0] if repeat else script.pop(0)
+            return {"Body": StreamingBody(io.BytesIO(b"data"), 4)}
+
+        monkeypatch.setattr(bucket._client, "get_object", get_object)
+        return bucket
+
+    return make
+
+
+def test_a_server_that_comes_back_within_the_patience_is_no_failure(scripted, clock):
+    bucket = scripted(SILENT, SILENT, SILENT)
+
+    assert bucket.get("k") == b"data"
+    assert clock.pauses_s == [0.05, 0.1, 0.2]
+
+
+def test_a_read_during_an_overwrite_is_repeated(scripted):
+    bucket = scripted(answer("InternalError", 500))
+
+    assert bucket.get("k") == b"data"
+
+
+def test_a_silent_server_is_given_up_after_the_patience(scripted, clock):
+    bucket = scripted(SILENT, endpoint=REMOTE, repeat=True)
+
+    with pytest.raises(StorageError, match=r"nothing answers") as failure:
+        bucket.get("m/k")
+
+    assert clock.now_s == pytest.approx(60)
+    assert max(clock.pauses_s) == 1.0
+    assert "bucket/m/k at http://127.0.0.1:1 (DR_REMOTE_MINIO_URL)" in str(failure.value)
+    assert "DR_REMOTE_MINIO_URL" in failure.value.remedy
+
+
+def test_a_server_with_an_inner_failure_gets_a_tenth_of_the_patience(scripted, clock):
+    bucket = scripted(answer("InternalError", 500), repeat=True)
+
+    with pytest.raises(StorageError, match="500 InternalError"):
+        bucket.get("k")
+
+    assert clock.now_s == pytest.approx(6)
+
+
+@pytest.mark.parametrize("code", ["SignatureDoesNotMatch", "InvalidAccessKeyId", "AccessDenied"])
+def test_refused_keys_are_no_matter_of_patience(scripted, clock, code):
+    bucket = scripted(answer(code, 403), endpoint=REMOTE, repeat=True)
+
+    with pytest.raises(StorageError, match=r"refuses the access keys of DR_LOCAL_S3_PROFILE"):
+        bucket.get("k")
+
+    assert clock.pauses_s == []
+
+
+def test_a_missing_bucket_names_the_variable(scripted):
+    bucket = scripted(answer("NoSuchBucket", 404), repeat=True)
+
+    with pytest.raises(StorageError, match=r"no bucket 'bucket'.*DR_LOCAL_S3_BUCKET") as failure:
+        bucket.get("k")
+
+    assert not isinstance(failure.value, ObjectMissing)
+
+
+def test_a_full_server_is_said_to_be_full_at_once(scripted, clock):
+    bucket = scripted(answer("XMinioStorageFull", 507), repeat=True)
+
+    with pytest.raises(StorageError, match="disk is full") as failure:
+        bucket.get("k")
+
+    assert clock.pauses_s == []
+    assert "Make room" in failure.value.remedy
+
+
+def test_a_failed_write_on_a_full_local_disk_says_so(tmp_path: Path, monkeypatch):
+    endpoint = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone", data_dir=tmp_path)
+    attempt = failures.Attempt("write", endpoint, "bucket", "m/k", size_bytes=10**18)
+
+    found = failures.explain(answer("InternalError", 500), attempt)
+
+    assert str(found) == (
+        f"Cannot write bucket/m/k at http://127.0.0.1:1: the disk under {tmp_path} is full."
+    )
+
+
+def test_a_profile_that_does_not_exist_is_named(monkeypatch, tmp_path):
+    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "none"))
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+
+    with pytest.raises(StorageError, match=r"no profile 'minio'.*DR_LOCAL_S3_PROFILE"):
+        S3Bucket(Endpoint("http://127.0.0.1:1", profile="minio"), "bucket")
+
+
+def test_missing_keys_name_the_profile_setting(monkeypatch, tmp_path):
+    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "none"))
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_DEFAULT_PROFILE"):
+        monkeypatch.delenv(name, raising=False)
+    s3._session.cache_clear()
+
+    with pytest.raises(StorageError, match="no access keys"):
+        S3Bucket(Endpoint("http://127.0.0.1:1"), "bucket", patience_s=0).get("k")
+
+    s3._session.cache_clear()
+
+
+def test_secret_keys_are_not_printed():
+    assert "secret" not in repr(LOCAL)
+
+
+def test_a_listing_of_several_pages_is_complete_and_sorted(wire, monkeypatch):
+    monkeypatch.setattr(s3, "_PAGE_KEYS", 2)
+    for name in "edcba":
+        wire.put(f"m/{name}", b"")
+
+    assert [info.key for info in wire.list("m/")] == ["m/a", "m/b", "m/c", "m/d", "m/e"]
+
+
+def test_more_keys_than_one_request_takes_are_all_deleted(wire, monkeypatch):
+    monkeypatch.setattr(s3, "_PAGE_KEYS", 2)
+    for name in "abcde":
+        wire.put(f"m/{name}", b"")
+
+    wire.delete(f"m/{name}" for name in "abcde")
+
+    assert wire.list("m/") == []
+
+
+def test_a_large_object_travels_in_parts_and_arrives_whole(wire, monkeypatch):
+    monkeypatch.setattr(s3, "MULTIPART_FROM_BYTES", 6 << 20)
+    monkeypatch.setattr(s3, "_PART_BYTES", 5 << 20)
+    data = bytes(range(256)) * (12 << 12)
+
+    wire.put("m/large", data)
+
+    assert wire.get("m/large") == data
+    assert wire.list("m/")[0].etag.endswith("-3")  # S3 counts the parts there
+
+
+def test_a_probe_leaves_nothing_behind(wire):
+    wire.probe()
+
+    assert wire.list("") == []
+
+
+def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
+    bucket = S3Bucket(moto_endpoint, "another", patience_s=0)
+
+    with pytest.raises(StorageError, match="no bucket 'another'"):
+        bucket.probe()

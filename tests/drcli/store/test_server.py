@@ -1,0 +1,227 @@
+"""The embedded server: started once, found again, safe from crashes, strangers and rivals."""
+
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drcli.errors import StorageError
+from drcli.store import process, server
+from drcli.store.backoff import wait_until
+from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.store.lock import exclusive
+from drcli.store.s3 import S3Bucket
+
+FIND = """
+import sys
+from pathlib import Path
+from drcli.store import server
+from drcli.store.endpoint import StorageConfig
+print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid)
+"""
+
+
+def kill(endpoint: Endpoint) -> None:
+    assert endpoint.pid is not None
+    os.kill(endpoint.pid, signal.SIGKILL)
+    assert wait_until(
+        lambda: not process.is_running(endpoint.pid, str(endpoint.url)[7:]), patience_s=10
+    )
+
+
+def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
+    with closing(server.connect(local)) as bucket:
+        bucket.probe()
+        bucket.put("model/x/y", b"content")
+
+    assert (local.data_dir / "bucket" / "model" / "x" / "y").read_bytes() == b"content"
+    assert [path.name for path in (local.data_dir / "bucket").iterdir()] == ["model"]
+
+
+def test_the_state_with_the_keys_is_for_its_owner_alone(local):
+    endpoint = server.ensure_running(local)
+    state = local.data_dir / ".server.json"
+
+    assert stat.S_IMODE(state.stat().st_mode) == 0o600
+    assert json.loads(state.read_text())["secret_key"] == endpoint.secret_key
+    command = Path(f"/proc/{endpoint.pid}/cmdline")
+    if command.exists():
+        assert str(endpoint.secret_key) not in command.read_text()
+
+
+def test_another_process_finds_the_running_server(local):
+    endpoint = server.ensure_running(local)
+
+    found = subprocess.run(
+        [sys.executable, "-c", FIND, str(local.data_dir)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+
+    assert int(found.stdout) == endpoint.pid
+    assert server.find_running(local) == endpoint
+
+
+def test_objects_and_address_survive_a_killed_server_and_its_leftovers_are_swept(local):
+    endpoint = server.ensure_running(local)
+    bucket = S3Bucket(endpoint, "bucket")
+    bucket.put("m/k", b"kept")
+    kill(endpoint)
+    leftover = local.data_dir / "bucket" / "m" / ".rclone_temp_put_1"
+    leftover.write_bytes(b"half")
+
+    again = server.ensure_running(local)
+
+    assert bucket.get("m/k") == b"kept"
+    assert (again.url, again.secret_key) == (endpoint.url, endpoint.secret_key)
+    assert again.pid != endpoint.pid
+    assert not leftover.exists()
+    bucket.close()
+
+
+def test_a_call_during_an_outage_succeeds_once_the_server_is_back(local):
+    endpoint = server.ensure_running(local)
+    bucket = S3Bucket(endpoint, "bucket", patience_s=60)
+    bucket.put("m/k", b"kept")
+    kill(endpoint)
+
+    with ThreadPoolExecutor(1) as other:
+        reading = other.submit(bucket.get, "m/k")
+        server.ensure_running(local)
+
+        assert reading.result(timeout=60) == b"kept"
+    bucket.close()
+
+
+def test_two_starters_at_once_start_one_server(local):
+    starters = [
+        subprocess.Popen(
+            [sys.executable, "-c", FIND, str(local.data_dir)], stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+
+    pids = {starter.communicate(timeout=120)[0] for starter in starters}
+
+    assert len(pids) == 1
+    assert pids != {""}
+
+
+def test_a_wrong_key_is_refused(local):
+    endpoint = server.ensure_running(local)
+    stranger = S3Bucket(replace(endpoint, secret_key="guessed", engine=None), "bucket")
+
+    with pytest.raises(StorageError, match="refuses the access keys"):
+        stranger.get("m/k")
+    stranger.close()
+
+
+def test_our_own_files_are_nobodys_objects(local):
+    endpoint = server.ensure_running(local)
+
+    with (
+        closing(S3Bucket(endpoint, ".server.json")) as bucket,
+        pytest.raises(StorageError, match=r"no bucket '\.server\.json'"),
+    ):
+        bucket.list("")
+
+
+def test_a_port_that_somebody_else_uses_is_named_with_its_setting(local):
+    with socket.socket() as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        stranger.listen()
+        port = stranger.getsockname()[1]
+
+        with pytest.raises(StorageError, match=rf"port {port} \(DR_LOCAL_S3_PORT\)"):
+            server.ensure_running(replace(local, port=port))
+
+
+def test_a_remembered_port_that_was_taken_meanwhile_is_replaced(local):
+    first = server.ensure_running(local)
+    server.stop(local)
+
+    with socket.socket() as stranger:
+        stranger.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        stranger.bind(("127.0.0.1", int(str(first.url).rpartition(":")[2])))
+        stranger.listen()
+        second = server.ensure_running(local)
+
+    assert second.url != first.url
+    assert second.secret_key == first.secret_key
+
+
+def test_a_server_that_works_is_not_replaced_by_another_kind(local):
+    server.ensure_running(local)
+
+    with pytest.raises(StorageError, match="DR_LOCAL_S3_ENGINE asks for moto"):
+        server.ensure_running(replace(local, engine="moto"))
+
+
+def test_stopping_ends_the_server_and_says_whether_there_was_one(local):
+    endpoint = server.ensure_running(local)
+
+    assert server.stop(local)
+    assert not server.stop(local)
+    assert not process.is_running(endpoint.pid, str(endpoint.url)[7:])
+    assert server.find_running(local) is None
+
+
+def test_moto_serves_throw_away_runs(local):
+    with closing(server.connect(replace(local, engine="moto"))) as bucket:
+        bucket.probe()
+
+
+def test_minio_that_is_not_installed_comes_with_a_remedy(local, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+
+    with pytest.raises(StorageError, match="'minio'") as failure:
+        server.ensure_running(replace(local, engine="minio"))
+
+    assert "DR_LOCAL_S3_ENGINE=rclone" in failure.value.remedy
+
+
+def test_a_remote_bucket_needs_an_address(tmp_path):
+    config = StorageConfig("remote", "bucket", tmp_path)
+
+    with pytest.raises(StorageError, match="DR_REMOTE_MINIO_URL is not set"):
+        server.ensure_running(config)
+
+
+def test_remote_and_amazon_addresses_start_nothing(tmp_path):
+    remote = StorageConfig("remote", "bucket", tmp_path / "s3", endpoint_url="http://minio:9000")
+    amazon = StorageConfig("aws", "bucket", tmp_path / "s3", region="eu-west-1", profile="racer")
+
+    assert server.ensure_running(remote).url == "http://minio:9000"
+    assert server.ensure_running(amazon) == Endpoint(None, profile="racer", region="eu-west-1")
+    assert not (tmp_path / "s3").exists()
+
+
+def test_a_lock_that_stays_held_is_a_failure_with_its_file(tmp_path):
+    path = tmp_path / "lock"
+
+    with (
+        exclusive(path, patience_s=0),
+        pytest.raises(StorageError, match=str(path)),
+        exclusive(path, patience_s=0),
+    ):
+        pass
+
+
+def test_a_damaged_state_file_is_named(local):
+    local.data_dir.mkdir()
+    (local.data_dir / ".server.json").write_text("{")
+
+    with pytest.raises(StorageError, match=r"\.server\.json is damaged"):
+        server.ensure_running(local)
+
+    (local.data_dir / ".server.json").unlink()

@@ -1,0 +1,105 @@
+"""run.env and system.env, line by line."""
+
+import contextlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drcli.envfile import LARGEST_BYTES, parse_env
+from drcli.errors import SettingsError
+
+
+@pytest.mark.parametrize(
+    ("data", "value"),
+    [
+        pytest.param(b"A=one two", "one two", id="value-with-a-space"),
+        pytest.param(b"A=b=c=d", "b=c=d", id="value-with-equal-signs"),
+        pytest.param(b'A="0.23,-1;0.46,1"', "0.23,-1;0.46,1", id="double-quotes"),
+        pytest.param(b"A='$B'", "$B", id="single-quotes"),
+        pytest.param(b"export A=1", "1", id="export"),
+        pytest.param(b"A=1 # once", "1", id="comment-behind"),
+        pytest.param(b"A=1#2", "1#2", id="hash-inside"),
+        pytest.param(b"\xef\xbb\xbfA=1", "1", id="byte-order-mark"),
+        pytest.param(b"\r\n# x\r\nA=1\r\n", "1", id="windows-line-ends"),
+        pytest.param(b"A=", "", id="empty"),
+        pytest.param(b"A = 1", "1", id="spaces-around-the-equal-sign"),
+        pytest.param(b"A=$(touch /tmp/x)", "$(touch /tmp/x)", id="commands-are-only-text"),
+        pytest.param("A=Grün".encode(), "Grün", id="beyond-ascii"),
+    ],
+)
+def test_a_value_is_read_as_it_was_meant(data, value):
+    file = parse_env(data, "run.env")
+
+    assert [(entry.name, entry.value) for entry in file.entries] == [("A", value)]
+    assert file.findings == ()
+
+
+@pytest.mark.parametrize("data", [b"", b"\n", b"   ", b"# only a comment", b"\xef\xbb\xbf"])
+def test_a_file_without_settings_is_fine(data):
+    file = parse_env(data, "run.env")
+
+    assert (file.entries, file.findings) == ((), ())
+
+
+def test_every_entry_knows_its_line():
+    file = parse_env(b"# top\r\n\r\nA=1\r\n\r\n  \r\nB='x'\n\nC=3", "run.env")
+
+    assert [entry.where for entry in file.entries] == [
+        "run.env line 3",
+        "run.env line 6",
+        "run.env line 8",
+    ]
+
+
+def test_names_in_single_quotes_are_not_filled_in():
+    file = parse_env(b"A='$X'\nB=\"$X\"\nC=$X", "run.env")
+
+    assert [entry.expands for entry in file.entries] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence", "remedy"),
+    [
+        (b"DR_WORKERS", "run.env line 2: DR_WORKERS has no =.", "Write NAME=value"),
+        (b'A="open', 'run.env line 2: A="open is no NAME=value line.', "close every quote"),
+        (b"=5", "run.env line 2: =5 is no NAME=value line.", "Write NAME=value"),
+        (
+            b"DR-WORKERS=5",
+            "run.env line 2: DR-WORKERS=5 does not start with a variable name.",
+            "letters, digits and _",
+        ),
+        (b"A='1'2", "run.env line 2: A='1'2 is no NAME=value line.", "close every quote"),
+    ],
+)
+def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remedy):
+    file = parse_env(b"X=1\n" + line + b"\nY=2\n", "run.env")
+
+    assert [entry.name for entry in file.entries] == ["X", "Y"]
+    assert [str(finding) for finding in file.findings] == [sentence]
+    assert remedy in file.findings[0].remedy
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"A=1\nB=\xff\xfe\n", "run.env line 2: holds byte 0xff, which is no UTF-8 text."),
+        ("A=1\n".encode("utf-16-le"), "run.env line 1: holds a NUL, so is no text."),
+        (b"#" * (LARGEST_BYTES + 1), "run.env: is 262,145 bytes long, which no settings file is."),
+    ],
+)
+def test_what_is_no_text_is_refused_with_the_place(data, sentence):
+    with pytest.raises(SettingsError) as refusal:
+        parse_env(data, "run.env")
+
+    assert str(refusal.value) == sentence
+    assert "UTF-8" in refusal.value.remedy
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(data):
+    with contextlib.suppress(SettingsError):
+        file = parse_env(data, "run.env")
+
+        assert all(entry.where.startswith("run.env line ") for entry in file.entries)
