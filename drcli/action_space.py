@@ -164,7 +164,7 @@ class ActionSpaceReader:
                     ("action_space", number, "index"),
                     index,
                     f"stands at position {number}",
-                    f'Write "index": {number} there, without gaps from 0 on, or remove all of them',
+                    f'Write "index": {number} there, counting from 0, or remove them all.',
                 )
 
     def _report_keys(

@@ -77,8 +77,7 @@ class _Loader:
         for layer in entries:
             _drop_empty(layer)
         self._rename(entries)
-        layers = Layers(entries, _default_texts())
-        values = self._values(layers)
+        layers, values = self._settle(entries)
         extra = self._unknown(layers, entries)
         if self._findings:
             raise settings_error(sorted(self._findings, key=_position))
@@ -152,13 +151,25 @@ class _Loader:
                 layer[name] = replace(layer[old], name=name)
                 self._warnings.append(f"{verdict}; better write that.")
 
-    def _values(self, layers: Layers) -> dict[str, Any]:
-        """Texts by field name, checked; findings for those that do not fit."""
+    def _settle(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
+        """Values by field name; wrong ones that change nothing are dropped from the layers."""
+        while True:
+            layers = Layers(entries, _default_texts())
+            values, dropped = self._values(layers)
+            if not dropped:
+                return layers, values
+            for layer in entries:
+                for name in dropped:
+                    layer.pop(name, None)
+
+    def _values(self, layers: Layers) -> tuple[dict[str, Any], set[str]]:
+        """Texts by field name, and the names of wrong ones that change nothing."""
+        dropped: set[str] = set()
         texts: dict[str, str] = {}
         for name, setting in catalogue().items():
             text = layers.text(name)
             if name in layers.findings:
-                self._blame(name, layers.findings[name])
+                self._blame(name, layers.findings[name], dropped)
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
         values = {catalogue()[name].field: self._tidy(name, text) for name, text in texts.items()}
@@ -173,13 +184,15 @@ class _Loader:
             what = f"{name}={shown(texts[name])} {reason}"
             if written != texts[name]:
                 what += f" (written {shown(written)})"
-            self._blame(name, Finding(entry.where if entry else "default", what, remedy))
-        return values
+            where = entry.where if entry is not None else "default"
+            self._blame(name, Finding(where, what, remedy), dropped)
+        return values, dropped & layers.names()
 
-    def _blame(self, name: str, finding: Finding) -> None:
+    def _blame(self, name: str, finding: Finding, dropped: set[str]) -> None:
         """Take down what is wrong with a setting; it is no failure where it changes nothing."""
         if catalogue()[name].effect != "used":
             self._warnings.append(f"{finding} It has no effect here.")
+            dropped.add(name)
         elif finding not in self._findings:
             self._findings.append(finding)
 

@@ -15,6 +15,7 @@ from drcli.job import Job, LastWords
 from drcli.runs.logs import log_file
 from drcli.runs.parameters import evaluation_parameters
 from drcli.runs.report import EvaluationReport, TrialReport
+from drcli.runs.training import refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, get_json
 from drcli.store.connect import ensure_storage, open_bucket
@@ -45,6 +46,7 @@ def evaluate(
         WorkerDied: The evaluation worker failed.
     """
     directory = (directory or Path.cwd()).absolute()
+    refuse_unsupported(settings, "evaluation")
     ensure_storage(settings, directory)
     bucket = open_bucket(settings, directory)
     _check_model(settings, bucket)

@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import psutil
 
@@ -80,6 +81,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             "-w wipes the model and --resume continues it: both at once make no sense.",
             remedy="Choose one of them.",
         )
+    refuse_unsupported(settings, "training")
     folder = run_folder(settings, directory)
     _refuse_second_run(settings, folder)
     ensure_storage(settings, directory)
@@ -208,6 +210,19 @@ def stop(settings: Settings, *, wait_s: float = 20.0, directory: Path | None = N
         while is_alive(record.pid, record.pid_started) and time.monotonic() < deadline:
             time.sleep(0.05)
     return inspect(settings, directory)
+
+
+def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
+    """Say what cannot be run yet instead of running something else."""
+    sentence = settings.unsupported(job)
+    if sentence is not None:
+        raise SettingsError(sentence, remedy="Change that setting.")
+
+
+def is_running(settings: Settings, directory: Path) -> bool:
+    """Whether a training of this run number is alive on this machine."""
+    record = RunRecord.read(run_folder(settings, directory))
+    return record is not None and record.alive
 
 
 def _refuse_second_run(settings: Settings, folder: Path) -> None:

@@ -47,6 +47,10 @@ class Layers:
         """What was written in the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
 
+    def names(self) -> set[str]:
+        """Every name that somebody wrote."""
+        return set().union(*self._layers)
+
     def text(self, name: str) -> str | None:
         """The value of a name with everything filled in; None when it is set nowhere."""
         return self._text(name, 0, ())

@@ -13,7 +13,8 @@ from drcli.worker.process import StopRequested
 from drcli.worker.trace import STEP_S, Episode, Phase, Row
 from drsim.actions import Actions, ContinuousActions
 from drsim.episode import Status
-from drsim.simulation import Simulation, StepResult
+from drsim.simulation import Simulation
+from drsim.step import StepResult
 
 DRAWS = 256
 """Random numbers drawn at a time for an episode."""

@@ -1,0 +1,93 @@
+"""Builds the command line; the only place where failures become exit codes."""
+
+import os
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drcli import __version__
+from drcli.commands import evaluate, logs, start_training, status, stop_training
+from drcli.errors import DrError
+
+EXIT_CODES = (
+    "Exit codes: 0 done; 1 our bug; 2 wrong command line; 3 settings or files wrong; 4 storage; "
+    "5 a worker died; 6 training cannot go on; 130 interrupted; 143 stopped by SIGTERM."
+)
+
+app = typer.Typer(
+    name="dr",
+    help="Train, watch and race DeepRacer models on this machine.",
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("start-training")(start_training.start_training)
+app.command("stop-training")(stop_training.stop_training)
+app.command("status")(status.status)
+app.command("logs")(logs.logs)
+app.command("evaluate")(evaluate.evaluate)
+app.command("start-evaluation", hidden=True)(evaluate.evaluate)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"dr {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Options that belong to no command."""
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the command line, under whichever name it was called.
+
+    `dr-start-training` is `dr start-training`.
+    """
+    try:
+        app(_arguments(sys.argv) if args is None else args)
+    except DrError as error:  # ours to explain; anything else is a bug
+        from drcli import console
+
+        console.fail(str(error), error.remedy)
+        raise SystemExit(error.code) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(0) from None
+    except Exception as error:
+        if os.environ.get("DR_DEBUG"):
+            raise
+        _report_bug(error)
+        raise SystemExit(1) from None
+
+
+def _arguments(argv: list[str]) -> list[str]:
+    """Arguments as `dr` would have got them."""
+    name = Path(argv[0]).name.removesuffix(".exe")
+    return [name.removeprefix("dr-"), *argv[1:]] if name.startswith("dr-") else argv[1:]
+
+
+def _report_bug(error: Exception) -> None:
+    """Keep the traceback for whoever mends it, and spare the user the sight."""
+    from drcli import console
+
+    path = Path("data") / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(traceback.format_exception(error)), "utf-8")
+        kept = f"Report it with {path}."
+    except OSError:
+        kept = "Set DR_DEBUG=1 to see where it comes from."
+    console.fail(f"This is a bug of ours: {type(error).__name__}: {error}", kept)

@@ -1,0 +1,32 @@
+"""`dr status`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+
+
+def status(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+) -> None:
+    """Show whether a training is alive and how far the car gets.
+
+    Exits 5 when a worker is dead, so that a script can wait on it.
+
+    Example: dr-status --json
+    """
+    from drcli import console, views
+    from drcli.errors import WorkerDied
+    from drcli.runs.status import inspect
+
+    report = inspect(settings(), working_folder())
+    console.emit(report, views.run(report), as_json=as_json)
+    if report.state == "lost" or report.dead:
+        raise WorkerDied(
+            report.message or f"Dead: {', '.join(report.dead)}.",
+            remedy=report.remedy
+            or f"Read the reason with `dr-logs {(report.dead or ['trainer'])[0]}`.",
+        )

@@ -1,0 +1,35 @@
+"""A folder to load settings from."""
+
+from pathlib import Path
+
+import pytest
+
+from drcli.config import Settings, load_settings
+from drcli.errors import SettingsError
+
+
+class Folder:
+    """A folder with a run.env and a system.env."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.write("system.env", "")
+
+    def write(self, name: str, text: str | bytes) -> None:
+        path = self.path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+
+    def load(self, run: str | bytes, **options) -> Settings:
+        self.write("run.env", run)
+        return load_settings(self.path, **{"environ": {}, **options})
+
+    def refusal(self, run: str | bytes, **options) -> SettingsError:
+        with pytest.raises(SettingsError) as caught:
+            self.load(run, **options)
+        return caught.value
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return Folder(tmp_path)

@@ -1,0 +1,242 @@
+"""Settings that are refused, and in which words."""
+
+import pytest
+
+from drcli.config import load_settings
+from drcli.errors import SettingsError
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence", "remedy"),
+    [
+        pytest.param(
+            "DR_WORKERS=abc",
+            "run.env line 2: DR_WORKERS=abc is no whole number.",
+            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            id="not-a-whole-number",
+        ),
+        pytest.param(
+            "DR_WORKERS=2.5",
+            "run.env line 2: DR_WORKERS=2.5 is no whole number.",
+            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            id="fraction-of-a-worker",
+        ),
+        pytest.param(
+            "DR_WORKERS=11",
+            "run.env line 2: DR_WORKERS=11 is above 10.",
+            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            id="too-large",
+        ),
+        pytest.param(
+            "DR_EVAL_OFF_TRACK_PENALTY=-1",
+            "run.env line 2: DR_EVAL_OFF_TRACK_PENALTY=-1 is below 0.",
+            "Set DR_EVAL_OFF_TRACK_PENALTY to a number, 0 or more, "
+            "or leave it out for the default 5.0.",
+            id="too-small",
+        ),
+        pytest.param(
+            "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=5 %",
+            "run.env line 2: DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=5 % is no number.",
+            "Set DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST to a number from 0 to 1, "
+            "or leave it out for the default 0.05.",
+            id="not-a-number",
+        ),
+        pytest.param(
+            "DR_EVAL_COLLISION_PENALTY=nan",
+            "run.env line 2: DR_EVAL_COLLISION_PENALTY=nan is no number.",
+            "Set DR_EVAL_COLLISION_PENALTY to a number, 0 or more, "
+            "or leave it out for the default 5.0.",
+            id="nan",
+        ),
+        pytest.param(
+            "DR_EVAL_IS_CONTINUOUS=maybe",
+            "run.env line 2: DR_EVAL_IS_CONTINUOUS=maybe is neither True nor False.",
+            "Set DR_EVAL_IS_CONTINUOUS to True or False, or leave it out for the default True.",
+            id="not-a-flag",
+        ),
+        pytest.param(
+            "DR_RACE_TYPE=TIMETRIAL",
+            "run.env line 2: DR_RACE_TYPE=TIMETRIAL is none of TIME_TRIAL, OBJECT_AVOIDANCE, "
+            "HEAD_TO_BOT, HEAD_TO_MODEL.",
+            "Did you mean TIME_TRIAL? Write one of TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, "
+            "HEAD_TO_MODEL.",
+            id="unknown-choice",
+        ),
+        pytest.param(
+            "DR_WORKER=2",
+            "run.env line 2: DR_WORKER=2 is no setting.",
+            "Did you mean DR_WORKERS? Correct the name, or remove the line.",
+            id="misspelt-name",
+        ),
+        pytest.param(
+            "dr_world_name=Oval_track",
+            "run.env line 2: dr_world_name=Oval_track is no setting.",
+            "Did you mean DR_WORLD_NAME? Correct the name, or remove the line.",
+            id="name-in-small-letters",
+        ),
+        pytest.param(
+            "DR_WORLD_NAME=two tracks",
+            "run.env line 2: DR_WORLD_NAME=two tracks cannot be the name of a track.",
+            "Write a name such as reinvent_base, or the path of a .npy file.",
+            id="no-track-name",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=/model",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=/model has an empty part, . or .. between "
+            "its slashes.",
+            "Write folders as in team/model-1, without / at the start or the end.",
+            id="prefix-with-leading-slash",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=my model",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=my model holds ' ', which cannot stand in "
+            "a name in the bucket.",
+            "Use only letters, digits, and the characters . _ - /.",
+            id="prefix-with-space",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX= is empty.",
+            "Write a name such as rl-deepracer-1.",
+            id="empty-prefix",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_BUCKET=s3://bucket",
+            "run.env line 2: DR_LOCAL_S3_BUCKET=s3://bucket is no name of a bucket.",
+            "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
+            id="bucket-as-address",
+        ),
+        pytest.param(
+            "DR_REMOTE_MINIO_URL=mynas:9000",
+            "run.env line 2: DR_REMOTE_MINIO_URL=mynas:9000 is no web address.",
+            "Write it as in http://192.168.1.5:9000.",
+            id="address-without-scheme",
+        ),
+        pytest.param(
+            "DR_CLOUD=remote",
+            "run.env line 2: DR_CLOUD=remote needs an address, but DR_REMOTE_MINIO_URL is empty.",
+            "Set DR_REMOTE_MINIO_URL, as in http://192.168.1.5:9000, or write DR_CLOUD=local.",
+            id="remote-without-address",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_PRETRAINED=True\nDR_LOCAL_S3_PRETRAINED_PREFIX=rl-deepracer-sagemaker",
+            "run.env line 3: DR_LOCAL_S3_PRETRAINED_PREFIX=rl-deepracer-sagemaker is the model "
+            "to train.",
+            "Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as rl-deepracer-sagemaker-clone.",
+            id="clone-onto-itself",
+        ),
+        pytest.param(
+            "DR_CAR_NAME=$TEAM",
+            "run.env line 2: DR_CAR_NAME=$TEAM refers to TEAM, which is set nowhere.",
+            "Set TEAM in system.env or in the environment, or write the value itself.",
+            id="reference-to-nothing",
+        ),
+        pytest.param(
+            "DR_CAR_NAME=$A\nA=$DR_CAR_NAME",
+            "run.env line 3: A=$DR_CAR_NAME refers in a circle or through too many names "
+            "(DR_CAR_NAME).",
+            "Write the value of A itself.",
+            id="circle",
+        ),
+        pytest.param(
+            "DR_CAR_NAME",
+            "run.env line 2: DR_CAR_NAME has no =.",
+            "Write NAME=value, or start the line with # if it is a comment.",
+            id="no-equal-sign",
+        ),
+        pytest.param(
+            "DR_EXPERIMENT_NAME=first",
+            "run.env line 2: DR_EXPERIMENT_NAME=first comes too late to choose a run.env.",
+            "Move the line to system.env.",
+            id="experiment-in-run-env",
+        ),
+        pytest.param(
+            'DR_CAR_NAME="a\\nb"',
+            "run.env line 2: DR_CAR_NAME='a\\nb' holds a line break or control character.",
+            "Remove it from DR_CAR_NAME.",
+            id="line-break",
+        ),
+    ],
+)
+def test_a_bad_line_is_named_with_file_line_key_value_and_remedy(folder, line, sentence, remedy):
+    refusal = folder.refusal(f"# top\n{line}\n")
+
+    assert str(refusal) == sentence
+    assert refusal.remedy == remedy
+    assert refusal.code == 3
+
+
+def test_everything_wrong_is_reported_at_once_in_the_order_of_reading(folder):
+    folder.write("system.env", "DR_CLOUD=lokal\n")
+
+    refusal = folder.refusal("DR_WORKERS=0\nDR_WORLDNAME=x\nDR_EVAL_MAX_RESETS=-1\n")
+
+    assert str(refusal).splitlines() == [
+        "run.env line 1: DR_WORKERS=0 is below 1.",
+        "run.env line 2: DR_WORLDNAME=x is no setting.",
+        "run.env line 3: DR_EVAL_MAX_RESETS=-1 is below 0.",
+        "system.env line 1: DR_CLOUD=lokal is none of local, remote, aws, azure.",
+    ]
+    assert "Did you mean local?" in refusal.remedy
+
+
+def test_what_follows_from_a_mistake_is_not_reported_again(folder):
+    refusal = folder.refusal(
+        "DR_LOCAL_S3_MODEL_PREFIX=my model\n"
+        "DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\n"
+    )
+
+    assert str(refusal).count("\n") == 0
+
+
+@pytest.mark.parametrize("lines", ["DR_CAR_NAME=$A\nA=$B\n", "A=$B\nDR_CAR_NAME=$A-$A\n"])
+def test_a_gap_further_down_is_reported_where_it_is(folder, lines):
+    refusal = folder.refusal(lines)
+
+    line = lines.splitlines().index("A=$B") + 1
+    assert str(refusal) == f"run.env line {line}: A=$B refers to B, which is set nowhere."
+
+
+def test_settings_that_refer_to_each_other_in_a_circle_are_refused(folder):
+    refusal = folder.refusal("DR_CAR_NAME=$DR_RACER_NAME\nDR_RACER_NAME=$DR_CAR_NAME\n")
+
+    assert "refers in a circle" in str(refusal)
+
+
+def test_names_that_multiply_each_other_cannot_fill_the_memory(folder):
+    lines = [f"A{k}=$A{k + 1}$A{k + 1}$A{k + 1}$A{k + 1}" for k in range(15)]
+
+    refusal = folder.refusal("\n".join([*lines, "A15=xxxx", "DR_CAR_NAME=$A0"]))
+
+    assert "grows beyond 4096 characters once filled in" in str(refusal)
+
+
+def test_a_filled_in_value_is_shown_with_what_was_written(folder):
+    refusal = folder.refusal("N=many\nDR_WORKERS=$N")
+
+    assert str(refusal) == "run.env line 2: DR_WORKERS=many is no whole number (written $N)."
+
+
+@pytest.mark.parametrize("layer", ["environ", "flags"])
+def test_a_mistake_outside_the_files_names_its_place(folder, layer):
+    refusal = folder.refusal("", **{layer: {"DR_WORKERS": "all"}})
+
+    place = {"environ": "environment", "flags": "flag"}[layer]
+    assert str(refusal) == f"{place}: DR_WORKERS=all is no whole number."
+
+
+def test_an_experiment_that_does_not_exist_is_refused(folder):
+    folder.write("experiments/first/run.env", "")
+
+    refusal = folder.refusal("", experiment="frist")
+
+    assert str(refusal) == ("flag: DR_EXPERIMENT_NAME=frist has no experiments/frist/run.env.")
+    assert refusal.remedy == "Did you mean first? Write one of first."
+
+
+def test_a_folder_without_run_env_is_refused(tmp_path):
+    with pytest.raises(SettingsError) as refusal:
+        load_settings(tmp_path, environ={})
+
+    assert str(refusal.value) == f"run.env: there is no such file in {tmp_path}."
+    assert "dr init" in refusal.value.remedy

@@ -1,0 +1,228 @@
+"""hyperparameters.json: what is accepted, what is refused, and in which words."""
+
+import contextlib
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drcli.errors import SettingsError
+from drcli.hyperparameters import KEYS, Hyperparameters
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()
+
+
+def test_missing_keys_have_the_defaults_of_the_reference():
+    values = Hyperparameters.from_bytes(b"{}")
+
+    assert values == Hyperparameters()
+    assert (values.num_epochs, values.discount_factor, values.huber) == (10, 0.999, False)
+
+
+def test_the_example_of_the_project_is_accepted_without_a_warning():
+    values = Hyperparameters.from_bytes(EXAMPLE)
+
+    assert values.warnings == ()
+    assert values.unsupported() is None
+    assert values.huber
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "keys"),
+    [
+        ("clipped_ppo", set(KEYS) - {"sac_alpha"}),
+        ("sac", set(KEYS) - {"beta_entropy", "num_epochs"}),
+    ],
+)
+def test_the_normalised_copy_holds_the_sorted_keys_of_its_algorithm(algorithm, keys):
+    text = Hyperparameters.from_bytes(b'{"lr": 0.0001}').canonical_json(algorithm)
+
+    assert list(json.loads(text)) == sorted(keys)
+    assert len(keys) == (13 if algorithm == "clipped_ppo" else 12)
+    assert '\n  "lr": 0.0001,\n' in text
+
+
+def test_the_normalised_copy_reads_back_as_it_is():
+    text = Hyperparameters.from_bytes(EXAMPLE).canonical_json()
+
+    assert Hyperparameters.from_bytes(text.encode()).canonical_json() == text
+
+
+def test_the_normalised_copy_of_a_reference_run_is_the_same_byte_by_byte():
+    path = ROOT.parent / "shared/reference-runs/drfc-time-trial/ip/hyperparameters.json"
+    if not path.exists():
+        pytest.skip("the reference runs are not beside this checkout")
+
+    text = Hyperparameters.from_bytes(path.read_bytes()).canonical_json()
+
+    assert text == path.read_text("utf-8").strip()
+
+
+@pytest.mark.parametrize(
+    ("written", "huber"),
+    [("Huber", True), ("mean squared error", False), ("mean_squared_error", False)],
+)
+def test_a_loss_is_recognised_in_every_spelling_in_use(written, huber):
+    values = Hyperparameters.from_bytes(json.dumps({"loss_type": written}).encode())
+
+    assert values.huber is huber
+    assert values.loss_type in ("huber", "mean squared error")
+
+
+def test_a_whole_number_may_be_written_with_a_point():
+    values = Hyperparameters.from_bytes(b'{"term_cond_max_episodes": 1000.0, "lr": 0.001}')
+
+    assert values.canonical_json().count(": 1000,") + values.canonical_json().count(": 1000\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence", "remedy"),
+    [
+        (
+            '"batch_size": "64"',
+            'batch_size="64" is no number',
+            'Write a whole number, 1 or more, without quotes, as in "batch_size": 64.',
+        ),
+        ('"num_epochs": true', "num_epochs=true is no number", "Write a whole number, 1 or more"),
+        ('"num_epochs": null', "num_epochs=null is no number", "Write a whole number, 1 or more"),
+        ('"num_epochs": 0', "num_epochs=0 is below 1", "Write a whole number, 1 or more"),
+        ('"stack_size": 1.5', "stack_size=1.5 is no whole number", "Write a whole number"),
+        ('"lr": 0.01', "lr=0.01 is above 0.001", "Write a number from 1e-08 to 0.001"),
+        ('"lr": 0', "lr=0 is below 1e-08", "Write a number from 1e-08 to 0.001"),
+        ('"beta_entropy": -0.1', "beta_entropy=-0.1 is below 0", "from 0 to 1"),
+        ('"discount_factor": 1.01', "discount_factor=1.01 is above 1", "from 0 to 1"),
+        (
+            '"num_episodes_between_training": 101',
+            "num_episodes_between_training=101 is above 100",
+            "Write a whole number from 1 to 100",
+        ),
+        ('"epsilon_steps": 1e999', "epsilon_steps=Infinity is far too large", "1 or more"),
+        (
+            '"loss_type": "hubr"',
+            'loss_type="hubr" is none of huber, mean squared error',
+            "Did you mean huber?",
+        ),
+        ('"loss_type": 3', "loss_type=3 is no text", "in double quotes"),
+        (
+            '"exploration_type": "random"',
+            'exploration_type="random" is none of categorical, e-greedy, additive_noise',
+            "Write one of categorical, e-greedy, additive_noise.",
+        ),
+        ('"batchsize": 64', "batchsize=64 is no hyperparameter", "Did you mean batch_size?"),
+        ('"xyz": [1]', "xyz=[1] is no hyperparameter", "Remove the line; the keys are batch_size"),
+    ],
+)
+def test_a_bad_value_is_named_with_file_line_key_value_and_remedy(line, sentence, remedy):
+    with pytest.raises(SettingsError) as refusal:
+        Hyperparameters.from_bytes(
+            f'{{\n  "e_greedy_value": 0.1,\n  {line}\n}}\n'.encode(), "h.json"
+        )
+
+    assert str(refusal.value) == f"h.json line 3: {sentence}."
+    assert remedy in refusal.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "h.json: is empty."),
+        ("[1]", "h.json line 1: holds [1], which is no JSON object."),
+        (
+            '{\n"lr": 0.001,\n}',
+            "h.json line 3 column 1: is no valid JSON, there is a comma before }.",
+        ),
+        (
+            '{\n"lr": 0.001\n"stack_size": 1}',
+            "h.json line 3 column 1: is no valid JSON, a comma or } is missing.",
+        ),
+        ('{"lr" 0.001}', "h.json line 1 column 7: is no valid JSON, the : after lr is missing."),
+        ('{"lr": }', "h.json line 1 column 8: is no valid JSON, a value is missing."),
+        (
+            '{"lr": NaN}',
+            "h.json line 1 column 8: is no valid JSON, NaN is no number that JSON knows.",
+        ),
+        (
+            '{"lr": "x}',
+            "h.json line 1 column 8: is no valid JSON, a text in quotes is not complete.",
+        ),
+        (
+            '{"lr": 0.001, "lr": 0.0001}',
+            "h.json line 1 column 19: is no valid JSON, the key lr stands twice.",
+        ),
+        ("{} {}", "h.json line 1 column 4: is no valid JSON, there is something after the end."),
+        (
+            "{'lr': 1}",
+            "h.json line 1 column 2: is no valid JSON, a key in double quotes is missing, "
+            'as in "lr": 0.0003.',
+        ),
+        ('{"a":' * 5000, "h.json: is nested too deeply."),
+        (
+            '{"lr": ' + "9" * 5000 + "}",
+            "h.json line 1 column 8: is no valid JSON, the number has too many digits.",
+        ),
+    ],
+)
+def test_broken_json_is_named_with_file_line_and_column(text, sentence):
+    with pytest.raises(SettingsError) as refusal:
+        Hyperparameters.from_bytes(text.encode(), "h.json")
+
+    assert str(refusal.value) == sentence
+    assert refusal.value.remedy
+
+
+def test_everything_wrong_is_reported_at_once():
+    with pytest.raises(SettingsError) as refusal:
+        Hyperparameters.from_bytes(b'{"lr": 1,\n"num_epoch": 3,\n"stack_size": 0}')
+
+    assert len(str(refusal.value).splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("line", "warning"),
+    [
+        ('"batch_size": 34', "batch_size=34 is used as it is; 32 is probably meant."),
+        ('"batch_size": 100', "batch_size=100 is unusual; common are 32, 64, 128, 256, 512."),
+        ('"num_epochs": 1', "num_epochs=1 is unusual; common are 3 to 10."),
+        ('"term_cond_avg_score": 350.0', "term_cond_avg_score=350 is outside 35000 to 100000."),
+        ('"stack_size": 2', "stack_size=2 has no effect: one frame is seen at a time."),
+        (
+            '"max_sample_count": 5',
+            "max_sample_count steers the reference's trainer and does nothing here.",
+        ),
+    ],
+)
+def test_an_unusual_value_is_used_with_a_warning(line, warning):
+    values = Hyperparameters.from_bytes(f"{{\n{line}}}".encode(), "h.json")
+
+    assert values.warnings == (f"h.json line 2: {warning}",)
+
+
+@pytest.mark.parametrize("kind", ["e-greedy", "additive_noise"])
+def test_an_exploration_that_cannot_be_trained_yet_says_so(kind):
+    values = Hyperparameters.from_bytes(json.dumps({"exploration_type": kind}).encode())
+
+    assert values.unsupported() == (
+        f"exploration_type={kind} cannot be trained yet, only categorical can."
+    )
+
+
+def test_both_ends_of_the_fractions_are_legal():
+    values = Hyperparameters.from_bytes(b'{"discount_factor": 1, "beta_entropy": 0}')
+
+    assert (values.discount_factor, values.beta_entropy) == (1.0, 0.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(data):
+    at = data.draw(st.integers(0, len(EXAMPLE)))
+    junk = data.draw(st.binary(max_size=4) | st.sampled_from([b'"', b"{", b"[", b"1e9", b"null,"]))
+    text = EXAMPLE[:at] + junk + EXAMPLE[at + data.draw(st.integers(0, 20)) :]
+
+    with contextlib.suppress(SettingsError):
+        values = Hyperparameters.from_bytes(text)
+
+        assert Hyperparameters.from_bytes(values.canonical_json().encode()).lr == values.lr

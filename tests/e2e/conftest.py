@@ -1,0 +1,140 @@
+"""A racer's working folder with real commands, real workers and a real bucket, kept small."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from drcli.config import Settings, load_settings
+from drcli.store.connect import open_bucket, stop_storage
+from drcli.store.s3 import S3Bucket
+
+PATIENCE_S = 90.0
+PREFIX = "model"
+
+
+class Workspace:
+    """A folder in which commands are run as a user runs them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
+        self.environment["OMP_NUM_THREADS"] = "1"
+        (folder / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
+        self.write_run_env()
+        self.hyperparameters: dict[str, Any] = {
+            "batch_size": 32,
+            "num_epochs": 3,
+            "num_episodes_between_training": 4,
+            "term_cond_max_episodes": 12,
+        }
+        self.write_custom_files()
+
+    def write_run_env(self, **values: object) -> None:
+        lines = {
+            "DR_WORLD_NAME": "reinvent_base",
+            "DR_LOCAL_S3_MODEL_PREFIX": PREFIX,
+            "DR_TRAIN_MIN_EVAL_TRIALS": 1,
+            "DR_TRAIN_SEED": 7,
+            "DR_EVAL_MAX_RESETS": 0,
+            **values,
+        }
+        (self.folder / "run.env").write_text("".join(f"{k}={v}\n" for k, v in lines.items()))
+
+    def write_custom_files(self, reward: str = "    return 1.0\n") -> None:
+        custom = self.folder / "custom_files"
+        custom.mkdir(exist_ok=True)
+        (custom / "reward_function.py").write_text(f"def reward_function(params):\n{reward}")
+        (custom / "hyperparameters.json").write_text(json.dumps(self.hyperparameters))
+        actions = [{"steering_angle": s, "speed": 2.0} for s in (-20.0, 0.0, 20.0)]
+        (custom / "model_metadata.json").write_text(
+            json.dumps(
+                {
+                    "action_space": actions,
+                    "action_space_type": "discrete",
+                    "sensor": ["FRONT_FACING_CAMERA"],
+                    "neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+                    "training_algorithm": "clipped_ppo",
+                    "version": "5",
+                }
+            )
+        )
+
+    def start(self, command: str, *options: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [str(Path(sys.executable).parent / f"dr-{command}"), *options],
+            cwd=self.folder,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(self, command: str, *options: str) -> "subprocess.CompletedProcess[str]":
+        process = self.start(command, *options)
+        out, err = process.communicate(timeout=PATIENCE_S)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    def settings(self) -> Settings:
+        return load_settings(self.folder, environ={})
+
+    def bucket(self) -> S3Bucket:
+        return open_bucket(self.settings(), self.folder)
+
+    def status(self) -> dict[str, Any]:
+        report: dict[str, Any] = json.loads(self.run("status", "--json").stdout.splitlines()[-1])
+        return report
+
+    def record(self) -> dict[str, Any]:
+        path = self.folder / "data" / "runs" / "0" / "run.json"
+        record: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+        return record
+
+    def pid_of(self, worker: str) -> int | None:
+        return next(
+            (w["pid"] for w in self.record().get("workers", []) if w["name"] == worker), None
+        )
+
+    def server_pid(self) -> int:
+        state = json.loads((self.folder / "data" / "s3" / ".server.json").read_text())
+        return int(state["pid"])
+
+    def iterations(self) -> int:
+        path = self.folder / "data" / "s3" / "bucket" / PREFIX / "metrics" / "history.json"
+        try:
+            return len(json.loads(path.read_text())["iterations"])
+        except (FileNotFoundError, ValueError):
+            return 0
+
+    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}\n{self.logs()}"
+            time.sleep(0.05)
+
+    def logs(self) -> str:
+        paths = sorted((self.folder / "data" / "logs").rglob("*.log"))
+        return "\n".join(f"== {path.name}\n{path.read_text()[-1500:]}" for path in paths)
+
+    def clean_up(self) -> None:
+        record = self.record()
+        if record and psutil.pid_exists(record["pid"]) and record["state"] == "running":
+            os.kill(record["pid"], signal.SIGTERM)
+            psutil.wait_procs([psutil.Process(record["pid"])], timeout=20)
+        stop_storage(self.settings(), self.folder)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Iterator[Workspace]:
+    space = Workspace(tmp_path)
+    yield space
+    space.clean_up()

@@ -1,0 +1,201 @@
+"""A training as its user meets it: real commands, real worker processes, a real bucket."""
+
+import json
+import os
+import shutil
+import signal
+import warnings
+from pathlib import Path
+
+import pytest
+from conftest import PREFIX, Workspace
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace):
+    trained = workspace.run("start-training", "--json")
+    evaluated = workspace.run("evaluate", "--json")
+
+    assert trained.returncode == 0, trained.stderr
+    report = json.loads(trained.stdout.splitlines()[-1])
+    assert report["state"] == "finished"
+    assert [r["episodes"] for r in report["history"]] == [4, 4, 4]
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert len(json.loads(evaluated.stdout.splitlines()[-1])["trials"]) >= 1
+    _assert_deepracer_utils_agrees(workspace.folder / "data" / "s3" / "bucket" / PREFIX, report)
+
+
+def _assert_deepracer_utils_agrees(folder: Path, report: dict) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from deepracer.logs import AnalysisUtils, DeepRacerLog
+
+        log = DeepRacerLog(model_folder=str(folder))
+        log.load()
+        frame = log.dataframe()
+        episodes = AnalysisUtils.simulation_agg(frame)
+        assert list(episodes["iteration"]) == [0] * 4 + [1] * 4 + [2] * 4
+        assert list(episodes["episode"]) == list(range(12))
+        metrics = json.loads((folder / "metrics" / "TrainingMetrics.json").read_text())["metrics"]
+        training = [r for r in metrics if r["phase"] == "training"]
+        assert [round(x) for x in episodes["reward"]] == [r["reward_score"] for r in training]
+        for iteration, record in enumerate(report["history"]):
+            mean = episodes[episodes["iteration"] == iteration]["reward"].mean()
+            assert mean == pytest.approx(record["mean_reward"], rel=1e-6)
+        assert log.hyperparameters()["num_episodes_between_training"] == 4
+        assert len(log.action_space()) == 3
+        assert log.agent_and_network()["network"] == "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+        log.load_evaluation_trace()
+        assert len(log.dataframe()) > 1
+
+
+@pytest.mark.parametrize("victim", ["sim-0", "trainer", "server"])
+def test_a_killed_process_is_replaced_and_the_training_ends_as_if_nothing_had_happened(
+    workspace, victim
+):
+    workspace.hyperparameters["term_cond_max_episodes"] = 24
+    workspace.write_custom_files()
+    training = workspace.start("start-training", "--json")
+    workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
+    pid = workspace.server_pid() if victim == "server" else workspace.pid_of(victim)
+    assert pid is not None
+
+    os.kill(pid, signal.SIGKILL)
+    out, err = training.communicate(timeout=120)
+
+    assert training.returncode == 0, err + workspace.logs()
+    history = json.loads(out.splitlines()[-1])["history"]
+    assert [r["iteration"] for r in history] == list(range(6))
+    _assert_every_object_is_readable(workspace)
+
+
+def _assert_every_object_is_readable(workspace: Workspace) -> None:
+    from drcli.store.checkpoints import CheckpointStore
+
+    bucket = workspace.bucket()
+    names = [info.key for info in bucket.list("")]
+    for key in names:
+        data = bucket.get(key)
+        if key.endswith(".json"):
+            json.loads(data)
+    assert CheckpointStore(bucket, PREFIX).load_latest(with_optimizer=True).damaged == ()
+    assert not [key for key in names if key.startswith("rollouts/")]
+
+
+def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bucket(
+    workspace, tmp_path_factory
+):
+    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
+    workspace.write_custom_files()
+    first = workspace.start("start-training", "--foreground")
+    workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
+
+    first.send_signal(signal.SIGTERM)
+    first.communicate(timeout=20)
+
+    assert first.returncode == 143
+    model = workspace.folder / "data" / "s3" / "bucket" / PREFIX
+    assert {p.name for p in (model / "logs").rglob("*.log")} >= {"sim-0.log", "trainer.log"}
+    before = workspace.status()
+    elsewhere = Workspace(tmp_path_factory.mktemp("elsewhere"))
+    shutil.rmtree(elsewhere.folder / "custom_files")
+    shutil.copytree(
+        workspace.folder / "data" / "s3" / "bucket", elsewhere.folder / "data" / "s3" / "bucket"
+    )
+    try:
+        second = elsewhere.start("start-training", "--resume", "--foreground")
+        wanted = len(before["history"]) + 1
+        elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
+        second.send_signal(signal.SIGTERM)
+        second.communicate(timeout=20)
+        after = elsewhere.status()
+        log = (model.parent.parent.parent / "logs").rglob("trainer.log")
+        assert after["history"][: len(before["history"])] == before["history"]
+        assert after["history"][-1]["total_steps"] > before["history"][-1]["total_steps"]
+        assert "optimizer starts afresh" not in next(log).read_text()
+    finally:
+        elsewhere.clean_up()
+
+
+def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
+    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.write_custom_files()
+    assert workspace.run("start-training").returncode == 0
+
+    again = workspace.run("start-training")
+    wiped = workspace.run("start-training", "-w", "--json")
+
+    assert again.returncode == 3
+    assert "--resume" in again.stderr
+    assert "-w" in again.stderr
+    assert wiped.returncode == 0
+    assert len(json.loads(wiped.stdout.splitlines()[-1])["history"]) == 1
+
+
+def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
+    workspace.write_custom_files(
+        reward="    if params['steps'] > 8 and params['sim_time'] > 0.1:\n"
+        "        return 1 / 0  # the culprit\n"
+        "    return 1.0\n"
+    )
+    workspace.write_custom_files(
+        reward="    global calls\n"
+        "    calls = globals().get('calls', 0) + 1\n"
+        "    return 1.0 if calls < 200 else 1 / 0  # the culprit\n"
+    )
+
+    ended = workspace.run("start-training")
+
+    assert ended.returncode == 3
+    assert "the culprit" in ended.stderr
+    assert "ZeroDivisionError" in ended.stderr
+
+
+def test_a_truncated_checkpoint_is_passed_over_and_said(workspace):
+    workspace.hyperparameters["term_cond_max_episodes"] = 8
+    workspace.write_custom_files()
+    assert workspace.run("start-training").returncode == 0
+    model = workspace.folder / "data" / "s3" / "bucket" / PREFIX / "model"
+    newest = (model / ".coach_checkpoint").read_text()
+    weights = model / f"{newest}.safetensors"
+    weights.write_bytes(weights.read_bytes()[:1000])
+    workspace.hyperparameters["term_cond_max_episodes"] = 12
+    workspace.write_custom_files()
+
+    resumed = workspace.run("start-training", "--resume", "--json")
+
+    assert resumed.returncode == 0, resumed.stderr
+    log = next((workspace.folder / "data" / "logs").rglob("trainer.log")).read_text()
+    assert f"Passed over {newest}" in log
+    assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 3
+
+
+def test_two_trainings_cannot_share_a_prefix(workspace):
+    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
+    workspace.write_custom_files()
+    assert workspace.run("start-training", "-q").returncode == 0
+    workspace.write_run_env(DR_RUN_ID=1)
+
+    second = workspace.run("start-training", "-w")
+
+    assert second.returncode == 3
+    assert "is being trained" in second.stderr
+    workspace.write_run_env()
+    assert workspace.run("stop-training").returncode == 0
+    assert workspace.status()["state"] == "stopped"
+
+
+def test_two_workers_share_the_episodes(workspace):
+    workspace.write_run_env(DR_WORKERS=2)
+
+    trained = workspace.run("start-training", "--json")
+
+    assert trained.returncode == 0, trained.stderr + workspace.logs()
+    model = workspace.folder / "data" / "s3" / "bucket" / PREFIX
+    assert (model / "metrics" / "TrainingMetrics_1.json").exists()
+    for worker in (0, 1):
+        traces = model / str(worker) / "training-simtrace"
+        assert len(list(traces.glob("*-iteration.csv"))) == 3
+    history = json.loads(trained.stdout.splitlines()[-1])["history"]
+    assert [r["episodes"] for r in history] == [4, 4, 4]
