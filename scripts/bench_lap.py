@@ -82,10 +82,9 @@ def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
             else "",
         }
         begin = time.time()
-        minutes = str(arguments.minutes)
-        _dr(folder, environment, "start-training", "--seed", str(seed), "--until-laps", "3",
-            "--max-minutes", minutes)  # fmt: skip
-        status = json.loads(_dr(folder, environment, "status", "--json").splitlines()[-1])
+        _dr(folder, environment, "start-training", "-q", "--seed", str(seed))
+        status = _watch(folder, environment, begin + 60.0 * arguments.minutes)
+        _dr(folder, environment, "stop-training")
         evaluation = json.loads(
             _dr(folder, environment, "evaluate", "--json", check=False).splitlines()[-1]
         )
@@ -93,17 +92,48 @@ def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
         trials = evaluation["trials"]
         done = [t["lap_s"] for t in trials if t["status"] == "Lap complete"]
         result |= {"seed": seed, "evaluation_laps": len(done), "lap_s": min(done, default=None)}
-        _dr(folder, environment, "stop-training")
         _stop_storage(folder)
         return result
+
+
+def _watch(folder: Path, environment: dict[str, str], deadline: float) -> dict[str, Any]:
+    """Wait until the car has lapped in training and in evaluation; the status at that moment.
+
+    Looks at the learning curve in the bucket's folder, because a command every second would take
+    time from the training on a small machine.
+    """
+    while time.time() < deadline:
+        for curve in (folder / "data" / "s3").rglob("metrics/history.json"):
+            try:
+                history = json.loads(curve.read_text())["iterations"]
+            except ValueError:  # being replaced
+                continue
+            if _scored(history) and any(record["full_laps"] for record in history):
+                deadline = 0.0
+        time.sleep(0.5)
+    status: dict[str, Any] = json.loads(
+        _dr(folder, environment, "status", "--json").splitlines()[-1]
+    )
+    return status
+
+
+def _scored(history: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The first iteration whose checkpoint completed all its evaluation laps, at least three."""
+    return next(
+        (
+            record
+            for record in history
+            if len(record["evaluation_lap_s"]) >= 3
+            and len(record["evaluation_lap_s"]) == len(record["evaluation_progress"])
+        ),
+        None,
+    )
 
 
 def _figures(folder: Path, status: dict[str, Any], begin: float) -> dict[str, Any]:
     history = status["history"]
     first_lap_at, steps = _first_lap(folder, status)
-    scored = next(
-        (r for r in history if len(r["evaluation_lap_s"]) >= 3
-         and len(r["evaluation_lap_s"]) == len(r["evaluation_progress"])), None)  # fmt: skip
+    scored = _scored(history)
     # `elapsed_s` of a record is the end of its update; the evaluation of its checkpoint is over
     # by then or soon after, and what comes before training is the rest of the command's time.
     start_up_s = status["started_at"] - begin

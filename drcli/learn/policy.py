@@ -72,7 +72,8 @@ class ShallowBody(nn.Module):
             Shape (n, 512).
         """
         # Scaling the 2,048 kernel weights instead of every pixel saves a pass over the batch.
-        pixels = frames.unsqueeze(1).to(self.conv1.weight.dtype)
+        # The one channel goes last in memory too: what is laid out so decides for all layers.
+        pixels = frames.unsqueeze(-1).permute(0, 3, 1, 2).to(self.conv1.weight.dtype)
         x = functional.conv2d(pixels, self.conv1.weight / 255.0, self.conv1.bias, stride=4)
         x = functional.relu(x, inplace=True)
         x = functional.relu(self.conv2(x), inplace=True)

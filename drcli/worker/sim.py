@@ -41,8 +41,11 @@ SHARD_STEPS = 256
 SEED_STRIDE = 7_919
 """Keeps the random numbers of one worker apart from those of the next."""
 
-POLL_S = (0.05, 0.25)
-"""First and longest pause between two looks for a new checkpoint, seconds."""
+POLL_S = 0.06
+"""Pause between two looks for a new checkpoint, seconds."""
+
+FINISHED_EVERY_S = 1.0
+"""How often a waiting worker looks whether the training is over."""
 
 
 @dataclass(frozen=True)
@@ -145,18 +148,21 @@ class SimWorker:
         Raises:
             StopRequested: When this process was asked to leave.
         """
-        pause_s = POLL_S[0]
+        looked_for_end = -FINISHED_EVERY_S
         while True:
             if self._lifeline.should_stop():
                 raise StopRequested
             name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
-            if name is not None and name.number >= number:
+            found = name is not None and name.number >= number
+            if found or time.monotonic() - looked_for_end > FINISHED_EVERY_S:
+                # After the name: a trainer that ends marks the end before its last checkpoint.
+                if self._finished():
+                    return None
+                looked_for_end = time.monotonic()
+            if found:
                 return name
-            if self._finished():
-                return None
             self._activity.say(f"waits for the trainer (checkpoint {number})")
-            time.sleep(pause_s)
-            pause_s = min(1.5 * pause_s, POLL_S[1])
+            time.sleep(POLL_S)
 
     def _finished(self) -> bool:
         try:

@@ -245,6 +245,9 @@ class Trainer:
         self._number += 1
         self._steps += collected.rollout.steps
         self._episodes += len(collected.rewards)
+        reason = self._reason_to_end()
+        if reason is not None:
+            self._mark_end(reason)
         self._publish()
 
         last = stats[-1]
@@ -348,11 +351,15 @@ class Trainer:
             return f"Training is complete: {self._episodes} episodes were driven."
         return None
 
-    def _finish(self, reason: str) -> None:
-        """Mark the end for the simulation workers, wherever they run."""
-        self._join_upload()
+    def _mark_end(self, reason: str) -> None:
+        """Tell the simulation workers, wherever they run, to drive no further iteration."""
         mark = {"session": self._job.session, "reason": reason}
         self._bucket.put(keys.finished(self._prefix), json.dumps(mark).encode())
+
+    def _finish(self, reason: str) -> None:
+        """Leave everything complete, and the reason for the supervisor."""
+        self._join_upload()
+        self._mark_end(reason)
         self._activity.say("finished")
         LastWords(reason, "", 0).leave(self._job.folder, "trainer")
         print(reason)

@@ -24,6 +24,8 @@ PREFIX = "model"
 class Workspace:
     """A folder in which commands are run as a user runs them."""
 
+    prefix = PREFIX
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
@@ -108,8 +110,16 @@ class Workspace:
         state = json.loads((self.folder / "data" / "s3" / ".server.json").read_text())
         return int(state["pid"])
 
+    @property
+    def model(self) -> Path:
+        """The model's folder in the bucket, as plain files."""
+        return self.folder / "data" / "s3" / "bucket" / PREFIX
+
+    def log(self, worker: str) -> str:
+        return next((self.folder / "data" / "logs").rglob(f"{worker}.log")).read_text()
+
     def iterations(self) -> int:
-        path = self.folder / "data" / "s3" / "bucket" / PREFIX / "metrics" / "history.json"
+        path = self.model / "metrics" / "history.json"
         try:
             return len(json.loads(path.read_text())["iterations"])
         except (FileNotFoundError, ValueError):
@@ -134,7 +144,19 @@ class Workspace:
 
 
 @pytest.fixture
-def workspace(tmp_path: Path) -> Iterator[Workspace]:
-    space = Workspace(tmp_path)
-    yield space
-    space.clean_up()
+def new_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Workspace]]:
+    """Makes working folders, each as good as a machine of its own."""
+    made: list[Workspace] = []
+
+    def make() -> Workspace:
+        made.append(Workspace(tmp_path_factory.mktemp("racer")))
+        return made[-1]
+
+    yield make
+    for space in made:
+        space.clean_up()
+
+
+@pytest.fixture
+def workspace(new_workspace: Callable[[], Workspace]) -> Workspace:
+    return new_workspace()
