@@ -15,10 +15,10 @@ from drcli.job import Job, LastWords
 from drcli.runs.logs import log_file
 from drcli.runs.parameters import evaluation_parameters
 from drcli.runs.report import EvaluationReport, TrialReport
-from drcli.runs.training import refuse_unsupported
+from drcli.runs.training import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, get_json
-from drcli.store.connect import ensure_storage, open_bucket
+from drcli.store.connect import open_bucket
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is copied before it is evaluated."""
@@ -47,8 +47,7 @@ def evaluate(
     """
     directory = (directory or Path.cwd()).absolute()
     refuse_unsupported(settings, "evaluation")
-    ensure_storage(settings, directory)
-    bucket = open_bucket(settings, directory)
+    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
     _check_model(settings, bucket)
     if clone:
         settings = _cloned(settings, bucket)

@@ -34,6 +34,9 @@ TRIAL_TIMEOUT_S = 60.0
 
 READY_TIMEOUT_S = 20.0
 
+COMMAND_PATIENCE_S = 5.0
+"""How long a command waits for a bucket that does not answer."""
+
 
 @dataclass(frozen=True)
 class StartOptions:
@@ -84,8 +87,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     refuse_unsupported(settings, "training")
     folder = run_folder(settings, directory)
     _refuse_second_run(settings, folder)
-    ensure_storage(settings, directory)
-    bucket = open_bucket(settings, directory)
+    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    bucket.probe()
     _refuse_second_trainer(settings, bucket)
 
     prefix = settings.model_prefix

@@ -22,13 +22,19 @@ def storage_config(settings: Settings, directory: Path) -> StorageConfig:
     )
 
 
-def open_bucket(settings: Settings, directory: Path) -> S3Bucket:
+def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0) -> S3Bucket:
     """The bucket, its local server started where needed.
+
+    Args:
+        settings: Say where it is.
+        directory: The racer's working folder.
+        patience_s: How long calls wait for a server that does not answer: a worker lets its
+            supervisor bring the server back, a command's user wants to know soon.
 
     Raises:
         StorageError: The server cannot be started or found.
     """
-    return connect(storage_config(settings, directory))
+    return connect(storage_config(settings, directory), patience_s=patience_s)
 
 
 def open_running_bucket(settings: Settings, directory: Path) -> S3Bucket | None:

@@ -136,6 +136,7 @@ class Workspace:
         return "\n".join(f"== {path.name}\n{path.read_text()[-1500:]}" for path in paths)
 
     def clean_up(self) -> None:
+        self.write_run_env()
         record = self.record()
         if record and psutil.pid_exists(record["pid"]) and record["state"] == "running":
             os.kill(record["pid"], signal.SIGTERM)

@@ -1,0 +1,140 @@
+"""Wrong input meets one clear sentence, an exit code and no process: nothing was started."""
+
+import json
+import socket
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("    return 1 +\n", ["line 2", "not valid Python", "return 1 +"]),
+        ("    return params['sped']\n", ["line 2", "KeyError", "params['sped']"]),
+        ("    return float('nan')\n", ["returned nan"]),
+        ("    return 'fast'\n", ["returned 'fast'", "not a number"]),
+        ("    while True:\n        pass\n", ["did not return within 5 s", "endless loop"]),
+    ],
+    ids=["syntax error", "exception", "NaN", "string", "endless loop"],
+)
+def test_a_wrong_reward_function_is_named_with_file_and_line(workspace, body, words):
+    workspace.write_custom_files(reward=body)
+
+    _assert_refused(workspace, 3, ["custom_files/reward_function.py", *words])
+
+
+def test_a_missing_reward_function_is_missed(workspace):
+    (workspace.folder / "custom_files" / "reward_function.py").unlink()
+
+    _assert_refused(workspace, 3, ["no reward_function.py", "custom_files"])
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("lr", 0.5, ["lr=0.5", "above 0.001"]),
+        ("learning_rate", 0.001, ["learning_rate", "no hyperparameter"]),
+        ("bach_size", 64, ["bach_size", "Did you mean batch_size?"]),
+        ("batch_size", "64", ["batch_size", "no number"]),
+    ],
+    ids=["out of range", "unknown", "misspelt", "wrong type"],
+)
+def test_a_wrong_hyperparameter_is_named_with_file_line_and_value(workspace, key, value, words):
+    workspace.hyperparameters = {key: value}
+    workspace.write_custom_files()
+
+    _assert_refused(workspace, 3, ["hyperparameters.json", *words])
+
+
+@pytest.mark.parametrize(
+    ("kind", "space", "words"),
+    [
+        ("discrete", [], ["action_space"]),
+        (
+            "discrete",
+            [
+                {"steering_angle": 0, "speed": 1, "index": 0},
+                {"steering_angle": 9, "speed": 1, "index": 2},
+            ],
+            ["index"],
+        ),
+        (
+            "continuous",
+            {"steering_angle": {"low": 30, "high": -30}, "speed": {"low": 1, "high": 2}},
+            ["low", "high", "steering_angle"],
+        ),
+    ],
+    ids=["empty", "index gap", "low above high"],
+)
+def test_a_wrong_action_space_is_named(workspace, kind, space, words):
+    path = workspace.folder / "custom_files" / "model_metadata.json"
+    metadata = json.loads(path.read_text())
+    path.write_text(json.dumps({**metadata, "action_space_type": kind, "action_space": space}))
+
+    _assert_refused(workspace, 3, ["model_metadata.json", *words])
+
+
+def test_an_unknown_world_is_answered_with_the_closest_names(workspace):
+    workspace.write_run_env(DR_WORLD_NAME="reinvent_bse")
+
+    _assert_refused(workspace, 3, ["reinvent_bse", "reinvent_base", "run.env line 1"])
+
+
+def test_a_misspelt_setting_is_answered_with_the_right_name(workspace):
+    workspace.write_run_env(DR_WORLD_NAM="reinvent_base")
+
+    _assert_refused(workspace, 3, ["DR_WORLD_NAM=", "DR_WORLD_NAME", "run.env"])
+
+
+def test_a_taken_port_is_named(workspace):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        workspace.environment["DR_LOCAL_S3_PORT"] = str(other.getsockname()[1])
+
+        _assert_refused(workspace, 4, [str(other.getsockname()[1]), "DR_LOCAL_S3_PORT"])
+
+
+def test_a_bucket_that_does_not_answer_is_named(workspace):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    workspace.environment |= _remote(f"http://127.0.0.1:{port}")
+
+    _assert_refused(workspace, 4, [f"127.0.0.1:{port}", "DR_REMOTE_MINIO_URL"])
+
+
+def test_wrong_access_keys_are_named(workspace, new_workspace):
+    url = new_workspace().bucket().endpoint.url
+    workspace.environment |= _remote(url)
+
+    _assert_refused(workspace, 4, [url, "key"])
+
+
+def test_a_wrong_option_is_a_wrong_command_line(workspace):
+    done = workspace.run("start-training", "--sed", "1")
+
+    assert done.returncode == 2
+    assert "--seed" in done.stderr
+
+
+def _remote(url: str) -> dict[str, str]:
+    return {
+        "DR_CLOUD": "remote",
+        "DR_REMOTE_MINIO_URL": url,
+        "AWS_ACCESS_KEY_ID": "wrong-key",
+        "AWS_SECRET_ACCESS_KEY": "wrong-secret",
+    }
+
+
+def _assert_refused(workspace, code: int, words: list[str]) -> None:
+    done = workspace.run("start-training", "-q")
+
+    said = " ".join(done.stderr.split())
+    assert done.returncode == code, done.stderr
+    assert said.startswith(("Error:", "Warning:"))
+    assert "Try:" in said
+    assert "Traceback" not in done.stderr + done.stdout
+    for word in words:
+        assert word in said
+    assert workspace.record() == {}
