@@ -11,19 +11,31 @@ import typer
 
 from drcli import __version__
 from drcli.commands import evaluate, logs, start_training, status, stop_training
+from drcli.commands.folder import working_folder
 from drcli.errors import DrError
 
-EXIT_CODES = (
-    "Exit codes: 0 done; 1 our bug; 2 wrong command line; 3 settings or files wrong; 4 storage; "
-    "5 a worker died; 6 training cannot go on; 130 interrupted; 143 stopped by SIGTERM."
-)
+EPILOG = """Every command also has a name of its own: dr-status is dr status.
+
+\b
+Exit codes:
+    0  done
+    1  a bug of ours
+    2  wrong command line
+    3  wrong setting, parameter file or reward function
+    4  storage cannot be reached, read or written
+    5  a worker died
+    6  training cannot go on
+  130  interrupted (Ctrl-C)
+  143  stopped (SIGTERM)
+"""
 
 app = typer.Typer(
     name="dr",
     help="Train, watch and race DeepRacer models on this machine.",
-    epilog=EXIT_CODES,
+    epilog=EPILOG,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("start-training")(start_training.start_training)
@@ -36,7 +48,7 @@ app.command("start-evaluation", hidden=True)(evaluate.evaluate)
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(f"dr {__version__}")
+        typer.echo(f"dr {__version__}")
         raise typer.Exit
 
 
@@ -52,10 +64,15 @@ def _options(
 def main(args: list[str] | None = None) -> None:
     """Run the command line, under whichever name it was called.
 
-    `dr-start-training` is `dr start-training`.
+    Args:
+        args: What follows `dr`; taken from the process if left out, where `dr-start-training` is
+            `dr start-training`.
+
+    Raises:
+        SystemExit: Always, with the exit code.
     """
     try:
-        app(_arguments(sys.argv) if args is None else args)
+        app(_arguments(sys.argv) if args is None else args, prog_name="dr")
     except DrError as error:  # ours to explain; anything else is a bug
         from drcli import console
 
@@ -63,9 +80,6 @@ def main(args: list[str] | None = None) -> None:
         raise SystemExit(error.code) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    except BrokenPipeError:  # the reader of a pipe has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(0) from None
     except Exception as error:
         if os.environ.get("DR_DEBUG"):
             raise
@@ -83,11 +97,11 @@ def _report_bug(error: Exception) -> None:
     """Keep the traceback for whoever mends it, and spare the user the sight."""
     from drcli import console
 
-    path = Path("data") / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
+    path = working_folder() / "data" / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(traceback.format_exception(error)), "utf-8")
-        kept = f"Report it with {path}."
+        remedy = f"Report it together with {path}."
     except OSError:
-        kept = "Set DR_DEBUG=1 to see where it comes from."
-    console.fail(f"This is a bug of ours: {type(error).__name__}: {error}", kept)
+        remedy = "Set DR_DEBUG=1 and run the command again to see where it comes from."
+    console.fail(f"This is a bug of ours: {type(error).__name__}: {error}", remedy)

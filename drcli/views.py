@@ -1,21 +1,27 @@
 """From reports to what people see: tables, curves and sentences, within 80 columns."""
 
-import time
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from drcli import sparkline
+
 if TYPE_CHECKING:
     from drcli.runs.report import EvaluationReport, IterationRecord, RunReport
     from drcli.runs.training import RunPlan
 
-BLOCKS = " ▁▂▃▄▅▆▇█"
-CURVE_WIDTH = 60
-ROWS = 6
+CURVE_WIDTH = 54
+"""Characters of a curve; its name and its newest value stand beside it."""
+
+LIVE_ROWS = 6
 """Iterations in the table of the live display."""
+
+STATUS_ROWS = 10
+"""Iterations in the table of `dr status`."""
+
+FOOTER = "Ctrl-C detaches, training goes on; dr-stop-training stops it."
 
 STATE_STYLES = {
     "running": "green",
@@ -27,69 +33,43 @@ STATE_STYLES = {
 }
 
 
-def curve(values: list[float], top: float | None = None, width: int = CURVE_WIDTH) -> str:
-    """A curve one line high.
+def live(report: "RunReport", now_s: float, *, verbose: bool = False) -> RenderableType:
+    """The display that follows a training.
+
+    Every line is cut at the edge of the terminal and every missing one is left empty, so that its
+    height depends on nothing but the number of workers, and that only where `verbose` is chosen.
 
     Args:
-        values: Oldest first; longer lists are averaged down to the width.
-        top: The value that fills a character; the greatest one if left out.
-        width: Characters at most.
+        report: The run as it is.
+        now_s: Unix seconds, for the clock.
+        verbose: A line for each worker, and where the time of the newest iteration went.
     """
-    if not values:
-        return ""
-    if len(values) > width:
-        edges = [round(i * len(values) / width) for i in range(width + 1)]
-        values = [sum(values[a:b]) / (b - a) for a, b in pairwise(edges)]
-    low = min(0.0, *values)
-    span = (top if top is not None else max(values)) - low
-    if span <= 0:
-        return BLOCKS[1] * len(values)
-    last = len(BLOCKS) - 1
-    return "".join(BLOCKS[max(1, min(last, round((v - low) / span * last)))] for v in values)
-
-
-def live(report: "RunReport", began: float) -> RenderableType:
-    """The display that follows a training; always of the same height."""
-    records = report.history
-    head = Text.assemble(
-        (report.state, STATE_STYLES.get(report.state, "")),
-        f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
-    )
-    last = records[-1] if records else None
-    facts = f"{_clock(time.time() - (report.started_at or began))}   " + (
-        f"iteration {last.iteration + 1}   {last.total_steps:,} steps   "
-        f"{last.steps_per_s:.0f} steps/s   {last.real_time_factor:.0f} x real time"
-        if last
-        else "the first iteration is being driven"
-    )
-    waits = "   ".join(f"{w.name} {w.activity}" for w in report.workers[:3])
-    body: list[RenderableType] = [
-        head,
-        Text(facts),
-        Text(waits, style="dim", overflow="ellipsis", no_wrap=True),
-        _iterations(records[-ROWS:], ROWS),
-        Text(f"progress {curve([r.mean_progress for r in records], 100.0)}", style="green"),
-        Text(f"reward   {curve([r.mean_reward for r in records])}", style="cyan"),
-        Text(_best(report)),
-        Text("Ctrl-C leaves this display, training goes on; dr-stop-training stops it.", "dim"),
-    ]
-    return Group(*body)
+    ended = report.state not in ("starting", "running")
+    parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
+    if verbose:
+        parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
+        parts.append(Text(_time_split(report)))
+    else:
+        activities = (f"{w.name} {w.activity}" for w in report.workers if w.activity)
+        parts.append(Text("   ".join(activities), style="dim"))
+    parts += [_iterations(report.history[-LIVE_ROWS:], LIVE_ROWS), *_curves(report.history)]
+    parts += [Text(_checkpoints(report)), Text("" if ended else FOOTER, style="dim")]
+    for part in parts:
+        if isinstance(part, Text):
+            part.no_wrap, part.overflow = True, "ellipsis"
+    return Group(*parts)
 
 
 def run(report: "RunReport") -> RenderableType:
     """Everything `dr status` has to say."""
     if report.state == "none":
-        return Text("Nothing was started in this folder yet. Start with `dr-start-training`.")
-    head = Text.assemble(
-        f"Run {report.run_id}: ",
-        (report.state, STATE_STYLES.get(report.state, "")),
-        f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
-    )
-    parts: list[RenderableType] = [head]
+        return Text("Nothing was started here yet. Start with `dr-start-training`.")
+    head = _head(report)
+    parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", head)]
     if report.message:
         parts.append(Text(report.message))
-    for worker in report.workers:
-        if report.state in ("running", "starting"):
+    if report.state in ("starting", "running"):
+        for worker in report.workers:
             alive = "alive" if worker.alive else "DEAD"
             again = f", restarted {worker.restarts} x" if worker.restarts else ""
             parts.append(
@@ -97,23 +77,24 @@ def run(report: "RunReport") -> RenderableType:
             )
     if report.history:
         last = report.history[-1]
+        laps = sum(record.full_laps for record in report.history)
         parts += [
-            _iterations(report.history[-10:], 0),
-            Text(f"progress {curve([r.mean_progress for r in report.history], 100.0)}"),
-            Text(f"reward   {curve([r.mean_reward for r in report.history])}"),
+            _iterations(report.history[-STATUS_ROWS:], 0),
+            *_curves(report.history),
             Text(
-                f"{last.total_steps:,} steps in {_clock(last.elapsed_s)}, "
-                f"{sum(r.full_laps for r in report.history)} full training laps."
+                f"{last.total_steps:,} steps in {_clock(report.elapsed_s)}, "
+                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time, "
+                f"{laps} full training laps."
             ),
-            Text(_best(report)),
+            Text(_checkpoints(report)),
         ]
     return Group(*parts)
 
 
 def evaluation(report: "EvaluationReport") -> RenderableType:
     """The trials of an evaluation, and the sentence that sums them up."""
-    table = Table(box=None, pad_edge=False)
-    for name in ("trial", "progress", "time", "status", "off track", "resets"):
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for name in ("trial", "progress", "lap time", "status", "off track", "crashes", "resets"):
         table.add_column(name, justify="left" if name == "status" else "right")
     for trial in report.trials:
         table.add_row(
@@ -122,43 +103,49 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
             f"{trial.lap_s:.2f} s",
             trial.status,
             str(trial.off_track),
+            str(trial.crashes),
             str(trial.resets),
         )
-    best = f", best lap {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
+    best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
     return Group(
         table,
         Text(
-            f"{report.completed} of {len(report.trials)} laps completed{best}. "
-            f"Checkpoint {report.checkpoint} of {report.prefix} on {report.world}.",
+            f"{report.completed} of {len(report.trials)} laps{best}, "
+            f"checkpoint {report.checkpoint} of {report.prefix} on {report.world}.",
             style="bold",
         ),
     )
 
 
-def iteration_line(record: "IterationRecord") -> str:
+def iteration_line(record: "IterationRecord", *, verbose: bool = False) -> str:
     """One iteration in one line, for logs and pipes."""
-    laps = f"{record.full_laps}/{record.episodes} laps"
-    return (
+    line = (
         f"iteration {record.iteration:3d}  {record.total_steps:7d} steps  "
-        f"reward {record.mean_reward:7.1f}  progress {record.mean_progress:5.1f} %  {laps}  "
-        f"evaluation {_evaluated(record)}  entropy {record.entropy:.2f}  "
-        f"{record.steps_per_s:.0f} steps/s  {_clock(record.elapsed_s)}"
+        f"reward {record.mean_reward:7.1f}  progress {record.mean_progress:5.1f} %  "
+        f"{record.full_laps}/{record.episodes} laps  evaluation {_evaluated(record)}  "
+        f"entropy {record.entropy:.2f}  {record.steps_per_s:.0f} steps/s  "
+        f"{_clock(record.elapsed_s)}"
+    )
+    if not verbose:
+        return line
+    return (
+        f"{line}  policy loss {record.surrogate_loss:.4f}  value loss {record.value_loss:.4f}  "
+        f"KL {record.kl:.4f}  {record.real_time_factor:.0f} x real time  {_seconds(record)}"
     )
 
 
 def start_text(plan: "RunPlan") -> str:
     """What is going to be trained, from what."""
     settings, inputs = plan.job.settings, plan.inputs
-    begin = f"Resuming {plan.resumes}" if plan.resumes else "Training"
+    workers = "1 worker" if settings.workers == 1 else f"{settings.workers} workers"
+    begin = f", resuming from {plan.resumes}" if plan.resumes else ""
+    files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
     return "\n".join(
         [
-            f"{begin} of model s3://{settings.bucket}/{settings.model_prefix} starting "
-            f"on {settings.world_name} (seed {plan.job.seed}).",
+            f"Training of model s3://{settings.bucket}/{settings.model_prefix} starting{begin}.",
+            f"World {settings.world_name}, {workers}, seed {plan.job.seed}.",
             "Using configuration files:",
-            *(
-                f"   {file.origin}"
-                for file in (inputs.reward, inputs.hyperparameters, inputs.metadata)
-            ),
+            *(f"   {file.origin}" for file in files),
         ]
     )
 
@@ -169,8 +156,42 @@ def end_text(report: "RunReport") -> str:
     return f"{report.message}{best} {report.remedy}".strip()
 
 
+def _head(report: "RunReport") -> Text:
+    """Which run, and in what state."""
+    return Text.assemble(
+        (report.state, STATE_STYLES.get(report.state, "")),
+        f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
+    )
+
+
+def _pace(report: "RunReport", now_s: float) -> str:
+    """How long it has trained and how fast it is."""
+    clock = _clock(now_s - report.started_at) if report.started_at else "0:00"
+    if not report.history:
+        return f"{clock}   the first iteration is being driven"
+    last = report.history[-1]
+    return (
+        f"{clock}   iteration {last.iteration + 1}   {last.total_steps:,} steps   "
+        f"{last.steps_per_s:.0f} steps/s   {last.real_time_factor:.0f} x real time"
+    )
+
+
+def _time_split(report: "RunReport") -> str:
+    if not report.history:
+        return ""
+    last = report.history[-1]
+    return f"iteration {last.iteration} took: {_seconds(last)}   KL {last.kl:.4f}"
+
+
+def _seconds(record: "IterationRecord") -> str:
+    return (
+        f"drive {record.drive_s:.1f} s  learn {record.learn_s:.1f} s  "
+        f"exchange {record.exchange_s:.1f} s"
+    )
+
+
 def _iterations(records: "list[IterationRecord]", rows: int) -> Table:
-    """The newest iterations, filled up to a fixed number of rows."""
+    """The given iterations, filled up to a fixed number of rows."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     for name in ("iter", "steps", "reward", "progress", "laps", "eval", "entropy", "loss p/v"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -190,6 +211,32 @@ def _iterations(records: "list[IterationRecord]", rows: int) -> Table:
     return table
 
 
+def _curves(records: "list[IterationRecord]") -> list[Text]:
+    """Mean progress, the evaluations below it, and mean reward."""
+    progress = [record.mean_progress for record in records]
+    reward = [record.mean_reward for record in records]
+    completed = [_completed(record) for record in records]
+    return [
+        _curve("progress", sparkline.curve(progress, CURVE_WIDTH, top=100.0), "green")
+        + (f"  {progress[-1]:.1f} %" if progress else ""),
+        _curve("eval", sparkline.marks(completed, CURVE_WIDTH), "bold")
+        + (f"  {sparkline.ALL} all laps" if any(completed) else ""),
+        _curve("reward", sparkline.curve(reward, CURVE_WIDTH), "cyan")
+        + (f"  {reward[-1]:.1f}" if reward else ""),
+    ]
+
+
+def _curve(name: str, drawn: str, style: str) -> Text:
+    return Text.assemble((f"{name:9}", "dim"), (f"{drawn:{CURVE_WIDTH}}", style))
+
+
+def _completed(record: "IterationRecord") -> float | None:
+    """Share of the evaluation's laps that were completed, None before it."""
+    if not record.evaluation_progress:
+        return None
+    return len(record.evaluation_lap_s) / len(record.evaluation_progress)
+
+
 def _evaluated(record: "IterationRecord") -> str:
     progress = record.evaluation_progress
     if not progress:
@@ -197,7 +244,7 @@ def _evaluated(record: "IterationRecord") -> str:
     return f"{sum(progress) / len(progress):.0f} % {len(record.evaluation_lap_s)}/{len(progress)}"
 
 
-def _best(report: "RunReport") -> str:
+def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
@@ -206,7 +253,7 @@ def _best(report: "RunReport") -> str:
 
 
 def _clock(seconds: float) -> str:
-    whole = int(seconds)
+    whole = max(0, int(seconds))
     hours, rest = divmod(whole, 3600)
     minutes, left = divmod(rest, 60)
     return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"

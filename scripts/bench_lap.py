@@ -31,6 +31,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from drcli.config import load_settings
+from drcli.store.connect import stop_storage
+
 PROJECT = Path(__file__).resolve().parents[1]
 FIGURES = (
     "first_training_lap_s",
@@ -175,9 +178,6 @@ def _dr(folder: Path, environment: dict[str, str], command: str, *options: str,
 
 
 def _stop_storage(folder: Path) -> None:
-    from drcli.config import load_settings
-    from drcli.store.connect import stop_storage
-
     stop_storage(load_settings(folder), folder)
 
 

@@ -21,6 +21,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from drcli.config import load_settings
+from drcli.store.connect import stop_storage
+
 PROJECT = Path(__file__).resolve().parents[1]
 
 CENTRE_LINE_REWARD = """\
@@ -97,7 +100,7 @@ def train(reference: Path, steps: int, seed: int) -> list[dict[str, Any]]:
             except (OSError, ValueError):  # not there yet, or being replaced
                 continue
         dr(folder, "stop-training")
-        subprocess.run(["pkill", "-f", f"rclone serve s3 {folder}"], check=False)
+        stop_storage(load_settings(folder), folder)
         return history
 
 

@@ -35,10 +35,9 @@ def evaluate(
     console.emit(report, views.evaluation(report), as_json=as_json)
     if not quiet:
         console.suggest(
-            "Next:",
             [
                 ("dr-logs evaluation -a", "every step of it"),
                 ("dr-start-training --resume", "go on training"),
                 ("dr-status", "how the training went"),
-            ],
+            ]
         )

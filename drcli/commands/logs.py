@@ -1,7 +1,7 @@
 """`dr logs`."""
 
+import re
 import time
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,53 +10,53 @@ from drcli.commands.folder import settings, working_folder
 
 TAIL_LINES = 20
 POLL_S = 0.3
+OTHERS = ("trainer", "supervisor", "evaluation")
+"""Logs beside those of the simulation workers."""
 
 
 def logs(
-    worker: Annotated[str, typer.Argument(help="sim, trainer, supervisor or evaluation.")] = "sim",
+    worker: Annotated[
+        str, typer.Argument(metavar="WHO", help="sim, trainer, supervisor or evaluation.")
+    ] = "sim",
     number: Annotated[
         int, typer.Option("-n", "--number", help="Which simulation worker, from 0.", min=0)
     ] = 0,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on until Ctrl-C.")] = False,
-    whole: Annotated[bool, typer.Option("-a", "--all", help="Show all of it.")] = False,
+    whole: Annotated[
+        bool, typer.Option("-a", "--all", help="Show all of it, not just the last lines.")
+    ] = False,
 ) -> None:
-    """Show the log of a worker.
+    """Show what a worker has to say.
 
     Example: dr-logs trainer -f
     """
     from drcli import console
+    from drcli.commands.tail import Tail
+    from drcli.errors import SettingsError
     from drcli.runs.logs import log_file
 
-    name = f"sim-{number}" if worker == "sim" else worker
-    known = ("trainer", "supervisor", "evaluation")
-    if name not in known and not name.startswith("sim-"):
-        raise typer.BadParameter(f"'{worker}' is none of sim, {', '.join(known)}.")
-    path = log_file(settings(), working_folder(), name)
+    path = log_file(settings(), working_folder(), _name(worker, number))
     if not path.exists():
         if not follow:
-            console.say(f"There is no log yet: {path}. Start with `dr-start-training`.")
-            raise typer.Exit(1)
+            raise SettingsError(
+                f"There is no log yet: {path}.",
+                remedy="Start a training with `dr-start-training`, or wait for it with -f.",
+            )
         console.say(f"Waiting for {path} ...")
+    tail = Tail(path, None if whole else TAIL_LINES)
     try:
-        show(path, whole=whole, follow=follow)
-    except KeyboardInterrupt:
+        console.write(tail.read(unfinished=not follow))
+        while follow:
+            time.sleep(POLL_S)
+            console.write(tail.read())
+    except KeyboardInterrupt:  # the way to end -f is no failure
         return
 
 
-def show(path: Path, *, whole: bool, follow: bool) -> None:
-    """Print a log file's end, or all of it, and what is added to it."""
-    while follow and not path.exists():
-        time.sleep(POLL_S)
-    position = 0
-    with path.open(encoding="utf-8", errors="replace") as file:
-        lines = file.readlines()
-        position = file.tell()
-    print("".join(lines if whole else lines[-TAIL_LINES:]), end="", flush=True)
-    while follow:
-        time.sleep(POLL_S)
-        if path.stat().st_size < position:  # started anew
-            position = 0
-        with path.open(encoding="utf-8", errors="replace") as file:
-            file.seek(position)
-            print(file.read(), end="", flush=True)
-            position = file.tell()
+def _name(worker: str, number: int) -> str:
+    """The name of the log that is meant."""
+    if worker == "sim":
+        return f"sim-{number}"
+    if worker in OTHERS or re.fullmatch(r"sim-\d+", worker):
+        return worker
+    raise typer.BadParameter(f"'{worker}' is none of sim, {', '.join(OTHERS)}.")

@@ -1,19 +1,22 @@
-"""Stays with a training: a live display on a terminal, a line an iteration elsewhere."""
+"""Stays with a training: a live display on a terminal, lines elsewhere, or logs."""
 
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli import console, views
+from drcli.commands.tail import Tail
 
 if TYPE_CHECKING:
     from drcli.config import Settings
-    from drcli.runs.report import RunReport
+    from drcli.runs.report import IterationRecord, RunReport
 
 POLL_S = 0.5
+"""How often a run is looked at; a look costs 35 ms of processor time that the training lacks."""
 
 NEXT = [
     ("dr-logs trainer -f", "follow the learner"),
@@ -22,87 +25,119 @@ NEXT = [
 ]
 """What somebody may want to do after a start."""
 
+Show = Callable[["RunReport"], None]
+"""Takes each look at a run."""
 
-def until_the_end(settings: "Settings", folder: Path, *, live: bool) -> int | None:
+Display = AbstractContextManager[Show]
+
+
+def until_the_end(settings: "Settings", folder: Path, display: Display) -> "RunReport | None":
     """Watch until the training ends.
 
     Returns:
-        The exit code of the training, or None when the watcher left before its end.
+        The last look, or None when the watcher left with Ctrl-C.
     """
     try:
-        return _display(settings, folder) if live else _print_lines(settings, folder)
+        with display as show:
+            return _watch(settings, folder, show)
     except KeyboardInterrupt:
         return None
 
 
 @contextmanager
-def lines(settings: "Settings", folder: Path) -> Iterator[None]:
-    """Print a line an iteration while the training runs in this very process."""
+def meanwhile(settings: "Settings", folder: Path, display: Display) -> Iterator[None]:
+    """Watch from a thread while the training runs in this very process."""
     stop = threading.Event()
-    printer = threading.Thread(
-        target=_print_lines, args=(settings, folder, stop), name="progress", daemon=True
-    )
-    printer.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        printer.join(timeout=5.0)
+    with display as show:
+        watcher = threading.Thread(
+            target=_watch,
+            args=(settings, folder, show, stop),
+            name="watcher",
+            daemon=True,
+        )
+        watcher.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            watcher.join(timeout=5.0)
 
 
-def log(settings: "Settings", folder: Path, worker: str) -> None:
-    """Follow a log until Ctrl-C."""
-    from drcli.commands.logs import show
-    from drcli.runs.logs import log_file
-
-    try:
-        show(log_file(settings, folder, worker), whole=False, follow=True)
-    except KeyboardInterrupt:
-        console.say("Detached; the training goes on.")
-
-
-def _inspect(settings: "Settings", folder: Path) -> "RunReport":
-    from drcli.runs.status import inspect
-
-    return inspect(settings, folder)
-
-
-def _display(settings: "Settings", folder: Path) -> int:
+@contextmanager
+def live(*, verbose: bool) -> Iterator[Show]:
+    """One display that is drawn again and again."""
     from rich.live import Live
 
-    began = time.time()
-    report = _inspect(settings, folder)
-    with Live(
-        views.live(report, began), console=console.err, auto_refresh=False, transient=True
-    ) as display:
-        while not _is_over(report):
-            time.sleep(POLL_S)
-            report = _inspect(settings, folder)
-            display.update(views.live(report, began), refresh=True)
-    console.err.print(views.run(report))
-    return _code(report)
+    with Live(console=console.err, auto_refresh=False) as screen:
+        yield lambda report: screen.update(
+            views.live(report, time.time(), verbose=verbose), refresh=True
+        )
 
 
-def _print_lines(settings: "Settings", folder: Path, stop: threading.Event | None = None) -> int:
-    """A line for every iteration, until the end or until told to stop."""
-    shown = len(_inspect(settings, folder).history)
-    while True:
-        last_look = stop is not None and stop.is_set()
-        report = _inspect(settings, folder)
+def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
+    """A line for every iteration.
+
+    Args:
+        before: Iterations of earlier starts, which are not repeated.
+        verbose: Long lines.
+    """
+    # An iteration that is driven again has the same number and another time.
+    printed = {(record.iteration, record.elapsed_s) for record in before}
+
+    def show(report: "RunReport") -> None:
         # The newest iteration waits for its evaluation, which arrives with the next one.
-        ready = report.history if _is_over(report) or last_look else report.history[:-1]
-        for record in ready[shown:]:
-            console.say(views.iteration_line(record))
-        shown = max(shown, len(ready))
-        if last_look or (stop is None and _is_over(report)):
-            return _code(report)
-        time.sleep(POLL_S)
+        ready = report.history if is_over(report) else report.history[:-1]
+        for record in ready:
+            if (record.iteration, record.elapsed_s) not in printed:
+                printed.add((record.iteration, record.elapsed_s))
+                console.say(views.iteration_line(record, verbose=verbose))
+
+    return nullcontext(show)
 
 
-def _is_over(report: "RunReport") -> bool:
+def logs(paths: Mapping[str, Path]) -> Display:
+    """What is added to log files from now on.
+
+    Args:
+        paths: Log files by worker; several are told apart by that name before every line.
+    """
+    tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
+    for tail in tails.values():
+        tail.read()
+
+    def show(report: "RunReport") -> None:
+        for name, tail in tails.items():
+            for line in tail.read(unfinished=is_over(report)).splitlines():
+                console.say(f"{name}: {line}" if len(tails) > 1 else line)
+
+    return nullcontext(show)
+
+
+def nothing() -> Display:
+    """Silence."""
+    return nullcontext(lambda report: None)
+
+
+def is_over(report: "RunReport") -> bool:
+    """Whether there is nothing more to watch."""
     return report.state not in ("starting", "running")
 
 
-def _code(report: "RunReport") -> int:
-    """The training's exit code; a run whose supervisor vanished counts as a dead worker."""
-    return report.exit_code if report.exit_code is not None else 5
+def _watch(
+    settings: "Settings", folder: Path, show: Show, stop: threading.Event | None = None
+) -> "RunReport":
+    """Look and show, until the training is over or, where there is a `stop`, once after that."""
+    from drcli.runs.status import inspect
+
+    clock = stop or threading.Event()
+    last: RunReport | None = None
+    while True:
+        stopped = clock.is_set()
+        report = inspect(settings, folder)
+        if last is not None and not report.history:  # the bucket did not answer this time
+            report = replace(report, history=last.history, best=last.best, last=last.last)
+        show(report)
+        if stopped or (stop is None and is_over(report)):
+            return report
+        last = report
+        clock.wait(POLL_S)

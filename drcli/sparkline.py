@@ -1,0 +1,59 @@
+"""Curves one line high, made of block characters."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TypeVar
+
+T = TypeVar("T")
+
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+NONE, SOME, ALL = "·", "◦", "●"
+"""Marks of an evaluation in which no lap, some laps or all laps were completed."""
+
+
+def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
+    """Numbers as heights.
+
+    Args:
+        values: Oldest first. Longer lists are averaged down to the width.
+        width: Characters at most.
+        top: The value that fills a character; the greatest one if left out. The lowest character
+            means zero, or the least value where that is negative.
+    """
+    if not values:
+        return ""
+    means = [sum(part) / len(part) for part in _parts(values, width)]
+    low = min(0.0, *means)
+    span = (max(means) if top is None else top) - low
+    if span <= 0:
+        return BLOCKS[0] * len(means)
+    last = len(BLOCKS) - 1
+    heights = (round((mean - low) / span * last) for mean in means)
+    return "".join(BLOCKS[max(0, min(last, height))] for height in heights)
+
+
+def marks(completed: Sequence[float | None], width: int) -> str:
+    """Evaluations below a curve of the same width.
+
+    Args:
+        completed: Share of completed laps of each evaluation, 0 to 1; None where there was none.
+        width: Characters at most. Where several evaluations share one, the best is shown.
+    """
+    return "".join(_mark(part) for part in _parts(completed, width))
+
+
+def _mark(completed: Sequence[float | None]) -> str:
+    best = max((share for share in completed if share is not None), default=None)
+    if best is None:
+        return " "
+    if best == 0:
+        return NONE
+    return ALL if best == 1 else SOME
+
+
+def _parts(values: Sequence[T], width: int) -> list[Sequence[T]]:
+    """The values cut into at most `width` parts of nearly equal length."""
+    count = min(len(values), width)
+    edges = [round(i * len(values) / count) for i in range(count + 1)] if count else []
+    return [values[start:end] for start, end in pairwise(edges)]

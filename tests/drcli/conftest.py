@@ -1,0 +1,122 @@
+"""Runs and working folders as the commands meet them."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drcli.runs.report import (
+    CheckpointReport,
+    EvaluationReport,
+    IterationRecord,
+    RunReport,
+    TrialReport,
+    WorkerReport,
+)
+
+STARTED_S = 1_000_000.0
+"""When every made-up run began."""
+
+
+@pytest.fixture
+def make_record() -> Callable[..., IterationRecord]:
+    """Iteration n of a training that gets better by 3 % each time."""
+
+    def make(n: int, **changes: Any) -> IterationRecord:
+        completed = max(0, min(3, n - 5))
+        fields: dict[str, Any] = {
+            "iteration": n,
+            "checkpoint": f"{n}_Step-{n * 500}.ckpt",
+            "episodes": 20,
+            "steps": 500,
+            "total_steps": (n + 1) * 500,
+            "mean_reward": 10.0 + 4.0 * n,
+            "mean_progress": 10.0 + 3.0 * n,
+            "full_laps": n,
+            "best_lap_s": 14.25 if n else None,
+            "entropy": 2.5 - 0.05 * n,
+            "surrogate_loss": -0.0123,
+            "value_loss": 0.45,
+            "kl": 0.0021,
+            "steps_per_s": 370.0,
+            "real_time_factor": 25.0,
+            "drive_s": 0.6,
+            "learn_s": 0.7,
+            "exchange_s": 0.1,
+            "elapsed_s": 1.4 * (n + 1),
+            "evaluation_progress": [100.0] * completed + [40.0] * (3 - completed),
+            "evaluation_lap_s": [14.5] * completed,
+        }
+        return IterationRecord(**{**fields, **changes})
+
+    return make
+
+
+@pytest.fixture
+def make_report(make_record: Callable[..., IterationRecord]) -> Callable[..., RunReport]:
+    """A run on one simulation worker with so many iterations behind it."""
+
+    def make(state: str = "running", iterations: int = 0, **changes: Any) -> RunReport:
+        alive = state in ("starting", "running")
+        history = [make_record(n) for n in range(iterations)]
+        if history and alive:
+            history[-1] = make_record(iterations - 1, evaluation_progress=[], evaluation_lap_s=[])
+        activities = {"trainer": f"waits for rollouts of iteration {iterations}"}
+        activities["sim-0"] = f"drives iteration {iterations}"
+        fields: dict[str, Any] = {
+            "run_id": 0,
+            "bucket": "bucket",
+            "prefix": "model",
+            "world": "reinvent_base",
+            "state": state,
+            "message": "" if alive else "All 3 evaluation laps are complete.",
+            "exit_code": None if alive else 0,
+            "started_at": STARTED_S,
+            "elapsed_s": 1.4 * iterations,
+            "pid": 4242,
+            "workers": [
+                WorkerReport(name, 4243, alive, 0, said if alive else "", f"/logs/{name}.log")
+                for name, said in activities.items()
+            ],
+            "history": history,
+            "best": CheckpointReport("8_Step-4000.ckpt", 100.0) if iterations else None,
+            "last": CheckpointReport(f"{iterations}_Step-{iterations * 500}.ckpt", None)
+            if iterations
+            else None,
+        }
+        return RunReport(**{**fields, **changes})
+
+    return make
+
+
+@pytest.fixture
+def evaluation_report() -> EvaluationReport:
+    """Two laps of three."""
+    return EvaluationReport(
+        prefix="model",
+        world="reinvent_base",
+        checkpoint="8_Step-4000.ckpt",
+        trials=[
+            TrialReport(1, 100.0, 13.4211, "Lap complete", 0, 0, 0),
+            TrialReport(2, 100.0, 15.0, "Lap complete", 1, 0, 1),
+            TrialReport(3, 37.4, 6.2, "Off track", 1, 0, 0),
+        ],
+        simtrace="model/evaluation-1/0-iteration.csv",
+        metrics="model/metrics/evaluation-1.json",
+    )
+
+
+@pytest.fixture
+def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A racer's folder, current, with nothing of this process's own settings."""
+    for name in os.environ:
+        if name.startswith("DR_"):
+            monkeypatch.delenv(name)
+    (tmp_path / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
+    (tmp_path / "run.env").write_text(
+        "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=model\nDR_WORKERS=2\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

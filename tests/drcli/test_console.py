@@ -1,0 +1,88 @@
+"""What goes to stdout, what to stderr, and in which shape."""
+
+import json
+from dataclasses import dataclass
+
+import pytest
+
+from drcli import console
+
+
+@dataclass(frozen=True)
+class Weather:
+    """A report."""
+
+    degrees: list[float]
+
+    @property
+    def warm(self) -> bool:
+        """A sentence about the rest."""
+        return self.degrees[0] > 20
+
+
+class Terminal:
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_json_holds_fields_and_properties_of_a_report(capsys):
+    console.emit(Weather([25.0]), "warm", as_json=True)
+
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"degrees": [25.0], "warm": True}
+    assert printed.err == ""
+
+
+def test_numbers_that_json_does_not_know_become_null(capsys):
+    console.emit(Weather([float("nan"), float("inf")]), "", as_json=True)
+
+    assert json.loads(capsys.readouterr().out)["degrees"] == [None, None]
+
+
+def test_people_get_the_rendered_report_in_whole_lines(capsys):
+    console.emit(Weather([25.0]), "warm " * 40, as_json=False)
+
+    assert capsys.readouterr().out == "warm " * 40 + "\n"
+
+
+def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):
+    console.say("[bold] is no markup")
+    console.warn("odd [value]")
+    console.fail("It broke [here].", "Mend it.")
+    console.suggest([("dr-status", "look")])
+
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines() == [
+        "[bold] is no markup",
+        "Warning: odd [value]",
+        "Error: It broke [here].",
+        "  Try: Mend it.",
+        "Next:",
+        "  dr-status  # look",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("environment", "live"),
+    [({"TERM": "xterm"}, True), ({"TERM": "dumb"}, False), ({"TERM": "xterm", "NO_COLOR": "1"}, False)],
+    ids=["terminal", "TERM=dumb", "NO_COLOR"],
+)
+def test_a_live_display_wants_a_terminal_that_can_redraw(monkeypatch, environment, live):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("sys.stdin", Terminal())
+    monkeypatch.setattr("sys.stderr", Terminal())
+    monkeypatch.setattr(console, "err", console.Console(stderr=True))
+
+    assert console.is_live() is live
+
+
+def test_a_pipe_is_no_terminal_even_if_colours_are_forced(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr("sys.stdin", Terminal())
+
+    assert not console.is_live()
