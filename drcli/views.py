@@ -21,6 +21,18 @@ LIVE_ROWS = 6
 STATUS_ROWS = 10
 """Iterations in the table of `dr status`."""
 
+ITERATION_COLUMNS = {
+    "iter": 4,
+    "steps": 9,
+    "reward": 7,
+    "progress": 8,
+    "laps": 6,
+    "eval": 9,
+    "entropy": 7,
+    "loss p/v": 12,
+}
+"""Least widths, so that columns stay where they are while numbers grow."""
+
 FOOTER = "Ctrl-C detaches, training goes on; dr-stop-training stops it."
 
 STATE_STYLES = {
@@ -118,19 +130,19 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
 
 
 def iteration_line(record: "IterationRecord", *, verbose: bool = False) -> str:
-    """One iteration in one line, for logs and pipes."""
+    """One iteration in one line, for logs and pipes; a long one where `verbose` is chosen."""
     line = (
-        f"iteration {record.iteration:3d}  {record.total_steps:7d} steps  "
-        f"reward {record.mean_reward:7.1f}  progress {record.mean_progress:5.1f} %  "
-        f"{record.full_laps}/{record.episodes} laps  evaluation {_evaluated(record)}  "
-        f"entropy {record.entropy:.2f}  {record.steps_per_s:.0f} steps/s  "
-        f"{_clock(record.elapsed_s)}"
+        f"{_clock(record.elapsed_s):>7} iter {record.iteration:3d} {record.total_steps:7d} steps  "
+        f"reward {record.mean_reward:6.1f}  progress {record.mean_progress:5.1f} %  "
+        f"eval {_evaluated(record)}"
     )
     if not verbose:
         return line
     return (
-        f"{line}  policy loss {record.surrogate_loss:.4f}  value loss {record.value_loss:.4f}  "
-        f"KL {record.kl:.4f}  {record.real_time_factor:.0f} x real time  {_seconds(record)}"
+        f"{line}  laps {record.full_laps}/{record.episodes}  entropy {record.entropy:.3f}  "
+        f"policy loss {record.surrogate_loss:.4f}  value loss {record.value_loss:.4f}  "
+        f"KL {record.kl:.4f}  {record.steps_per_s:.0f} steps/s  "
+        f"{record.real_time_factor:.0f} x real time  {_seconds(record)}"
     )
 
 
@@ -193,8 +205,8 @@ def _seconds(record: "IterationRecord") -> str:
 def _iterations(records: "list[IterationRecord]", rows: int) -> Table:
     """The given iterations, filled up to a fixed number of rows."""
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for name in ("iter", "steps", "reward", "progress", "laps", "eval", "entropy", "loss p/v"):
-        table.add_column(name, justify="right", no_wrap=True)
+    for name, width in ITERATION_COLUMNS.items():
+        table.add_column(name, min_width=width, justify="right", no_wrap=True)
     for record in records:
         table.add_row(
             str(record.iteration),

@@ -31,8 +31,15 @@ from drcli.worker.learning import policy_spec
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.trace import csv_text, log_lines, schedule
-from drcli.worker.world import actions_of, load_reward, load_world, longest_episode
+from drcli.worker.world import (
+    actions_of,
+    load_reward,
+    load_world,
+    longest_episode,
+    reward_failure,
+)
 from drsim.episode import EpisodeRules
+from drsim.errors import RewardError
 from drsim.simulation import Simulation
 
 SHARD_STEPS = 256
@@ -210,6 +217,9 @@ class SimWorker:
         except StopRequested:
             writer.abandon()
             raise
+        except RewardError as error:
+            writer.abandon()
+            raise reward_failure(error) from None
         if evaluation:
             evaluation.sort(key=lambda episode: episode.number)
             self._publish_evaluation(name, evaluation, numbers.stop)

@@ -53,9 +53,12 @@ def load_reward(bucket: Bucket, prefix: str, folder: Path) -> RewardFunction:
 
 
 def reward_failure(error: RewardError) -> SettingsError:
-    """A reward function's failure, explained to its author."""
+    """A reward function's failure, explained to its author, who never saw our copy of the file."""
+    text = str(error)
+    if error.file is not None:
+        text = text.replace(str(error.file), error.file.name)
     return SettingsError(
-        f"Reward function error: {error}",
+        f"Reward function error: {text}",
         remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, "
         "or start over with `-w`.",
     )

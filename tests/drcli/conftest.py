@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drcli.cli import main
 from drcli.runs.report import (
     CheckpointReport,
     EvaluationReport,
@@ -120,3 +121,16 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def dr() -> Callable[..., int]:
+    """Runs a command line in this process and returns its exit code."""
+
+    def run(*arguments: str) -> int:
+        with pytest.raises(SystemExit) as end:
+            main(list(arguments))
+        assert isinstance(end.value.code, int)
+        return end.value.code
+
+    return run

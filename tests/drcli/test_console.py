@@ -67,7 +67,11 @@ def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):
 
 @pytest.mark.parametrize(
     ("environment", "live"),
-    [({"TERM": "xterm"}, True), ({"TERM": "dumb"}, False), ({"TERM": "xterm", "NO_COLOR": "1"}, False)],
+    [
+        ({"TERM": "xterm"}, True),
+        ({"TERM": "dumb"}, False),
+        ({"TERM": "xterm", "NO_COLOR": "1"}, False),
+    ],
     ids=["terminal", "TERM=dumb", "NO_COLOR"],
 )
 def test_a_live_display_wants_a_terminal_that_can_redraw(monkeypatch, environment, live):

@@ -131,9 +131,8 @@ def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
 
 def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
     workspace.write_custom_files(
-        reward="    global calls\n"
-        "    calls = globals().get('calls', 0) + 1\n"
-        "    return 1.0 if calls < 260 else 1 / 0  # the culprit\n"
+        # The trial before the start drives at 1 m/s, the car's actions are faster.
+        reward="    return 1.0 if params['speed'] < 1.5 else 1 / 0  # the culprit\n"
     )
 
     ended = workspace.run("start-training")

@@ -1,0 +1,74 @@
+"""`dr evaluate` as its caller meets it."""
+
+import json
+
+import pytest
+
+from drcli.errors import WorkerDied
+
+
+@pytest.fixture
+def asked(working_folder, evaluation_report, monkeypatch):
+    """What the command asks for; the answer is two laps of three."""
+    seen = {}
+
+    def evaluate(settings, *, clone, directory, on_progress):
+        seen.update(clone=clone, directory=directory)
+        on_progress("Evaluating 8_Step-4000.ckpt ...")
+        return evaluation_report
+
+    monkeypatch.setattr("drcli.runs.evaluation.evaluate", evaluate)
+    return seen
+
+
+@pytest.mark.parametrize("name", ["evaluate", "start-evaluation"])
+def test_an_evaluation_shows_its_trials_under_both_names(dr, asked, working_folder, capsys, name):
+    code = dr(name)
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert asked == {"clone": False, "directory": working_folder}
+    assert "2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt" in printed.out
+    assert printed.err.startswith("Evaluating 8_Step-4000.ckpt ...\nNext:\n")
+
+
+def test_json_is_all_there_is_on_stdout(dr, asked, capsys):
+    dr("evaluate", "--json")
+
+    report = json.loads(capsys.readouterr().out)
+    assert (report["completed"], report["best_lap_s"]) == (2, 13.4211)
+    assert [trial["status"] for trial in report["trials"]] == [
+        "Lap complete",
+        "Lap complete",
+        "Off track",
+    ]
+
+
+def test_quiet_says_nothing_but_the_result(dr, asked, capsys):
+    dr("evaluate", "-q")
+
+    printed = capsys.readouterr()
+    assert "2 of 3 laps" in printed.out
+    assert printed.err == ""
+
+
+def test_a_copy_is_evaluated_on_request(dr, asked):
+    dr("evaluate", "-c")
+
+    assert asked["clone"] is True
+
+
+@pytest.mark.parametrize(
+    ("failure", "code"),
+    [(WorkerDied("It died.", remedy="Read its log."), 5), (KeyboardInterrupt(), 130)],
+)
+def test_an_evaluation_that_does_not_end_leaves_stdout_empty(
+    dr, working_folder, monkeypatch, capsys, failure, code
+):
+    def evaluate(*_, **__):
+        raise failure
+
+    monkeypatch.setattr("drcli.runs.evaluation.evaluate", evaluate)
+
+    assert dr("evaluate", "--json") == code
+    assert capsys.readouterr().out == ""

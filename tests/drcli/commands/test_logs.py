@@ -1,0 +1,91 @@
+"""`dr logs` as its caller meets it."""
+
+import pytest
+
+from drcli.commands import logs
+
+LINES = [f"line {k}\n" for k in range(30)]
+
+
+@pytest.fixture
+def meanwhile(monkeypatch):
+    """Makes something happen at each wait; Ctrl-C comes when nothing is left to happen."""
+
+    def plan(*events):
+        left = list(events)
+
+        def wait(seconds):
+            if not left:
+                raise KeyboardInterrupt
+            left.pop(0)()
+
+        monkeypatch.setattr(logs.time, "sleep", wait)
+
+    return plan
+
+
+def test_the_last_lines_of_the_first_simulation_worker_are_shown(dr, log, capsys):
+    log("sim-0").write_text("".join(LINES) + "a last line without an end")
+
+    code = dr("logs")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert printed.out == "".join(LINES[-19:]) + "a last line without an end"
+    assert printed.err == ""
+
+
+def test_all_of_a_log_is_shown_on_request(dr, log, capsys):
+    log("trainer").write_text("".join(LINES))
+
+    dr("logs", "trainer", "-a")
+
+    assert capsys.readouterr().out == "".join(LINES)
+
+
+@pytest.mark.parametrize("arguments", [["sim", "-n", "1"], ["sim-1"], ["-n", "1"]])
+def test_a_simulation_worker_is_chosen_by_number(dr, log, capsys, arguments):
+    log("sim-1").write_text("I am one\n")
+
+    dr("logs", *arguments)
+
+    assert capsys.readouterr().out == "I am one\n"
+
+
+def test_following_goes_on_until_ctrl_c_which_is_no_failure(dr, log, capsys, meanwhile):
+    path = log("sim-0")
+    path.write_text("old\n")
+    meanwhile(lambda: path.write_text("old\nnew\n"))
+
+    code = dr("logs", "-f")
+
+    assert code == 0
+    assert capsys.readouterr().out == "old\nnew\n"
+
+
+def test_following_waits_for_a_log_that_comes_late_and_says_so(dr, log, capsys, meanwhile):
+    path = log("sim-0")
+    meanwhile(lambda: None, lambda: path.write_text("".join(LINES)))
+
+    dr("logs", "-f")
+
+    printed = capsys.readouterr()
+    assert printed.out == "".join(LINES)
+    assert printed.err == f"Waiting for {path} ...\n"
+
+
+def test_a_missing_log_exits_3_and_says_how_to_wait_for_it(dr, working_folder, capsys):
+    code = dr("logs", "trainer")
+
+    said = capsys.readouterr().err
+    assert code == 3
+    assert "trainer.log" in said
+    assert "-f" in said
+
+
+def test_an_unknown_worker_exits_2_with_those_there_are(dr, working_folder, capsys):
+    code = dr("logs", "sagemaker")
+
+    said = capsys.readouterr().err
+    assert code == 2
+    assert "'sagemaker' is none of sim, trainer, supervisor, evaluation." in said

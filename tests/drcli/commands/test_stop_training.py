@@ -1,0 +1,38 @@
+"""`dr stop-training` as its caller meets it."""
+
+
+def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys, monkeypatch):
+    run.looks = [make_report("stopped", 3, exit_code=143)]
+    answers = iter([True, False])
+    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
+
+    code = dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert printed.out == ""
+    first, *rest = printed.err.splitlines()
+    assert first == (
+        "Stopped the training of s3://bucket/model; its last checkpoint is 3_Step-1500.ckpt."
+    )
+    assert "dr-start-training --resume" in rest[1]
+
+
+def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
+    run.running = False
+
+    code = dr("stop-training")
+
+    assert code == 0
+    assert capsys.readouterr().err == "No training is running.\n"
+    assert run.asked == []
+
+
+def test_a_training_that_is_still_leaving_is_not_called_stopped(dr, run, make_report, capsys):
+    run.looks = [make_report("running", 3)]
+
+    dr("stop-training")
+
+    said = capsys.readouterr().err
+    assert "still leaving" in said
+    assert "Stopped" not in said

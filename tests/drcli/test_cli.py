@@ -1,0 +1,205 @@
+"""The command line as a whole: names, exit codes, and what a failure looks like."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from drcli import __version__
+from drcli.cli import main
+from drcli.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
+
+SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich"}
+"""What showing help must not load. Typer itself loads pydantic for options with numbers."""
+
+
+@pytest.fixture
+def failing(working_folder, monkeypatch):
+    """Lets `dr stop-training` fail in a chosen way."""
+
+    def fail_with(failure):
+        def is_running(*_):
+            raise failure
+
+        monkeypatch.setattr("drcli.runs.training.is_running", is_running)
+
+    return fail_with
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("dr-start-training", "start-training"),
+        ("dr-stop-training", "stop-training"),
+        ("dr-status", "status"),
+        ("dr-logs", "logs"),
+        ("dr-evaluate", "evaluate"),
+        ("dr-start-evaluation", "start-evaluation"),
+        ("/usr/local/bin/dr-status.exe", "status"),
+    ],
+)
+def test_a_command_is_reached_under_its_own_name(monkeypatch, capsys, name, command):
+    monkeypatch.setattr("sys.argv", [name, "--help"])
+
+    with pytest.raises(SystemExit) as end:
+        main()
+
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith(f"Usage: dr {command} ")
+
+
+def test_dr_reaches_every_command_by_its_first_argument(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["/usr/local/bin/dr", "status", "--help"])
+
+    with pytest.raises(SystemExit):
+        main()
+
+    assert capsys.readouterr().out.startswith("Usage: dr status ")
+
+
+def test_the_version_goes_to_stdout(dr, capsys):
+    code = dr("--version")
+
+    assert code == 0
+    assert capsys.readouterr().out == f"dr {__version__}\n"
+
+
+def test_help_lists_all_exit_codes(dr, capsys):
+    dr("--help")
+
+    shown = capsys.readouterr().out
+    codes = [line.split()[0] for line in shown[shown.index("Exit codes:") :].splitlines()[1:]]
+    assert codes == ["0", "1", "2", "3", "4", "5", "6", "130", "143"]
+
+
+@pytest.mark.parametrize("command", [[], ["start-training"]])
+def test_help_loads_nothing_slow(command):
+    program = (
+        "import sys; from drcli.cli import main\n"
+        f"try: main({[*command, '--help']!r})\n"
+        f"finally: print({SLOW!r} & sys.modules.keys(), file=sys.stderr)"
+    )
+
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+
+    assert done.returncode == 0
+    assert done.stderr == "set()\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["start-training", "--wip"], "Possible options: --wipe"),
+        (["status", "--jsno"], "--json"),
+        (["start-trainin"], "Did you mean 'start-training'"),
+        (["start-training", "--seed", "x"], "--seed"),
+    ],
+)
+def test_a_wrong_command_line_exits_2_and_suggests_the_right_one(dr, capsys, arguments, words):
+    code = dr(*arguments)
+
+    printed = capsys.readouterr()
+    assert code == 2
+    assert printed.out == ""
+    assert words in printed.err
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [(DrError, 1), (SettingsError, 3), (StorageError, 4), (WorkerDied, 5), (TrainingFailed, 6)],
+)
+def test_an_explained_failure_is_a_sentence_a_remedy_and_a_code(dr, failing, capsys, kind, code):
+    failing(kind("It broke.", remedy="Mend it."))
+
+    ended = dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert ended == code
+    assert printed.out == ""
+    assert printed.err == "Error: It broke.\n  Try: Mend it.\n"
+
+
+def test_wrong_settings_exit_3_before_anything_happens(dr, working_folder, capsys):
+    (working_folder / "run.env").write_text("DR_WORKERS=many\n")
+
+    code = dr("status")
+
+    assert code == 3
+    assert "run.env line 1" in capsys.readouterr().err
+
+
+def test_dr_dir_names_the_working_folder(dr, working_folder, tmp_path_factory, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    monkeypatch.setenv("DR_DIR", str(working_folder))
+
+    code = dr("status")
+
+    assert code == 0
+    assert "Nothing was started" in capsys.readouterr().out
+
+
+def test_ctrl_c_exits_130_without_a_word(dr, failing, capsys):
+    failing(KeyboardInterrupt())
+
+    code = dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert code == 130
+    assert printed.out + printed.err == ""
+
+
+def test_a_bug_is_one_sentence_and_keeps_its_traceback_in_a_file(
+    dr, failing, working_folder, capsys
+):
+    failing(ZeroDivisionError("division by zero"))
+
+    code = dr("stop-training")
+
+    said = capsys.readouterr().err
+    [crash] = (working_folder / "data" / "logs").glob("crash-*.txt")
+    assert code == 1
+    assert "bug of ours: ZeroDivisionError: division by zero" in said
+    assert str(crash) in said
+    assert "Traceback" not in said
+    assert "Traceback" in crash.read_text()
+
+
+def test_a_bug_in_a_folder_that_cannot_be_written_says_how_to_see_more(
+    dr, failing, working_folder, capsys
+):
+    (working_folder / "data").write_text("in the way")
+    failing(ZeroDivisionError())
+
+    code = dr("stop-training")
+
+    assert code == 1
+    assert "DR_DEBUG=1" in capsys.readouterr().err
+
+
+def test_dr_debug_shows_a_bug_as_it_is(failing, monkeypatch):
+    monkeypatch.setenv("DR_DEBUG", "1")
+    failing(ZeroDivisionError())
+
+    with pytest.raises(ZeroDivisionError):
+        main(["stop-training"])
+
+
+@pytest.mark.parametrize("command", [["status"], ["status", "--json"], ["logs"]])
+def test_a_reader_that_has_seen_enough_ends_the_command_quietly(working_folder, command):
+    log = working_folder / "data" / "logs" / "robomaker" / "model" / "sim-0.log"
+    log.parent.mkdir(parents=True)
+    log.write_text("line\n")
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+
+    done = subprocess.run(
+        [sys.executable, "-c", f"from drcli.cli import main; main({command!r})"],
+        stdout=write_end,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(write_end)
+
+    assert done.stderr == ""
+    assert done.returncode == 0

@@ -1,0 +1,179 @@
+"""What people see, compared with recorded screens of 80 columns and 24 rows."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from drcli import views
+
+NOW_S = 1_000_000.0 + 75.0
+
+
+def screen(rendered):
+    """The plain text of a terminal of the usual size."""
+    page = io.StringIO()
+    console = Console(file=page, width=80, height=24, color_system=None, legacy_windows=False)
+    console.print(rendered)
+    return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def test_the_live_display_of_a_training_under_way(make_report):
+    shown = screen(views.live(make_report("running", 9), NOW_S))
+
+    assert shown == UNDER_WAY
+
+
+def test_the_live_display_before_the_first_iteration(make_report):
+    shown = screen(views.live(make_report("running"), NOW_S))
+
+    assert shown == BEFORE_THE_FIRST
+
+
+def test_the_verbose_display_has_a_line_for_each_worker_and_for_the_time(make_report):
+    lines = screen(views.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
+
+    assert lines[2:5] == [
+        "trainer: waits for rollouts of iteration 9",
+        "sim-0: drives iteration 9",
+        "iteration 8 took: drive 0.6 s  learn 0.7 s  exchange 0.1 s   KL 0.0021",
+    ]
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_the_height_of_the_live_display_never_changes(make_report, verbose):
+    looks = [
+        make_report("starting"),
+        make_report("running", 1),
+        make_report("running", 300, prefix="a-model-with-a-name-" * 5),
+        make_report("finished", 300),
+    ]
+
+    screens = [screen(views.live(look, NOW_S, verbose=verbose)) for look in looks]
+
+    heights = {len(shown.split("\n")) for shown in screens}
+    assert len(heights) == 1
+    assert heights.pop() < 24
+    assert max(len(line) for shown in screens for line in shown.split("\n")) <= 80
+
+
+def test_a_display_that_has_ended_no_longer_speaks_of_ctrl_c(make_report):
+    shown = screen(views.live(make_report("finished", 9), NOW_S))
+
+    assert "Ctrl-C" not in shown
+    assert shown.startswith("finished")
+
+
+def test_status_of_a_training_under_way(make_report):
+    shown = screen(views.run(make_report("running", 9)))
+
+    assert shown == STATUS
+
+
+def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_report):
+    lines = screen(views.run(make_report("finished", 9))).splitlines()
+
+    assert lines[0] == "Run 0: finished  s3://bucket/model  on reinvent_base"
+    assert lines[1] == "All 3 evaluation laps are complete."
+    assert not any("sim-0" in line for line in lines)
+
+
+def test_a_dead_worker_catches_the_eye(make_report):
+    report = make_report("running")
+    dead = report.workers[1].__class__("sim-0", 7, False, 2, "drives iteration 0", "x.log")
+
+    shown = screen(views.run(make_report("running", workers=[dead])))
+
+    assert "sim-0 (DEAD, process 7, restarted 2 x): drives iteration 0" in shown
+
+
+def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
+    shown = screen(views.evaluation(evaluation_report))
+
+    assert shown == EVALUATION
+
+
+def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
+    lost = evaluation_report.__class__(
+        "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
+    )
+
+    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(views.evaluation(lost))
+
+
+def test_an_iteration_fits_a_line_of_80_columns(make_record):
+    line = views.iteration_line(make_record(8))
+
+    assert line == (
+        "   0:12 iter   8    4500 steps  reward   42.0  progress  34.0 %  eval 100 % 3/3"
+    )
+    assert len(line) <= 80
+
+
+def test_an_iteration_without_its_evaluation_says_so(make_record):
+    line = views.iteration_line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
+
+    assert line.endswith("eval ...")
+
+
+UNDER_WAY = """\
+running  s3://bucket/model  on reinvent_base
+1:15   iteration 9   4,500 steps   370 steps/s   25 x real time
+trainer waits for rollouts of iteration 9   sim-0 drives iteration 9
+iter      steps   reward  progress    laps       eval  entropy      loss p/v
+   3      2,000     22.0    19.0 %    3/20   40 % 0/3     2.35   -0.012/0.45
+   4      2,500     26.0    22.0 %    4/20   40 % 0/3     2.30   -0.012/0.45
+   5      3,000     30.0    25.0 %    5/20   40 % 0/3     2.25   -0.012/0.45
+   6      3,500     34.0    28.0 %    6/20   60 % 1/3     2.20   -0.012/0.45
+   7      4,000     38.0    31.0 %    7/20   80 % 2/3     2.15   -0.012/0.45
+   8      4,500     42.0    34.0 %    8/20        ...     2.10   -0.012/0.45
+progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
+eval     ······◦◦                                                ● all laps
+reward   ▃▃▄▅▅▆▇▇█                                               42.0
+best 8_Step-4000.ckpt (100.0)   last 9_Step-4500.ckpt
+Ctrl-C detaches, training goes on; dr-stop-training stops it."""
+
+BEFORE_THE_FIRST = """\
+running  s3://bucket/model  on reinvent_base
+1:15   the first iteration is being driven
+trainer waits for rollouts of iteration 0   sim-0 drives iteration 0
+iter      steps   reward  progress    laps       eval  entropy      loss p/v
+
+
+
+
+
+
+progress
+eval
+reward
+No checkpoint yet.
+Ctrl-C detaches, training goes on; dr-stop-training stops it."""
+
+STATUS = """\
+Run 0: running  s3://bucket/model  on reinvent_base
+  trainer (alive, process 4243): waits for rollouts of iteration 9
+  sim-0 (alive, process 4243): drives iteration 9
+iter      steps   reward  progress    laps       eval  entropy      loss p/v
+   0        500     10.0    10.0 %    0/20   40 % 0/3     2.50   -0.012/0.45
+   1      1,000     14.0    13.0 %    1/20   40 % 0/3     2.45   -0.012/0.45
+   2      1,500     18.0    16.0 %    2/20   40 % 0/3     2.40   -0.012/0.45
+   3      2,000     22.0    19.0 %    3/20   40 % 0/3     2.35   -0.012/0.45
+   4      2,500     26.0    22.0 %    4/20   40 % 0/3     2.30   -0.012/0.45
+   5      3,000     30.0    25.0 %    5/20   40 % 0/3     2.25   -0.012/0.45
+   6      3,500     34.0    28.0 %    6/20   60 % 1/3     2.20   -0.012/0.45
+   7      4,000     38.0    31.0 %    7/20   80 % 2/3     2.15   -0.012/0.45
+   8      4,500     42.0    34.0 %    8/20        ...     2.10   -0.012/0.45
+progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
+eval     ······◦◦                                                ● all laps
+reward   ▃▃▄▅▅▆▇▇█                                               42.0
+4,500 steps in 0:12, 370 steps/s, 25 x real time, 36 full training laps.
+best 8_Step-4000.ckpt (100.0)   last 9_Step-4500.ckpt"""
+
+EVALUATION = """\
+trial  progress  lap time  status        off track  crashes  resets
+    1     100 %   13.42 s  Lap complete          0        0       0
+    2     100 %   15.00 s  Lap complete          1        0       1
+    3      37 %    6.20 s  Off track             1        0       0
+2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt of model on
+reinvent_base."""
