@@ -14,7 +14,7 @@ from typing import Literal
 import psutil
 
 from drcli.config import Settings
-from drcli.errors import SettingsError
+from drcli.errors import SettingsError, WorkerDied
 from drcli.job import Job, LastWords
 from drcli.model_metadata import ModelMetadata
 from drcli.runs import lease
@@ -147,6 +147,9 @@ def launch(plan: RunPlan) -> int:
 
     Returns:
         Its process number.
+
+    Raises:
+        WorkerDied: It ended at once, or gave no sign of life.
     """
     settings, directory = plan.job.settings, plan.job.directory
     path = log_file(settings, directory, "supervisor")
@@ -167,6 +170,10 @@ def launch(plan: RunPlan) -> int:
         if process.poll() is not None:
             break
         time.sleep(0.05)
+    if RunRecord.read(plan.job.folder) == before:
+        raise WorkerDied(
+            "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
+        )
     return process.pid
 
 

@@ -18,6 +18,10 @@ IMMOBILIZED_M = 0.0003
 """A car that moves no further than this in a step stands still. Source: the reference simulator."""
 
 
+UNFINISHED = 99.99
+"""Most progress, in percent, that being put back can give."""
+
+
 class Status(IntEnum):
     """What a step was. The names in lower case are the words of traces and metrics."""
 
@@ -173,7 +177,9 @@ class Episodes:
             fraction: Where the point ahead of each is now, 0 .. 1 of the lap. Shape (k,).
         """
         start, before = self.start_fraction[cars], self.progress[cars]
-        self.progress[cars] = advance_progress(before, fraction, start)
+        # A car can be put back with its nose across the finish line. It has not driven there: the
+        # lap counts with the next step that it drives.
+        self.progress[cars] = np.minimum(advance_progress(before, fraction, start), UNFINISHED)
 
     def judge(self, driven: Bools, fraction: Floats, moved_m: Floats, off_track: Bools) -> Verdict:
         """Count one driven step and decide what it led to.

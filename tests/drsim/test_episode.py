@@ -199,3 +199,18 @@ def test_statuses_carry_the_words_of_traces():
         "time_up",
         "reversed",
     ]
+
+
+def test_a_car_put_back_across_the_finish_line_finishes_its_lap_by_driving_only():
+    episodes = Episodes(1, EpisodeRules.evaluation(laps=2, max_resets=5))
+    car, here = np.array([0]), np.array([True])
+    episodes.begin(car, np.array([0.0]), np.array([0.01]))
+    episodes.progress[:] = 99.9
+
+    episodes.put_back(car, np.array([0.002]))
+    shown = float(episodes.progress[0])
+    verdict = episodes.judge(here, np.array([0.003]), np.array([0.1]), np.array([False]))
+
+    assert shown < 100.0
+    assert verdict.lap_done.tolist() == [True]
+    assert episodes.laps.tolist() == [1]
