@@ -11,6 +11,10 @@ from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, ActorCritic, PolicySpe
 TRIAL_S = 0.25
 """How long each format is tried, seconds."""
 
+GLANCE_SAMPLES = 4
+GLANCE_RATIO = 0.5
+"""A first glance at a few samples: bfloat16 that is slower than this share is not tried further."""
+
 
 @dataclass(frozen=True)
 class Compute:
@@ -48,9 +52,15 @@ def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int)
     if wanted != "auto":
         return Compute(device, wanted == "bf16", f"{wanted} on {where}, as set")
 
-    speeds = {
-        bf16: _samples_per_s(Compute(device, bf16, ""), spec, batch_size) for bf16 in (False, True)
-    }
+    # Without bfloat16 units a whole minibatch takes seconds; a few samples show that much sooner.
+    speeds = {}
+    for samples, seconds in ((GLANCE_SAMPLES, 0.0), (batch_size, TRIAL_S)):
+        speeds = {
+            bf16: _samples_per_s(Compute(device, bf16, ""), spec, samples, seconds)
+            for bf16 in (False, True)
+        }
+        if speeds[True] < GLANCE_RATIO * speeds[False]:
+            break
     faster = speeds[True] > speeds[False]
     return Compute(
         device,
@@ -60,8 +70,8 @@ def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int)
     )
 
 
-def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int) -> float:
-    """Forward and backward passes of a throw-away network, timed."""
+def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int, seconds: float) -> float:
+    """Forward and backward passes of a throw-away network, timed for so long, at least once."""
     model = ActorCritic(spec).to(compute.device)
     frames = torch.zeros(
         (batch_size, FRAME_HEIGHT, FRAME_WIDTH), dtype=torch.uint8, device=compute.device
@@ -76,7 +86,7 @@ def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int) -> float
 
     once()
     start, count = time.perf_counter(), 0
-    while (elapsed := time.perf_counter() - start) < TRIAL_S or count == 0:
+    while (elapsed := time.perf_counter() - start) < seconds or count == 0:
         once()
         count += 1
     return count * batch_size / elapsed
