@@ -17,3 +17,5 @@ cd "$work"
 dr-stop-training
 dr-start-training -w --until-laps 5 --max-minutes 8
 dr-evaluate
+echo "Everything lies in $work. To use the commands there:"
+echo "  cd $work && source $project/.venv/bin/activate"

@@ -171,7 +171,9 @@ class Trainer:
             print(f"Training> Going on without simulation worker {missing}.")
         parts = [part for m in manifests.values() for part in reader.read(m)]
         drive_s = max(float(m.notes["drive_s"]) for m in manifests.values())
-        return self._within_cap(join_episodes(parts), drive_s)
+        played = join_episodes(parts)
+        parts.clear()  # ten thousand frames are 200 MB; two copies at a time are enough
+        return self._within_cap(played, drive_s)
 
     def _is_wait_over(self) -> bool:
         """Between two looks for rollouts: obey signals, score evaluated checkpoints."""
