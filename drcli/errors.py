@@ -14,6 +14,9 @@ class DrError(Exception):
     code: ClassVar[int] = 1
     """Exit code of the process that ends with this failure."""
 
+    final: ClassVar[bool] = False
+    """Whether trying again is pointless until somebody has changed something."""
+
     def __init__(self, message: str, *, remedy: str) -> None:
         super().__init__(message)
         self.remedy = remedy
@@ -23,12 +26,19 @@ class SettingsError(DrError):
     """A setting, parameter file or reward function is wrong."""
 
     code = 3
+    final = True
 
 
 class StorageError(DrError):
     """The bucket cannot be reached, read or written."""
 
     code = 4
+
+
+class DiskFull(StorageError):
+    """The bucket is reached, and has no room left."""
+
+    final = True
 
 
 class WorkerDied(DrError):
@@ -41,3 +51,4 @@ class TrainingFailed(DrError):
     """Learning cannot go on; everything learned before is kept."""
 
     code = 6
+    final = True

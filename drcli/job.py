@@ -82,16 +82,18 @@ class LastWords:
         message: One sentence.
         remedy: What to do about it.
         code: The exit code that the command should end with.
+        final: Whether another process would end the same way.
     """
 
     message: str
     remedy: str
     code: int
+    final: bool = False
 
     @staticmethod
     def of(error: DrError) -> "LastWords":
         """What an explained failure has to say."""
-        return LastWords(str(error), error.remedy, error.code)
+        return LastWords(str(error), error.remedy, error.code, error.final)
 
     def leave(self, folder: Path, name: str) -> None:
         """Write them down for the supervisor."""

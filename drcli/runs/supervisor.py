@@ -35,9 +35,6 @@ MAX_QUICK_DEATHS = 3
 MAX_QUICK_KILLS = 25
 """Quick deaths in a row by a signal from outside after which the run ends."""
 
-FATAL_CODES = (3, 6)
-"""A worker that ends with one of these would fail again: settings, or training gone wrong."""
-
 INTERRUPTED, TERMINATED = 130, 143
 """Exit codes after Ctrl-C and after SIGTERM."""
 
@@ -159,7 +156,7 @@ class Supervisor:
         words = LastWords.find(self._job.folder, child.name)
         if code == 0 and child.name == "trainer":
             return Outcome(0, words.message if words else "Training is complete.")
-        if words is not None and words.code in FATAL_CODES and code > 0:
+        if words is not None and words.final and code > 0:
             return Outcome(words.code, words.message, words.remedy)
 
         lived_s = time.monotonic() - child.started

@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import dataclass
 
-from drcli.errors import StorageError
+from drcli.errors import DiskFull, StorageError
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 
@@ -119,7 +119,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         )
     if code in _FULL_CODES or status == 507 or (status >= 500 and _disk_is_full(attempt)):
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
-        return StorageError(
+        return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
             remedy="Make room, for instance by deleting models that you no longer need, and "
             "continue the run.",

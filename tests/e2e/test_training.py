@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import warnings
 from pathlib import Path
 
@@ -188,3 +189,20 @@ def test_two_workers_share_the_episodes(workspace):
         assert len(list(traces.glob("*-iteration.csv"))) == 3
     history = json.loads(trained.stdout.splitlines()[-1])["history"]
     assert [r["episodes"] for r in history] == [4, 4, 4]
+
+
+def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):
+    mount = workspace.folder / "data" / "s3"
+    mount.mkdir(parents=True)
+    size = ["mount", "-t", "tmpfs", "-o", "size=60m", "tmpfs", str(mount)]
+    if shutil.which("mount") is None or subprocess.run(size, capture_output=True).returncode != 0:
+        pytest.skip("only root can make a small disk")
+    try:
+        ended = workspace.run("start-training")
+
+        assert ended.returncode == 4
+        assert f"the disk under {mount} is full" in " ".join(ended.stderr.split())
+        assert workspace.record()["workers"][0]["restarts"] == 0
+    finally:
+        workspace.clean_up()
+        subprocess.run(["umount", "--lazy", str(mount)], check=True)
