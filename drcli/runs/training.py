@@ -15,6 +15,7 @@ import psutil
 
 from drcli.config import Settings
 from drcli.errors import SettingsError, WorkerDied
+from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.model_metadata import ModelMetadata
 from drcli.runs import lease
@@ -115,6 +116,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     ):
         if unsupported is not None:
             raise SettingsError(f"{file.origin}: {unsupported}", remedy=f"Change {file.name}.")
+    _check_workers(settings, parameters, inputs.hyperparameters.origin)
     warnings = [*settings.warnings, *parameters.warnings, *metadata.warnings]
     seed = _seed(settings, options, bucket)
     job = Job(
@@ -257,6 +259,17 @@ def _refuse_second_trainer(settings: Settings, bucket: Bucket) -> None:
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {lease.STALE_S:.0f} seconds.",
     )
+
+
+def _check_workers(settings: Settings, parameters: Hyperparameters, origin: str) -> None:
+    """A worker without an episode would never hand anything in, and everybody would wait for it."""
+    episodes = parameters.num_episodes_between_training
+    if settings.workers > episodes:
+        raise SettingsError(
+            f"{settings.source('DR_WORKERS')}: DR_WORKERS={settings.workers} is more than "
+            f"num_episodes_between_training={episodes} in {origin}.",
+            remedy=f"Set DR_WORKERS to {episodes} at most, or drive more episodes an iteration.",
+        )
 
 
 def _newest_checkpoint(bucket: Bucket, prefix: str) -> keys.CheckpointName | None:

@@ -86,6 +86,12 @@ def test_a_misspelt_setting_is_answered_with_the_right_name(workspace):
     _assert_refused(workspace, 3, ["DR_WORLD_NAM=", "DR_WORLD_NAME", "run.env"])
 
 
+def test_more_workers_than_episodes_are_refused(workspace):
+    workspace.write_run_env(DR_WORKERS=5)
+
+    _assert_refused(workspace, 3, ["DR_WORKERS=5", "num_episodes_between_training=4", "run.env"])
+
+
 def test_a_taken_port_is_named(workspace):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
