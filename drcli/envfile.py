@@ -13,6 +13,7 @@ from dotenv.parser import Binding, parse_stream
 
 from drcli.errors import SettingsError
 from drcli.findings import Finding, shown
+from drcli.textfile import decode
 
 LARGEST_BYTES = 256 * 1024
 """No settings file comes near this; a file beyond it was named by mistake."""
@@ -93,18 +94,7 @@ def parse_env(data: bytes, name: str) -> EnvFile:
 
 def _text(data: bytes, name: str) -> str:
     remedy = f"Save {name} as plain UTF-8 text, or restore it from your backup."
-    if len(data) > LARGEST_BYTES:
-        raise SettingsError(
-            f"{name}: is {len(data):,} bytes long, which no settings file is.", remedy=remedy
-        )
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as e:
-        line = data[: e.start].count(b"\n") + 1
-        raise SettingsError(
-            f"{name} line {line}: holds byte 0x{data[e.start]:02x}, which is no UTF-8 text.",
-            remedy=remedy,
-        ) from e
+    text = decode(data, name, largest_bytes=LARGEST_BYTES, kind="settings file", remedy=remedy)
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise SettingsError(f"{name} line {line}: holds a NUL, so is no text.", remedy=remedy)

@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 
 from drcli.errors import SettingsError
 from drcli.findings import shown
+from drcli.textfile import decode
 
 Path = tuple[str | int, ...]
 """Keys and indices that lead from the whole file to a value."""
@@ -48,18 +49,7 @@ def read_json_object(data: bytes, name: str) -> JsonFile:
     Raises:
         SettingsError: It is too large, no text, no JSON, no object, or holds a key twice.
     """
-    if len(data) > LARGEST_BYTES:
-        raise SettingsError(
-            f"{name}: is {len(data):,} bytes long, which no parameter file is.", remedy=_REMEDY
-        )
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as e:
-        line = data[: e.start].count(b"\n") + 1
-        raise SettingsError(
-            f"{name} line {line}: holds byte 0x{data[e.start]:02x}, which is no UTF-8 text.",
-            remedy=f"Save {name} as plain UTF-8 text.",
-        ) from e
+    text = decode(data, name, largest_bytes=LARGEST_BYTES, kind="parameter file", remedy=_REMEDY)
     if not text.strip():
         raise SettingsError(f"{name}: is empty.", remedy=_REMEDY)
     reader = _Reader(text, name)
