@@ -19,6 +19,10 @@ _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
 """How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
 
+_RELEASE_PATIENCE_S = 5.0
+"""How long to wait for the port of a server that died: the kernel takes a killed process's command
+line away, by which we know it, before it closes its sockets, and clients look on that port."""
+
 _PORTS = range(20_000, 30_000)
 """Below those that systems give to outgoing connections: one of them could otherwise hold the port
 of a dead server, and its clients would look for it there in vain."""
@@ -244,8 +248,12 @@ def _choose_port(config: StorageConfig, state: _State | None) -> int:
                 "and one is chosen.",
             )
         return config.port
-    if state is not None and _is_free(state.port):
-        return state.port
+    if state is not None:
+        died = state.pid is not None
+        if wait_until(
+            lambda: _is_free(state.port), patience_s=_RELEASE_PATIENCE_S if died else 0.0
+        ):
+            return state.port
     while True:
         port = secrets.choice(_PORTS)
         if _is_free(port):

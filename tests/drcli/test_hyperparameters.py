@@ -215,7 +215,7 @@ def test_both_ends_of_the_fractions_are_legal():
     assert (values.discount_factor, values.beta_entropy) == (1.0, 0.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(data):
     at = data.draw(st.integers(0, len(EXAMPLE)))

@@ -323,7 +323,7 @@ def test_what_cannot_be_trained_yet_is_valid_and_says_so(values, sentence):
     assert metadata(**values).unsupported() == sentence
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(data):
     at = data.draw(st.integers(0, len(EXAMPLE)))
@@ -336,7 +336,7 @@ def test_a_damaged_file_is_read_or_refused_and_nothing_else(data):
         assert read.action_space.num_actions >= 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.dictionaries(
         st.sampled_from(["action_space", "sensor", "version", "action_space_type", "lidar_config"]),

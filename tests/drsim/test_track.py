@@ -222,7 +222,7 @@ def test_previous_and_next_enclose_the_projection(world):
     np.testing.assert_array_equal(where.nearest, nearer)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     distance_m=st.floats(-40.0, 40.0),
     across_m=st.floats(-0.35, 0.35),
@@ -245,7 +245,7 @@ def test_a_point_put_beside_the_centre_line_is_found_there(distance_m, across_m,
         assert where.left_of_center[0] == (across_m > 0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     x=st.floats(allow_nan=True, allow_infinity=True),
     y=st.floats(allow_nan=True, allow_infinity=True),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.errors import TrackError
@@ -188,9 +188,7 @@ def npy_bytes() -> bytes:
     return stream.getvalue()
 
 
-@settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80)
 @given(
     changes=st.lists(st.tuples(st.integers(0, len(npy_bytes()) - 1), st.integers(0, 255))),
     length=st.integers(0, len(npy_bytes())) | st.just(len(npy_bytes())),
@@ -209,9 +207,7 @@ def test_a_damaged_route_file_either_loads_or_is_refused_in_a_sentence(tmp_path,
     assert str(file) in outcome
 
 
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40)
 @given(
     header=st.sampled_from(
         [

@@ -96,7 +96,7 @@ def test_what_is_no_text_is_refused_with_the_place(data, sentence):
     assert "UTF-8" in refusal.value.remedy
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data):
     with contextlib.suppress(SettingsError):

@@ -3,7 +3,7 @@
 import contextlib
 from pathlib import Path
 
-from hypothesis import HealthCheck, given
+from hypothesis import given
 from hypothesis import settings as limits
 from hypothesis import strategies as st
 
@@ -142,7 +142,7 @@ def test_a_flag_moves_what_the_files_derive_from_its_name(folder):
     assert settings.metrics_prefix == "other/metrics"
 
 
-@limits(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@limits(max_examples=60)
 @given(data=st.data())
 def test_a_damaged_file_is_loaded_or_refused_and_nothing_else(folder, data):
     text = REFERENCE_RUN.encode()
@@ -157,7 +157,7 @@ def test_a_damaged_file_is_loaded_or_refused_and_nothing_else(folder, data):
         assert Settings.restore(settings.dump()) == settings
 
 
-@limits(max_examples=60, deadline=None)
+@limits(max_examples=60)
 @given(
     st.dictionaries(
         st.sampled_from(sorted(catalogue())),

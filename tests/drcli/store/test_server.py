@@ -146,6 +146,29 @@ def test_a_port_that_somebody_else_uses_is_named_with_its_setting(local):
             server.ensure_running(replace(local, port=port))
 
 
+def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
+    endpoint = server.ensure_running(local)
+    kill(endpoint)
+    port = int(str(endpoint.url).rsplit(":", 1)[1])
+    is_free = server._is_free
+    assert wait_until(lambda: is_free(port), patience_s=10)
+
+    # A process that dies is gone from our sight a moment before its sockets are.
+    with socket.socket() as dying:
+        dying.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        dying.bind(("127.0.0.1", port))
+        dying.listen()
+
+        def look(asked: int) -> bool:
+            answer = is_free(asked)
+            dying.close()
+            return answer
+
+        monkeypatch.setattr(server, "_is_free", look)
+
+        assert server.ensure_running(local).url == endpoint.url
+
+
 def test_a_remembered_port_that_was_taken_meanwhile_is_replaced(local):
     first = server.ensure_running(local)
     server.stop(local)
