@@ -105,6 +105,20 @@ def run(report: "RunReport") -> RenderableType:
 
 def evaluation(report: "EvaluationReport") -> RenderableType:
     """The trials of an evaluation, and the sentence that sums them up."""
+    if report.opponent is None:
+        return Group(_trials(report), Text(_laps(report), style="bold"))
+    return Group(
+        Text(report.prefix, style="bold"),
+        _trials(report),
+        Text(report.opponent.prefix, style="bold"),
+        _trials(report.opponent),
+        Text(_laps(report), style="bold"),
+        Text(_laps(report.opponent), style="bold"),
+        Text(_winner(report, report.opponent), style="bold"),
+    )
+
+
+def _trials(report: "EvaluationReport") -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim")
     for name in ("trial", "progress", "lap time", "status", "off track", "crashes", "resets"):
         table.add_column(name, justify="left" if name == "status" else "right")
@@ -118,15 +132,27 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
             str(trial.crashes),
             str(trial.resets),
         )
+    return table
+
+
+def _laps(report: "EvaluationReport") -> str:
     best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
-    return Group(
-        table,
-        Text(
-            f"{report.completed} of {len(report.trials)} laps{best}, "
-            f"checkpoint {report.checkpoint} of {report.prefix} on {report.world}.",
-            style="bold",
-        ),
+    return (
+        f"{report.completed} of {len(report.trials)} laps{best}, "
+        f"checkpoint {report.checkpoint} of {report.prefix} on {report.world}."
     )
+
+
+def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
+    """Who won a race: who finished more laps, then who took less time for all of them."""
+    if own.completed != other.completed:
+        first = own if own.completed > other.completed else other
+        return f"{first.prefix} wins with more laps."
+    if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
+        return "Nobody wins."
+    first, second = (own, other) if own.total_s < other.total_s else (other, own)
+    ahead_s = abs(own.total_s - other.total_s)
+    return f"{first.prefix} wins, {ahead_s:.2f} s ahead of {second.prefix}."
 
 
 def iteration_line(record: "IterationRecord", *, verbose: bool = False) -> str:

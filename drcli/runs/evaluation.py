@@ -7,7 +7,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from drcli.config import Settings
 from drcli.errors import SettingsError, WorkerDied
@@ -48,19 +50,24 @@ def evaluate(
     directory = (directory or Path.cwd()).absolute()
     refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
-    _check_model(settings, bucket)
+    _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     if clone:
         settings = _cloned(settings, bucket)
         on_progress(f"Cloned the model into s3://{bucket.name}/{settings.model_prefix}.")
-    checkpoint = _choose(settings, bucket)
+    checkpoints = [_choose(settings, bucket, settings.model_prefix)]
+    if settings.race_type == "HEAD_TO_MODEL":
+        rival = settings.eval_opp_s3_model_prefix
+        _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+        checkpoints.append(_choose(settings, bucket, rival))
     stamp = _free_stamp(settings, bucket)
-    on_progress(f"Evaluating {checkpoint} on {settings.world_name} ...")
+    on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     bucket.put(
         keys.parameter_file(settings.model_prefix, settings.eval_params_file),
         evaluation_parameters(
             settings,
             keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
             keys.evaluation_metrics(settings.metrics_prefix, stamp),
+            keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
         ),
     )
     job = Job(
@@ -73,43 +80,57 @@ def evaluate(
         folder=directory / "data" / "runs" / f"eval-{settings.run_id}",
         launcher_pid=os.getpid(),
     )
-    _run(job, checkpoint, stamp)
-    records = json.loads((job.folder / "evaluation.json").read_text("utf-8"))["metrics"]
-    return EvaluationReport(
+    _run(job, checkpoints, stamp)
+    records = json.loads((job.folder / "evaluation.json").read_text("utf-8"))
+    own = EvaluationReport(
         prefix=settings.model_prefix,
         world=settings.world_name,
-        checkpoint=checkpoint,
-        trials=[
-            TrialReport(
-                trial=record["trial"],
-                progress=record["completion_percentage"],
-                lap_s=record["elapsed_time_in_milliseconds"] / 1000.0,
-                status=record["episode_status"],
-                off_track=record["off_track_count"],
-                crashes=record["crash_count"],
-                resets=record["reset_count"],
-            )
-            for record in records
-        ],
+        checkpoint=checkpoints[0],
+        trials=_trials(records[0]),
         simtrace=keys.evaluation_trace(settings.model_prefix, stamp),
         metrics=keys.evaluation_metrics(settings.metrics_prefix, stamp),
     )
+    if len(checkpoints) == 1:
+        return own
+    prefix = settings.eval_opp_s3_model_prefix
+    opponent = EvaluationReport(
+        prefix=prefix,
+        world=settings.world_name,
+        checkpoint=checkpoints[1],
+        trials=_trials(records[1]),
+        simtrace=keys.opponent_trace(prefix),
+        metrics=keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
+    )
+    return replace(own, opponent=opponent)
 
 
-def _check_model(settings: Settings, bucket: Bucket) -> None:
-    prefix = settings.model_prefix
+def _trials(records: list[dict[str, Any]]) -> list[TrialReport]:
+    return [
+        TrialReport(
+            trial=record["trial"],
+            progress=record["completion_percentage"],
+            lap_s=record["elapsed_time_in_milliseconds"] / 1000.0,
+            status=record["episode_status"],
+            off_track=record["off_track_count"],
+            crashes=record["crash_count"],
+            resets=record["reset_count"],
+        )
+        for record in records
+    ]
+
+
+def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
     needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
     for key in needed:
         if not bucket.exists(key):
             raise SettingsError(
                 f"There is no trained model at s3://{bucket.name}/{prefix}: {key} is missing.",
-                remedy="Train it with `dr-start-training`, or correct DR_LOCAL_S3_MODEL_PREFIX.",
+                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
             )
 
 
-def _choose(settings: Settings, bucket: Bucket) -> str:
-    """The checkpoint DR_EVAL_CHECKPOINT asks for."""
-    prefix = settings.model_prefix
+def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
+    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
     index = get_json(bucket, keys.deepracer_checkpoints(prefix))
     wanted = "best_checkpoint" if settings.eval_checkpoint == "best" else "last_checkpoint"
     entry = index.get(wanted) or index.get("last_checkpoint")
@@ -145,14 +166,14 @@ def _free_stamp(settings: Settings, bucket: Bucket) -> str:
         at += 1.0
 
 
-def _run(job: Job, checkpoint: str, stamp: str) -> None:
+def _run(job: Job, checkpoints: list[str], stamp: str) -> None:
     """Run the worker to its end, its output going to the log."""
     job.folder.mkdir(parents=True, exist_ok=True)
     path = log_file(job.settings, job.directory, "evaluation")
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "drcli.worker.evaluate", checkpoint, stamp],
+            [sys.executable, "-m", "drcli.worker.evaluate", stamp, *checkpoints],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,

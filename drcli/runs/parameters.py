@@ -43,24 +43,47 @@ def training_parameters(settings: Settings) -> bytes:
     return _dump(values)
 
 
-def evaluation_parameters(settings: Settings, simtrace_prefix: str, metrics_key: str) -> bytes:
-    """The file below the model prefix that describes a stand-alone evaluation."""
+def evaluation_parameters(
+    settings: Settings, simtrace_prefix: str, metrics_key: str, opponent_metrics_key: str
+) -> bytes:
+    """The file below the model prefix that describes a stand-alone evaluation.
+
+    Args:
+        settings: Of the evaluation.
+        simtrace_prefix: Where its trace goes.
+        metrics_key: Where its metrics go.
+        opponent_metrics_key: Where those of the opponent go, in a race against one.
+    """
     s = settings
-    values = {
-        "JOB_TYPE": "EVALUATION",
-        **_common(s),
+    racers: dict[str, list[str]] = {
         "MODEL_S3_BUCKET": [s.bucket],
         "MODEL_S3_PREFIX": [s.model_prefix],
         "SIMTRACE_S3_BUCKET": [s.bucket],
         "SIMTRACE_S3_PREFIX": [simtrace_prefix],
         "METRICS_S3_BUCKET": [s.bucket],
         "METRICS_S3_OBJECT_KEY": [metrics_key],
-        "MP4_S3_BUCKET": [],
-        "MP4_S3_OBJECT_PREFIX": [],
         "BODY_SHELL_TYPE": [s.car_body_shell_type],
         "CAR_COLOR": [s.car_color],
         "DISPLAY_NAME": [s.display_name],
         "RACER_NAME": [s.racer_name],
+    }
+    if s.race_type == "HEAD_TO_MODEL":
+        opponent = {
+            "MODEL_S3_PREFIX": s.eval_opp_s3_model_prefix,
+            "SIMTRACE_S3_PREFIX": s.eval_opp_s3_model_prefix,
+            "METRICS_S3_OBJECT_KEY": opponent_metrics_key,
+            "BODY_SHELL_TYPE": s.eval_opp_car_body_shell_type,
+            "DISPLAY_NAME": s.eval_opp_display_name,
+            "RACER_NAME": s.eval_opp_racer_name,
+        }
+        racers = {name: [*own, opponent.get(name, s.bucket)] for name, own in racers.items()}
+        racers["CAR_COLOR"] = ["Purple", "Orange"]
+    values = {
+        "JOB_TYPE": "EVALUATION",
+        **_common(s),
+        **racers,
+        "MP4_S3_BUCKET": [],
+        "MP4_S3_OBJECT_PREFIX": [],
         "EVAL_CHECKPOINT": s.eval_checkpoint,
         "NUMBER_OF_TRIALS": s.eval_number_of_trials,
         "IS_CONTINUOUS": s.eval_is_continuous,
@@ -84,7 +107,35 @@ def _common(s: Settings) -> dict[str, Any]:
         "CAMERA_MAIN_ENABLE": s.camera_main_enable,
         "CAMERA_SUB_ENABLE": s.camera_sub_enable,
         "ENABLE_EXTRA_KVS_OVERLAY": s.enable_extra_kvs_overlay,
+        **_traffic(s),
     }
+
+
+def _traffic(s: Settings) -> dict[str, Any]:
+    """Obstacles and bots; the reference takes them from the file whatever the race type is."""
+    if s.race_type == "OBJECT_AVOIDANCE":
+        positions = [f"{fraction},{lane}" for fraction, lane in s.oa_object_positions]
+        return {
+            "NUMBER_OF_OBSTACLES": s.oa_number_of_obstacles,
+            "MIN_DISTANCE_BETWEEN_OBSTACLES": s.oa_min_distance_between_obstacles,
+            "RANDOMIZE_OBSTACLE_LOCATIONS": s.oa_randomize_obstacle_locations,
+            "IS_OBSTACLE_BOT_CAR": s.oa_is_obstacle_bot_car,
+            "OBSTACLE_TYPE": s.oa_obstacle_type,
+            **({"OBJECT_POSITIONS": positions} if positions else {}),
+        }
+    if s.race_type == "HEAD_TO_BOT":
+        return {
+            "IS_LANE_CHANGE": s.h2b_is_lane_change,
+            "LOWER_LANE_CHANGE_TIME": s.h2b_lower_lane_change_time,
+            "UPPER_LANE_CHANGE_TIME": s.h2b_upper_lane_change_time,
+            "LANE_CHANGE_DISTANCE": s.h2b_lane_change_distance,
+            "NUMBER_OF_BOT_CARS": s.h2b_number_of_bot_cars,
+            "MIN_DISTANCE_BETWEEN_BOT_CARS": s.h2b_min_distance_between_bot_cars,
+            "RANDOMIZE_BOT_CAR_LOCATIONS": s.h2b_randomize_bot_car_locations,
+            "BOT_CAR_SPEED": s.h2b_bot_car_speed,
+            "PENALTY_SECONDS": s.h2b_bot_car_penalty,
+        }
+    return {}
 
 
 def _dump(values: dict[str, Any]) -> bytes:

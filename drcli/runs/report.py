@@ -133,6 +133,7 @@ class EvaluationReport:
         trials: All trials, in order.
         simtrace: Key of the trace in the bucket.
         metrics: Key of the metrics in the bucket.
+        opponent: How the other model of a HEAD_TO_MODEL race fared in the same trials.
     """
 
     prefix: str
@@ -141,11 +142,19 @@ class EvaluationReport:
     trials: list[TrialReport]
     simtrace: str
     metrics: str
+    opponent: "EvaluationReport | None" = None
 
     @property
     def completed(self) -> int:
         """How many trials completed the lap."""
         return sum(trial.status == "Lap complete" for trial in self.trials)
+
+    @property
+    def total_s(self) -> float | None:
+        """Simulated seconds of all trials together, None unless every lap was completed."""
+        if self.completed < len(self.trials):
+            return None
+        return sum(trial.lap_s for trial in self.trials)
 
     @property
     def best_lap_s(self) -> float | None:

@@ -47,6 +47,14 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty",
             "Set DR_REMOTE_MINIO_URL, as in http://192.168.1.5:9000, or write DR_CLOUD=local.",
         )
+    if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
+        yield Finding(
+            settings.sources.get("DR_H2B_LOWER_LANE_CHANGE_TIME")
+            or settings.source("DR_H2B_UPPER_LANE_CHANGE_TIME"),
+            f"DR_H2B_LOWER_LANE_CHANGE_TIME={settings.h2b_lower_lane_change_time} is more than "
+            f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}",
+            "Exchange the two, or set both to the same time.",
+        )
     if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
         yield Finding(
             settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX"),

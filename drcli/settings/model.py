@@ -7,6 +7,7 @@ from typing import Literal
 
 from drcli.settings.fields import Setting, declared
 from drcli.settings.racing import EvaluationSettings, RaceSettings, TrainSettings
+from drcli.settings.realism import RealismSettings
 from drcli.settings.rivals import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.settings.storage import BucketSettings, KeySettings
 from drcli.settings.system import (
@@ -22,6 +23,7 @@ class Settings(
     ServiceSettings,
     ScreenSettings,
     ContainerSettings,
+    RealismSettings,
     OpponentSettings,
     BotSettings,
     ObstacleSettings,
@@ -57,11 +59,11 @@ class Settings(
         return self.sources.get(name, "default")
 
     def unsupported(self, job: Literal["training", "evaluation"] = "training") -> str | None:
-        """Why these settings cannot be run yet, as one sentence; None when they can."""
-        if self.race_type != "TIME_TRIAL":
+        """Why these settings cannot be run, as one sentence; None when they can."""
+        if self.race_type == "HEAD_TO_MODEL" and job == "training":
             return (
-                f"{self.source('DR_RACE_TYPE')}: DR_RACE_TYPE={self.race_type} cannot be driven "
-                "yet, only TIME_TRIAL can."
+                f"{self.source('DR_RACE_TYPE')}: DR_RACE_TYPE=HEAD_TO_MODEL races two finished "
+                "models and is there for evaluations only, no model can be trained in it."
             )
         if self.pretrained and job == "training":
             return (

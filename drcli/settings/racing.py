@@ -34,8 +34,12 @@ class RaceSettings(Group):
     enable_domain_randomization: bool = setting(
         "DR_ENABLE_DOMAIN_RANDOMIZATION",
         False,
-        "Change lights and colours from episode to episode.",
-        planned="lights and colours stay the same",
+        "Change lights and the colours of objects from episode to episode.",
+    )
+    randomize_textures: bool = setting(
+        "DR_RANDOMIZE_TEXTURES",
+        False,
+        "Change the colours of road, lines and field too; only with domain randomization.",
     )
 
 

@@ -102,6 +102,16 @@ def evaluation_trace(prefix: str, stamp: str, index: int = 0) -> str:
     return f"{folder(prefix)}{name}/evaluation-simtrace/{index}-iteration.csv"
 
 
+def opponent_trace(prefix: str) -> str:
+    """The steps of a model that was last raced against as the opponent; overwritten by the next."""
+    return f"{folder(prefix)}evaluation-simtrace/0-iteration.csv"
+
+
+def opponent_metrics(metrics: str, stamp: str) -> str:
+    """Metrics of a model that was raced against, below its metrics prefix."""
+    return f"{folder(metrics)}EvaluationMetrics-{_checked_stamp(stamp)}.json"
+
+
 def evaluation_stamp_of(prefix: str, key: str) -> str | None:
     """The fourteen digits in the key of an evaluation trace of this model, None for other keys."""
     found = re.fullmatch(

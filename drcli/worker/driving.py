@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.learn.acting import decide
+from drcli.learn.acting import Decision, decide
 from drcli.learn.policy import ActorCritic
 from drcli.worker.process import StopRequested
 from drcli.worker.trace import STEP_S, Episode, Phase, Row
@@ -29,12 +29,23 @@ class Plan:
         phase: Training samples from the policy, evaluation takes its most likely action.
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
+        racer: Which pilot drives it, in a race of several.
     """
 
     number: int
     phase: Phase
     start_fraction: float
     reverse: bool = False
+    racer: int = 0
+
+    def seed(self, run: int) -> int:
+        """Seed of what is random in the episode's world.
+
+        The same for all racers of one race, and for an evaluation episode the same with every
+        checkpoint, so that checkpoints can be compared.
+        """
+        words = [run, self.number, int(self.phase == "evaluation")]
+        return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
 @dataclass
@@ -46,8 +57,10 @@ class Driven(Episode):
         actions: What was chosen: an index, or unclipped values of shape (dims,).
         log_probs: Log-probability of the choice.
         values: The critic's estimate.
+        racer: Which pilot drove it.
     """
 
+    racer: int = 0
     frames: list[NDArray[np.uint8]] = field(default_factory=list)
     actions: list[NDArray[np.float32] | int] = field(default_factory=list)
     log_probs: list[float] = field(default_factory=list)
@@ -59,7 +72,7 @@ class _Lane:
 
     def __init__(self, plan: Plan, seed: int, num_noise: int, first: "_Columns", car: int) -> None:
         self.plan = plan
-        self.episode = Driven(plan.number, plan.phase)
+        self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
         # The clock of the car has taken the first step already; the episode began before it.
         self._began_s = first.sim_time_s[car] - STEP_S
         self._first = first
@@ -91,16 +104,38 @@ class _Lane:
         return row
 
 
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """A policy and what its choices mean."""
+
+    model: ActorCritic
+    actions: Actions
+
+    @property
+    def continuous(self) -> bool:
+        """Whether it chooses values rather than one of a list."""
+        return isinstance(self.actions, ContinuousActions)
+
+    @property
+    def num_noise(self) -> int:
+        """Random numbers that one choice takes."""
+        return self.model.spec.num_actions if self.continuous else 1
+
+
 class Driver:
     """A simulation with a policy at every wheel."""
 
-    def __init__(
-        self, simulation: Simulation, actions: Actions, model: ActorCritic, seed: int
-    ) -> None:
+    def __init__(self, simulation: Simulation, pilots: Sequence[Pilot], seed: int) -> None:
+        """Seat the pilots.
+
+        Args:
+            simulation: The cars. In a race of several, car k belongs to racer k modulo their
+                number, and must be given that racer's plans.
+            pilots: One for each racer.
+            seed: Start of all random numbers.
+        """
         self._simulation = simulation
-        self._actions = actions
-        self._continuous = isinstance(actions, ContinuousActions)
-        self._model = model
+        self._pilots = pilots
         self._seed = seed
 
     def drive(
@@ -112,7 +147,8 @@ class Driver:
         """Drive all planned episodes, as many at a time as there are cars.
 
         Args:
-            plans: In the order in which cars take them up.
+            plans: In the order in which cars take them up. In a race of several, those of one race
+                side by side, and never more plans than cars: races are not begun by halves.
             on_episode: Called with each episode as soon as it is over.
             should_stop: Asked at every step.
 
@@ -144,10 +180,11 @@ class Driver:
             np.array(free),
             np.array([plan.start_fraction for plan in plans]),
             reverse=np.array([plan.reverse for plan in plans]),
+            seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
         )
         columns = _Columns.of(first)
-        num_noise = self._model.spec.num_actions if self._continuous else 1
         for car, plan in zip(free, plans, strict=True):
+            num_noise = self._pilots[plan.racer].num_noise
             lanes[car] = _Lane(plan, self._seed, num_noise, columns, car)
 
     def _step(self, lanes: list[_Lane | None]) -> list[int]:
@@ -157,41 +194,69 @@ class Driver:
             The cars whose episode ended.
         """
         driving = [(car, lane) for car, lane in enumerate(lanes) if lane is not None]
-        cars = np.array([car for car, _ in driving])
-        frames = self._simulation.observations[cars]
-        noise = np.stack([lane.noise() for _, lane in driving])
-        deterministic = np.array([lane.plan.phase == "evaluation" for _, lane in driving])
-        decision = decide(
-            self._model,
-            frames,
-            noise if self._continuous else noise[:, 0],
-            deterministic,
-        )
         steering, speed = np.zeros(len(lanes)), np.zeros(len(lanes))
-        steering[cars], speed[cars] = self._actions.requests(decision.actions)
-        result = self._simulation.step(steering, speed)
-
-        columns = _Columns.of(result)
-        actions = decision.actions if self._continuous else decision.actions.tolist()
-        choices = zip(
-            driving,
-            frames,
-            actions,
-            zip(steering[cars].tolist(), speed[cars].tolist(), strict=True),
-            decision.log_probs.tolist(),
-            decision.values.tolist(),
-            strict=True,
-        )
-        for (car, lane), frame, action, request, log_prob, value in choices:
-            label = f"[{request[0]} {request[1]}]" if self._continuous else str(action)
-            lane.record(columns, car, request, label)
-            if lane.plan.phase == "training":
-                episode = lane.episode
-                episode.frames.append(frame)
-                episode.actions.append(action)
-                episode.log_probs.append(log_prob)
-                episode.values.append(value)
+        chosen = []
+        for racer, pilot in enumerate(self._pilots):
+            seats = [(car, lane) for car, lane in driving if lane.plan.racer == racer]
+            if seats:
+                chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
+        columns = _Columns.of(self._simulation.step(steering, speed))
+        for pilot, seats, frames, decision in chosen:
+            _record(pilot, seats, frames, decision, steering, speed, columns)
         return [car for car, _ in driving if columns.done[car]]
+
+    def _decide(
+        self,
+        pilot: Pilot,
+        seats: list[tuple[int, "_Lane"]],
+        steering: NDArray[np.float64],
+        speed: NDArray[np.float64],
+    ) -> tuple[NDArray[np.uint8], Decision]:
+        """Let a pilot choose for all its cars, and write its requests down.
+
+        Returns:
+            What the cars saw, and what was chosen.
+        """
+        cars = np.array([car for car, _ in seats])
+        frames = self._simulation.observations[cars]
+        noise = np.stack([lane.noise() for _, lane in seats])
+        deterministic = np.array([lane.plan.phase == "evaluation" for _, lane in seats])
+        decision = decide(
+            pilot.model, frames, noise if pilot.continuous else noise[:, 0], deterministic
+        )
+        steering[cars], speed[cars] = pilot.actions.requests(decision.actions)
+        return frames, decision
+
+
+def _record(
+    pilot: Pilot,
+    seats: list[tuple[int, _Lane]],
+    frames: NDArray[np.uint8],
+    decision: Decision,
+    steering: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    columns: "_Columns",
+) -> None:
+    """Add a step to the episodes of a pilot's cars."""
+    cars = [car for car, _ in seats]
+    choices = zip(
+        seats,
+        frames,
+        decision.actions if pilot.continuous else decision.actions.tolist(),
+        zip(steering[cars].tolist(), speed[cars].tolist(), strict=True),
+        decision.log_probs.tolist(),
+        decision.values.tolist(),
+        strict=True,
+    )
+    for (car, lane), frame, action, request, log_prob, value in choices:
+        label = f"[{request[0]} {request[1]}]" if pilot.continuous else str(action)
+        lane.record(columns, car, request, label)
+        if lane.plan.phase == "training":
+            episode = lane.episode
+            episode.frames.append(frame)
+            episode.actions.append(action)
+            episode.log_probs.append(log_prob)
+            episode.values.append(value)
 
 
 @dataclass(frozen=True)
@@ -210,6 +275,7 @@ class _Columns:
     status: list[int]
     pause_s: list[float]
     sim_time_s: list[float]
+    crashes: list[int]
 
     @staticmethod
     def of(result: StepResult) -> "_Columns":
@@ -232,6 +298,7 @@ class _Columns:
             status=STATUS_WORDS[self.status[car]],
             pause_s=self.pause_s[car],
             time_s=self.sim_time_s[car] - began_s,
+            crashes=self.crashes[car],
         )
 
 

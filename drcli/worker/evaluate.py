@@ -1,32 +1,44 @@
 """The evaluation worker: drives laps with one checkpoint of a finished or running training.
 
-Run by `dr-evaluate` as `python -m drcli.worker.evaluate CHECKPOINT STAMP`. It reads the model and
-writes a trace and metrics of its own; it never changes the model.
+Run by `dr-evaluate` as `python -m drcli.worker.evaluate STAMP CHECKPOINT [OPPONENT]`, where the
+opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It reads the models and
+writes traces and metrics of its own; it never changes a model.
 """
 
 import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from safetensors.torch import load as load_tensors
 
+from drcli.config import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.learn.policy import ActorCritic
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
+from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.worker import announce, process
-from drcli.worker.driving import Driven, Driver, Plan
+from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import policy_spec
 from drcli.worker.process import Lifeline
 from drcli.worker.trace import STATUS_LABELS, Episode, csv_text, log_lines, schedule
-from drcli.worker.world import actions_of, load_reward, load_world
+from drcli.worker.world import (
+    actions_of,
+    load_race,
+    load_reward,
+    load_world,
+    randomize_of,
+    realism_of,
+)
+from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules
 from drsim.reward import centre_line_reward
 from drsim.simulation import Simulation
@@ -43,33 +55,64 @@ COUNTED = {
 """Violations that evaluation metrics count: the words of the trace, and those of the metrics."""
 
 
-def evaluate(job: Job, lifeline: Lifeline, checkpoint: str, stamp: str) -> list[Episode]:
-    """Drive the trials that the settings ask for, and put trace and metrics into the bucket.
+@dataclass(frozen=True)
+class Entry:
+    """One racer of an evaluation: which checkpoint drives, and where its results go.
+
+    Attributes:
+        prefix: Its model in the bucket.
+        checkpoint: Name of the checkpoint.
+        trace: Key of its trace.
+        metrics: Key of its metrics.
+    """
+
+    prefix: str
+    checkpoint: str
+    trace: str
+    metrics: str
+
+
+def entries(s: Settings, stamp: str, checkpoints: Sequence[str]) -> list[Entry]:
+    """The racers: the model itself, and the opponent where a second checkpoint is named.
+
+    Args:
+        s: Settings of the evaluation.
+        stamp: Fourteen digits that name it.
+        checkpoints: One for each racer.
+    """
+    own = Entry(
+        s.model_prefix,
+        checkpoints[0],
+        keys.evaluation_trace(s.model_prefix, stamp),
+        keys.evaluation_metrics(s.metrics_prefix, stamp),
+    )
+    return [own] + [
+        Entry(
+            s.eval_opp_s3_model_prefix,
+            checkpoint,
+            keys.opponent_trace(s.eval_opp_s3_model_prefix),
+            keys.opponent_metrics(s.eval_opp_s3_metrics_prefix, stamp),
+        )
+        for checkpoint in checkpoints[1:]
+    ]
+
+
+def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list[Episode]]:
+    """Drive the trials that the settings ask for, and put traces and metrics into the bucket.
 
     Args:
         job: Settings and folder.
         lifeline: Says when to give up.
-        checkpoint: Name of the checkpoint.
-        stamp: Fourteen digits that name this evaluation.
+        racers: Who drives, at most two.
 
     Returns:
-        One episode a trial; the laps of a continuous race are trials.
+        For each racer one episode a trial; the laps of a continuous race are trials.
     """
     s = job.settings
     bucket = open_bucket(s, job.directory)
-    metadata = ModelMetadata.from_bytes(
-        bucket.get(keys.model_metadata(s.model_prefix)), "model_metadata.json"
-    )
-    parameters = Hyperparameters.from_bytes(
-        bucket.get(keys.hyperparameters(s.model_prefix)), "hyperparameters.json"
-    )
-    print(announce.start_lines(s, metadata, parameters, "EVALUATION"))
     threads = os.cpu_count() or 1
     torch.set_num_threads(threads)
-    model = ActorCritic(policy_spec(metadata)).eval()
-    loaded = CheckpointStore(bucket, s.model_prefix).load(checkpoint)
-    model.load_state_dict(load_tensors(loaded.tensors))
-
+    pilots = [_pilot(job, bucket, racer) for racer in racers]
     track = load_world(s, job.directory)
     if s.eval_reverse_direction:
         track = track.reversed()
@@ -78,43 +121,79 @@ def evaluate(job: Job, lifeline: Lifeline, checkpoint: str, stamp: str) -> list[
         if s.eval_debug_reward
         else centre_line_reward
     )
-    trials = s.eval_number_of_trials
-    continuous = s.eval_is_continuous
-    rules = EpisodeRules.evaluation(
-        laps=trials if continuous else 1,
+    races = 1 if s.eval_is_continuous else s.eval_number_of_trials
+    simulation = Simulation(
+        track,
+        num_cars=races * len(pilots),
+        reward_function=reward,
+        rules=_rules(s),
+        num_threads=threads,
+        seed=job.seed,
+        race=load_race(s, track),
+        realism=realism_of(s, "evaluation"),
+        randomize=randomize_of(s),
+    )
+    driven: list[Driven] = []
+    begin = time.time()
+    plans = [
+        Plan(trial, "evaluation", 0.0, racer=racer)
+        for trial in range(races)
+        for racer in range(len(pilots))
+    ]
+    Driver(simulation, pilots, job.seed).drive(plans, driven.append, lifeline.should_stop)
+    driven.sort(key=lambda episode: episode.number)
+    wall_clock = (begin, time.time())
+    results: list[list[Episode]] = []
+    for number, racer in enumerate(racers):
+        own = [episode for episode in driven if episode.racer == number]
+        episodes: list[Episode] = laps_of(own[0]) if s.eval_is_continuous else [*own]
+        if not s.eval_is_continuous:
+            schedule(episodes, 0.0)
+        _publish(bucket, racer, episodes, track.length_m, wall_clock)
+        results.append(episodes)
+    reports = [[record(e, e.number + 1) for e in episodes] for episodes in results]
+    (job.folder / "evaluation.json").write_text(json.dumps(reports), "utf-8")
+    return results
+
+
+def _pilot(job: Job, bucket: Bucket, racer: Entry) -> Pilot:
+    """The policy of a racer, with its weights."""
+    metadata = ModelMetadata.from_bytes(
+        bucket.get(keys.model_metadata(racer.prefix)), "model_metadata.json"
+    )
+    parameters = Hyperparameters.from_bytes(
+        bucket.get(keys.hyperparameters(racer.prefix)), "hyperparameters.json"
+    )
+    print(announce.start_lines(job.settings, metadata, parameters, "EVALUATION"))
+    model = ActorCritic(policy_spec(metadata)).eval()
+    loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
+    model.load_state_dict(load_tensors(loaded.tensors))
+    return Pilot(model, actions_of(metadata))
+
+
+def _rules(s: Settings) -> EpisodeRules:
+    laps = s.eval_number_of_trials if s.eval_is_continuous else 1
+    return EpisodeRules.evaluation(
+        laps=laps,
         max_resets=s.eval_max_resets,
         off_track_penalty_s=s.eval_off_track_penalty,
         collision_penalty_s=s.eval_collision_penalty,
-        max_steps=int(MAX_LAP_S * 15) * (trials if continuous else 1),
+        max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
     )
-    simulation = Simulation(
-        track,
-        num_cars=1 if continuous else trials,
-        reward_function=reward,
-        rules=rules,
-        num_threads=threads,
-        seed=job.seed,
-    )
-    driver = Driver(simulation, actions_of(metadata), model, job.seed)
-    driven: list[Driven] = []
-    begin = time.time()
-    plans = [Plan(trial, "evaluation", 0.0) for trial in range(1 if continuous else trials)]
-    driver.drive(plans, driven.append, lifeline.should_stop)
-    driven.sort(key=lambda episode: episode.number)
-    episodes: list[Episode] = laps_of(driven[0]) if continuous else [*driven]
-    if not continuous:
-        schedule(episodes, 0.0)
-    wall_clock = (begin, time.time())
+
+
+def _publish(
+    bucket: Bucket,
+    racer: Entry,
+    episodes: list[Episode],
+    length_m: float,
+    wall_clock: tuple[float, float],
+) -> None:
     for episode in episodes:
-        print(log_lines(episode, track.length_m, wall_clock[1]))
-    bucket.put(
-        keys.evaluation_trace(s.model_prefix, stamp),
-        csv_text(episodes, track.length_m, wall_clock).encode(),
-    )
+        print(log_lines(episode, length_m, wall_clock[1]))
+    bucket.put(racer.trace, csv_text(episodes, length_m, wall_clock).encode())
     metrics = {"metrics": [record(e, e.number + 1) for e in episodes]}
-    bucket.put(keys.evaluation_metrics(s.metrics_prefix, stamp), json.dumps(metrics).encode())
-    (job.folder / "evaluation.json").write_text(json.dumps(metrics), "utf-8")
-    return episodes
+    bucket.put(racer.metrics, json.dumps(metrics).encode())
 
 
 def laps_of(race: Episode) -> list[Episode]:
@@ -156,14 +235,14 @@ def record(episode: Episode, trial: int) -> dict[str, Any]:
     }
 
 
-def main(checkpoint: str, stamp: str) -> Callable[[Job, Lifeline], None]:
+def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], None]:
     """The evaluation, to be run as a process."""
 
     def loop(job: Job, lifeline: Lifeline) -> None:
-        evaluate(job, lifeline, checkpoint, stamp)
+        evaluate(job, lifeline, entries(job.settings, stamp, checkpoints))
 
     return loop
 
 
 if __name__ == "__main__":
-    process.run("evaluation", main(sys.argv[1], sys.argv[2]))
+    process.run("evaluation", main(sys.argv[1], sys.argv[2:]))

@@ -8,7 +8,6 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from pathlib import Path
 from types import FrameType
 
 from drcli.errors import DrError
@@ -87,10 +86,3 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         remedy = f"Read its log with `dr-logs {name}` and report it as a bug."
         LastWords(words, remedy, BUG).leave(job.folder, name)
         raise SystemExit(BUG) from None
-
-
-def local_copy(bucket: Bucket, key: str, path: Path) -> Path:
-    """Fetch an object to a file of this process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(bucket.get(key))
-    return path

@@ -18,6 +18,7 @@ from safetensors.torch import load as load_tensors
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.learn.policy import ActorCritic
+from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
@@ -26,16 +27,19 @@ from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
 from drcli.store.rollouts import RolloutWriter
 from drcli.worker import announce, process
-from drcli.worker.driving import Driven, Driver, Plan
+from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import policy_spec
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.trace import csv_text, log_lines, schedule
 from drcli.worker.world import (
     actions_of,
+    load_race,
     load_reward,
     load_world,
     longest_episode,
+    randomize_of,
+    realism_of,
     reward_failure,
 )
 from drsim.episode import EpisodeRules
@@ -107,7 +111,6 @@ class SimWorker:
 
         threads = max(1, (os.cpu_count() or 1) // s.workers)
         torch.set_num_threads(threads)
-        torch.set_flush_denormal(True)
         self._model = ActorCritic(policy_spec(metadata)).eval()
         self._trials = _evaluation_trials(job) if worker == 0 else 0
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
@@ -122,8 +125,11 @@ class SimWorker:
             rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
             num_threads=threads,
             seed=seed,
+            race=load_race(s, self._track),
+            realism=realism_of(s, "training"),
+            randomize=randomize_of(s),
         )
-        self._driver = Driver(simulation, actions, self._model, seed)
+        self._driver = Driver(simulation, [Pilot(self._model, actions)], seed)
         self._metrics = TrainingMetrics(
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
@@ -328,6 +334,7 @@ def main(worker: int) -> Callable[[Job, Lifeline], None]:
     """The loop of worker K, to be run as a process."""
 
     def loop(job: Job, lifeline: Lifeline) -> None:
+        flush_denormals()
         SimWorker(job, lifeline, worker).run()
 
     return loop

@@ -55,6 +55,7 @@ class Row:
         status: Word of the trace vocabulary.
         pause_s: Penalty still to wait, seconds.
         time_s: Simulated seconds since the episode's reset.
+        crashes: Crashes into an object in the episode so far.
     """
 
     steps: int
@@ -72,6 +73,7 @@ class Row:
     status: str
     pause_s: float
     time_s: float
+    crashes: int = 0
 
 
 @dataclass
@@ -181,7 +183,7 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
         str(episode.clock_s + row.time_s),
         row.status,
         str(row.pause_s),
-        "0",
+        str(row.crashes),
         str(wall_clock),
     ]
 
@@ -192,8 +194,8 @@ def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str
         f"SIM_TRACE_LOG:{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
         f"{row.all_wheels_on_track},{row.progress:.4f},{row.closest_waypoint},"
-        f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},0,"
-        f"{wall_clock:.4f}"
+        f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},"
+        f"{row.crashes},{wall_clock:.4f}"
         for row in episode.rows
     )
 

@@ -20,7 +20,7 @@ from drcli.job import Job, LastWords
 from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, EpochStats, NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.precision import choose_compute
+from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.learn.state import optimizer_tensors, restore_optimizer
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -378,6 +378,7 @@ def metric_of(metric: str, result: dict[str, list[float]]) -> float:
 
 def main(job: Job, lifeline: Lifeline) -> None:
     """The loop of the trainer, to be run as a process."""
+    flush_denormals()
     Trainer(job, lifeline).run()
 
 

@@ -5,18 +5,21 @@ function, NAME is what its author calls it. Needs no torch and no bucket, so it 
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from drcli.errors import SettingsError
 from drcli.job import Job, LastWords
-from drcli.worker.world import load_world
+from drcli.worker.world import load_race, load_world
 from drsim.car import CONTROL_HZ
 from drsim.errors import RewardError
 from drsim.params import Situation, params_of
+from drsim.race import TIME_TRIAL, Race
 from drsim.reward import RewardParams, checked_rewards, load_reward_function
 from drsim.track import Track
+from drsim.traffic import Traffic
 
 POSITIONS = 40
 """Places along the lap at which the reward function is tried."""
@@ -34,9 +37,10 @@ def try_inputs(job: Job, path: Path, name: str) -> None:
         SettingsError: What the racer has to correct.
     """
     track = load_world(job.settings, job.directory)
+    race = load_race(job.settings, track)
     try:
         function = load_reward_function(path)
-        checked_rewards(function, sample_params(track))
+        checked_rewards(function, sample_params(track, race))
     except RewardError as error:
         raise SettingsError(
             str(error).replace(str(path), name),
@@ -44,7 +48,7 @@ def try_inputs(job: Job, path: Path, name: str) -> None:
         ) from None
 
 
-def sample_params(track: Track) -> list[RewardParams]:
+def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
     """Reward parameters all along a lap, on the centre line, beside it and off the track."""
     count = POSITIONS * len(OFFSETS)
     fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
@@ -69,8 +73,16 @@ def sample_params(track: Track) -> list[RewardParams]:
         steering_deg=np.zeros(count),
         speed_mps=np.full(count, TRIAL_SPEED_MPS),
         backward=np.zeros(count, dtype=np.int64),
+        # Where a car stands off the track it may as well have crashed.
+        crashed=off & (race != TIME_TRIAL),
     )
-    return list(params_of((track, track.reversed()), situation, np.arange(count)))
+    tracks = (track, track.reversed())
+    if race != TIME_TRIAL:
+        traffic = Traffic(tracks, count, race)
+        seeds = np.arange(count, dtype=np.uint64)
+        traffic.begin(np.arange(count), fraction, situation.backward, seeds)
+        situation = replace(situation, objects=traffic.objects())
+    return list(params_of(tracks, situation, np.arange(count)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""The track and the reward function of a run, loaded for a worker. Needs no torch."""
+"""The track, the race and the reward function of a run, made for a worker. Needs no torch."""
 
 import math
 from pathlib import Path
+from typing import Literal
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
@@ -11,8 +12,12 @@ from drcli.store.bucket import Bucket
 from drsim.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.errors import RewardError, TrackError
+from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
+from drsim.realism import Realism
 from drsim.reward import RewardFunction, load_reward_function
+from drsim.senses import Randomize
 from drsim.track import Track
+from drsim.traffic import Traffic
 from drsim.worlds import load_track
 
 SLACK = 2.5
@@ -39,6 +44,79 @@ def tracks_folder(settings: Settings, directory: Path) -> Path | None:
     if not settings.tracks_dir:
         return None
     return directory / settings.tracks_dir
+
+
+def race_of(s: Settings) -> Race:
+    """What is on the track beside the car, by DR_RACE_TYPE."""
+    if s.race_type == "OBJECT_AVOIDANCE":
+        return Race(
+            obstacles=ObstacleRules(
+                count=s.oa_number_of_obstacles,
+                kind="bot_car" if s.oa_is_obstacle_bot_car else s.oa_obstacle_type,
+                min_gap_m=s.oa_min_distance_between_obstacles,
+                randomize=s.oa_randomize_obstacle_locations,
+                positions=s.oa_object_positions,
+                reset_behind_m=s.eval_reset_behind_dist,
+            )
+        )
+    if s.race_type == "HEAD_TO_BOT":
+        return Race(
+            bots=BotRules(
+                count=s.h2b_number_of_bot_cars,
+                speed_mps=s.h2b_bot_car_speed,
+                min_gap_m=s.h2b_min_distance_between_bot_cars,
+                randomize=s.h2b_randomize_bot_car_locations,
+                lane_change=s.h2b_is_lane_change,
+                lane_change_time_s=(s.h2b_lower_lane_change_time, s.h2b_upper_lane_change_time),
+                lane_change_distance_m=s.h2b_lane_change_distance,
+                penalty_s=s.h2b_bot_car_penalty,
+            )
+        )
+    return Race(racers=2) if s.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
+
+
+def load_race(s: Settings, track: Track) -> Race:
+    """The race of the settings, once it is sure that it fits on the track.
+
+    Raises:
+        SettingsError: There is no room for that many obstacles or bots.
+    """
+    race = race_of(s)
+    try:
+        if race != TIME_TRIAL:
+            Traffic((track, track.reversed()), race.racers, race)
+    except ValueError as error:
+        group = "DR_OA_" if s.race_type == "OBJECT_AVOIDANCE" else "DR_H2B_"
+        number = f"{group}NUMBER_OF_{'OBSTACLES' if group == 'DR_OA_' else 'BOT_CARS'}"
+        raise SettingsError(
+            f"{s.source(number)}: {number} does not fit on {track.name}: {error}",
+            remedy=f"Set a smaller {number}, or a smaller {group}MIN_DISTANCE_BETWEEN_...",
+        ) from None
+    return race
+
+
+def realism_of(s: Settings, job: Literal["training", "evaluation"]) -> Realism:
+    """The sim-to-real extras that act in this job."""
+    if s.sim_extras_in not in ("both", job):
+        return Realism()
+    return Realism(
+        image_noise=s.sim_image_noise,
+        brightness=s.sim_brightness,
+        blur_px=s.sim_blur,
+        camera_angle_deg=s.sim_camera_angle,
+        camera_shift_m=s.sim_camera_shift,
+        latency_s=s.sim_latency,
+        latency_jitter_s=s.sim_latency_jitter,
+        friction=s.sim_friction,
+        mass=s.sim_mass,
+    )
+
+
+def randomize_of(s: Settings) -> Randomize:
+    """What DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
+    if not s.enable_domain_randomization:
+        return "nothing"
+    return "textures" if s.randomize_textures else "lights"
 
 
 def load_reward(bucket: Bucket, prefix: str, folder: Path) -> RewardFunction:

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim import raycast
+from drsim.look import AMBIENT, LUMA, SUN
 from drsim.scene import Scene
+from drsim.solids import BOX_COLUMNS
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Frames = NDArray[np.uint8]
 
 
@@ -44,6 +47,9 @@ class CameraModel:
 FRONT = CameraModel()
 """The one camera of a car without stereo."""
 
+EYES_APART_M = 0.06
+"""Distance between the two cameras of a car with stereo. Source: the reference simulator."""
+
 
 def lens_pose(
     body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
@@ -64,8 +70,35 @@ def lens_pose(
     return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
 
 
+@dataclass(frozen=True)
+class Light:
+    """What the light makes of a scene, for each lens; the light of most worlds when left out.
+
+    Attributes:
+        palettes: What becomes of each grey of the ground picture. Shape (n, 256).
+        wall_greys: Greys of the walls, as in `Scene`. Shape (n, 4).
+        sky_greys: Greys of the sky. Shape (n,).
+        ambient: Light on every side of solids, per colour channel. Shape (n, 3).
+        sun: Light of the sun on a side that faces it, per colour channel. Shape (n, 3).
+    """
+
+    palettes: Frames
+    wall_greys: Singles
+    sky_greys: Singles
+    ambient: Singles
+    sun: Singles
+
+
 def render(
-    scene: Scene, lens_pos: Floats, lens_mat: Floats, out: Frames, camera: CameraModel = FRONT
+    scene: Scene,
+    lens_pos: Floats,
+    lens_mat: Floats,
+    out: Frames,
+    camera: CameraModel = FRONT,
+    *,
+    boxes: Singles | None = None,
+    light: Light | None = None,
+    rounding: bool = False,
 ) -> None:
     """Draw what lenses see, one frame each.
 
@@ -78,6 +111,10 @@ def render(
         lens_mat: Lens axes in the world: columns forward, left, up. Shape (n, 3, 3).
         out: Frames to write. Shape (n, rows, columns).
         camera: The camera's numbers.
+        boxes: Cuboids that each lens sees, rows as in `solids.BOX_COLUMNS`. Shape (n, m, columns).
+        light: What changes the scene's greys.
+        rounding: Round greys to whole ones instead of cutting their fractions off, as the
+            reference's filter of stereo frames does.
 
     Raises:
         ValueError: When the shapes do not fit together.
@@ -89,16 +126,39 @@ def render(
             f"{shapes} are no shapes of n positions, n axes and n frames of "
             f"{camera.rows} x {camera.columns} pixels."
         )
+    if boxes is not None and len(boxes) != cars:
+        raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     raycast.draw(
         scene.texels,
         scene.levels,
         np.array([scene.x_m, scene.y_m, scene.texel_m]),
         scene.walls_m,
         scene.wall_height_m,
-        scene.wall_greys,
-        scene.sky_grey,
+        scene.wall_greys[None] if light is None else light.wall_greys,
+        np.array([scene.sky_grey], np.float32) if light is None else light.sky_greys,
+        _NO_PALETTES if light is None else light.palettes,
+        _NO_BOXES if boxes is None else boxes,
+        _NO_LIGHT if boxes is None else _on_solids(light, cars),
         camera.focal_px,
+        0.5 if rounding else _WHOLE,
         lens_pos,
         lens_mat,
         out,
     )
+
+
+_WHOLE = 1e-3
+"""The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
+
+_NO_PALETTES = np.empty((0, 256), np.uint8)
+_NO_BOXES = np.empty((0, 0, BOX_COLUMNS), np.float32)
+_NO_LIGHT = np.empty((0, 6), np.float32)
+
+
+def _on_solids(light: Light | None, cars: int) -> Singles:
+    """Weights of red, green and blue in a grey, in the ambient light and in the sun. (n, 6)."""
+    if light is None:
+        usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
+        return np.tile(np.array(usual, np.float32), (cars, 1))
+    luma = np.array(LUMA, np.float32)
+    return np.concatenate([light.ambient * luma, light.sun * luma], axis=1)

@@ -79,11 +79,14 @@ class CarParameters:
     """Physics steps in one control step, 6.7 ms each."""
 
 
-def car_model(parameters: CarParameters | None = None) -> mujoco.MjModel:
+def car_model(
+    parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
+) -> mujoco.MjModel:
     """Compile the car's MJCF with the given parameters written over it.
 
     Args:
         parameters: Calibrated values; the defaults when left out.
+        longest_latency_s: By how much the delays may be lengthened afterwards, seconds.
 
     Returns:
         A model of one car on an endless floor.
@@ -96,7 +99,7 @@ def car_model(parameters: CarParameters | None = None) -> mujoco.MjModel:
         steers = actuator.name.startswith("steer_")
         # The engine reads a request before it stores it, so no delay is shorter than one step.
         actuator.delay = max(p.steering_delay_s if steers else p.speed_delay_s, step_s)
-        actuator.nsample = math.ceil(actuator.delay / step_s) + 2
+        actuator.nsample = math.ceil((actuator.delay + longest_latency_s) / step_s) + 2
         if steers:
             actuator.dynprm[0] = p.steering_lag_s
         else:
@@ -146,7 +149,12 @@ class CarBatch:
     """
 
     def __init__(
-        self, num_cars: int, num_threads: int, parameters: CarParameters | None = None
+        self,
+        num_cars: int,
+        num_threads: int,
+        parameters: CarParameters | None = None,
+        *,
+        longest_latency_s: float = 0.0,
     ) -> None:
         """Build cars that stand at the world's origin.
 
@@ -154,9 +162,10 @@ class CarBatch:
             num_cars: How many cars, at least 1.
             num_threads: Threads that step them, the caller's included, at least 1.
             parameters: Calibrated values; the defaults when left out.
+            longest_latency_s: Largest latency that `vary` will be given, seconds.
         """
         self._parameters = parameters or CarParameters()
-        model = car_model(self._parameters)
+        model = car_model(self._parameters, longest_latency_s=longest_latency_s)
         self._batch = Batch(model, nsim=num_cars, nthread=num_threads)
         self._qpos: Floats = self._batch.bind("qpos")
         self._qvel: Floats = self._batch.bind("qvel")
@@ -171,6 +180,23 @@ class CarBatch:
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
+
+    def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
+        """Make cars unlike the calibrated one, until told otherwise. Call it before `place`.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            friction: Factors on the grip of the wheels. Shape (k,).
+            mass: Factors on mass and inertia of every part. Shape (k,).
+            latency_s: How much later requests begin to act, seconds. Shape (k,).
+        """
+        model = self._batch.model
+        grip, weight = model.pair_friction, model.body_mass
+        self._batch.expand("pair_friction")[cars] = grip * friction[:, None, None]
+        self._batch.expand("body_mass")[cars] = weight * mass[:, None]
+        self._batch.expand("body_inertia")[cars] = model.body_inertia * mass[:, None, None]
+        self._batch.expand("actuator_delay")[cars] = model.actuator_delay + latency_s[:, None]
+        self._batch.set_const(cars)
 
     def place(self, cars: Cars, poses: Floats) -> None:
         """Put cars on the ground: at rest, wheels straight, no request under way.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.car import CONTROL_HZ
+from drsim.jit import kernel
 from drsim.progress import advance_progress
 
 Floats = NDArray[np.float64]
@@ -126,6 +127,7 @@ class Episodes:
         start_fraction: Where the episode started, 0 .. 1 along the centre line. Shape (n,).
         laps: Laps completed in this episode. Shape (n,).
         resets: Violations forgiven in this episode. Shape (n,).
+        crashes: Crashes in this episode. Shape (n,).
         pause_steps: Steps the car still has to wait. Shape (n,).
         lap_steps: Steps since the current lap began, waiting included. Shape (n,).
         over: The episode has ended, or none has begun. Shape (n,).
@@ -140,9 +142,13 @@ class Episodes:
         self.start_fraction: Floats = np.zeros(num_cars)
         self.laps: Ints = np.zeros(num_cars, np.int64)
         self.resets: Ints = np.zeros(num_cars, np.int64)
+        self.crashes: Ints = np.zeros(num_cars, np.int64)
         self.pause_steps: Ints = np.zeros(num_cars, np.int64)
         self.lap_steps: Ints = np.zeros(num_cars, np.int64)
         self.over: Bools = np.ones(num_cars, np.bool_)
+        self._pause_steps = np.array(
+            [round(rules.penalty_s(status) * CONTROL_HZ) for status in Status], np.int64
+        )
         self._still_steps: Ints = np.zeros(num_cars, np.int64)
         self._backward_steps: Ints = np.zeros(num_cars, np.int64)
 
@@ -154,7 +160,7 @@ class Episodes:
             start_fraction: Where the car origin stands on the lap, 0 .. 1. Shape (k,).
             fraction: Where the point ahead of the car stands, 0 .. 1. Shape (k,).
         """
-        for counter in (self.laps, self.resets, self.pause_steps, self.lap_steps):
+        for counter in (self.laps, self.resets, self.crashes, self.pause_steps, self.lap_steps):
             counter[cars] = 0
         self._restart_patience(cars)
         self.steps[cars] = 1
@@ -181,7 +187,14 @@ class Episodes:
         # lap counts with the next step that it drives.
         self.progress[cars] = np.minimum(advance_progress(before, fraction, start), UNFINISHED)
 
-    def judge(self, driven: Bools, fraction: Floats, moved_m: Floats, off_track: Bools) -> Verdict:
+    def judge(
+        self,
+        driven: Bools,
+        fraction: Floats,
+        moved_m: Floats,
+        off_track: Bools,
+        crashed: Bools,
+    ) -> Verdict:
         """Count one driven step and decide what it led to.
 
         Args:
@@ -189,54 +202,140 @@ class Episodes:
             fraction: Where the point ahead of each car is on the lap, 0 .. 1. Shape (n,).
             moved_m: How far each car's origin moved in the step, metres. Shape (n,).
             off_track: No wheel of the car is on the track. Shape (n,).
+            crashed: The car has driven into something. Shape (n,).
 
         Returns:
             The outcome; cars that are over or put back are so from now on.
         """
         rules = self.rules
-        self._count(driven, fraction, moved_m)
-        lap_done = driven & (self.progress >= 100.0)
-        self.laps[lap_done] += 1
-
-        # In the reference's order of precedence: a later line overrides an earlier one.
-        status = np.full(len(driven), Status.IN_PROGRESS, np.int64)
-        status[self._backward_steps >= rules.patience_steps] = Status.REVERSED
-        status[self._still_steps >= rules.patience_steps] = Status.IMMOBILIZED
-        status[off_track] = Status.OFF_TRACK
-        finished = lap_done & (self.laps >= rules.laps)
-        status[lap_done] = Status.IN_PROGRESS
-        status[finished] = Status.LAP_COMPLETE
-
-        violated = driven & (status != Status.IN_PROGRESS) & ~finished
-        put_back = violated & (self.resets < rules.max_resets)
-        terminated = finished | (violated & ~put_back)
-        truncated = driven & ~terminated & (self.steps >= rules.max_steps)
-        # Traces know no word for a step limit; readers count these as cars that got nowhere.
-        status[truncated] = Status.IMMOBILIZED
-        put_back &= ~truncated
-        self.resets[put_back] += 1
-        self._start_pauses(put_back, status)
-        self.over |= terminated | truncated
-        return Verdict(status, terminated, truncated, put_back, lap_done)
-
-    def _count(self, driven: Bools, fraction: Floats, moved_m: Floats) -> None:
-        self.steps[driven] += 1
-        self.lap_steps[driven] += 1
-        finished_before = driven & (self.progress >= 100.0)
-        self.lap_steps[finished_before] = 1
-        before = np.where(finished_before, 0.0, self.progress)
+        fresh = driven & (self.progress >= 100.0)
+        before = np.where(fresh, 0.0, self.progress)
         now = advance_progress(before, fraction, self.start_fraction)
-        self.previous_progress = np.where(driven, before, self.previous_progress)
-        self.progress = np.where(driven, now, self.progress)
-        self._still_steps = np.where(driven & (moved_m <= IMMOBILIZED_M), self._still_steps + 1, 0)
-        self._backward_steps = np.where(driven & (now < before), self._backward_steps + 1, 0)
-
-    def _start_pauses(self, put_back: Bools, status: Ints) -> None:
-        for car in np.flatnonzero(put_back):
-            penalty_s = self.rules.penalty_s(Status(int(status[car])))
-            self.pause_steps[car] = round(penalty_s * CONTROL_HZ)
-        self._restart_patience(np.flatnonzero(put_back))
+        status = np.empty(len(driven), np.int64)
+        terminated, truncated, put_back, lap_done = np.empty((4, len(driven)), np.bool_)
+        _judge(
+            driven,
+            before,
+            now,
+            moved_m,
+            off_track,
+            crashed,
+            rules.laps,
+            rules.max_resets,
+            rules.patience_steps,
+            rules.max_steps,
+            self._pause_steps,
+            self.steps,
+            self.lap_steps,
+            self.previous_progress,
+            self.progress,
+            self.laps,
+            self.resets,
+            self.crashes,
+            self.pause_steps,
+            self.over,
+            self._still_steps,
+            self._backward_steps,
+            status,
+            terminated,
+            truncated,
+            put_back,
+            lap_done,
+        )
+        return Verdict(status, terminated, truncated, put_back, lap_done)
 
     def _restart_patience(self, cars: Ints) -> None:
         self._still_steps[cars] = 0
         self._backward_steps[cars] = 0
+
+
+_IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
+    int(status)
+    for status in (
+        Status.IN_PROGRESS,
+        Status.LAP_COMPLETE,
+        Status.CRASHED,
+        Status.OFF_TRACK,
+        Status.IMMOBILIZED,
+        Status.REVERSED,
+    )
+)
+"""The compiler knows integers, no enumerations."""
+
+
+@kernel
+def _judge(
+    driven: Bools,
+    before: Floats,
+    now: Floats,
+    moved_m: Floats,
+    off_track: Bools,
+    crashed: Bools,
+    laps_wanted: int,
+    max_resets: int,
+    patience_steps: int,
+    max_steps: int,
+    penalty_steps: Ints,
+    steps: Ints,
+    lap_steps: Ints,
+    previous_progress: Floats,
+    progress: Floats,
+    laps: Ints,
+    resets: Ints,
+    crashes: Ints,
+    pause_steps: Ints,
+    over: Bools,
+    still_steps: Ints,
+    backward_steps: Ints,
+    status: Ints,
+    terminated: Bools,
+    truncated: Bools,
+    put_back: Bools,
+    lap_done: Bools,
+) -> None:
+    """Count one step of each driven car and judge it; from `steps` on, all arrays are written.
+
+    A car that is not driven has patience again: only consecutive driven steps count.
+    """
+    for car in range(len(driven)):
+        status[car] = _IN_PROGRESS
+        terminated[car] = truncated[car] = put_back[car] = lap_done[car] = False
+        if not driven[car]:
+            still_steps[car] = backward_steps[car] = 0
+            continue
+        steps[car] += 1
+        lap_steps[car] = 1 if progress[car] >= 100.0 else lap_steps[car] + 1
+        previous_progress[car], progress[car] = before[car], now[car]
+        still_steps[car] = still_steps[car] + 1 if moved_m[car] <= IMMOBILIZED_M else 0
+        backward_steps[car] = backward_steps[car] + 1 if now[car] < before[car] else 0
+
+        lap_done[car] = now[car] >= 100.0
+        laps[car] += lap_done[car]
+        finished = lap_done[car] and laps[car] >= laps_wanted
+        # In the reference's order of precedence.
+        if finished:
+            status[car] = _LAP_COMPLETE
+        elif lap_done[car]:
+            status[car] = _IN_PROGRESS
+        elif crashed[car]:
+            status[car] = _CRASHED
+        elif off_track[car]:
+            status[car] = _OFF_TRACK
+        elif still_steps[car] >= patience_steps:
+            status[car] = _IMMOBILIZED
+        elif backward_steps[car] >= patience_steps:
+            status[car] = _REVERSED
+
+        violated = status[car] != _IN_PROGRESS and not finished
+        crashes[car] += status[car] == _CRASHED
+        terminated[car] = finished or (violated and resets[car] >= max_resets)
+        truncated[car] = not terminated[car] and steps[car] >= max_steps
+        over[car] |= terminated[car] or truncated[car]
+        if truncated[car]:
+            # Traces know no word for a step limit; readers count these as cars that got nowhere.
+            status[car] = _IMMOBILIZED
+        elif violated and not terminated[car]:
+            put_back[car] = True
+            resets[car] += 1
+            pause_steps[car] = penalty_steps[status[car]]
+            still_steps[car] = backward_steps[car] = 0

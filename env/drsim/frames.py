@@ -1,12 +1,15 @@
 """Camera frames of many cars, rendered on other threads while the caller goes on."""
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.camera import FRONT, render
+from drsim.camera import EYES_APART_M, FRONT, render
+from drsim.lighting import Lighting
 from drsim.scene import Scene
+from drsim.solids import Solids
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -19,19 +22,39 @@ class FrameRenderer:
     """The current frame of every car.
 
     Attributes:
-        frames: Grey frames, rewritten between `start` and `finish`. Shape (n, 120, 160).
+        frames: Grey frames, rewritten between `start` and `finish`; with two eyes the left one
+            first. Shape (n, eyes, 120, 160).
     """
 
-    def __init__(self, scene: Scene, num_cars: int, num_threads: int) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        num_cars: int,
+        num_threads: int,
+        *,
+        eyes: int = 1,
+        solids: Solids | None = None,
+        lighting: Lighting | None = None,
+        after: Callable[[slice], None] | None = None,
+    ) -> None:
         """Prepare empty frames.
 
         Args:
             scene: What the cameras see.
             num_cars: How many cars.
             num_threads: Threads that render, the caller's included.
+            eyes: Cameras of a car, 1 or 2.
+            solids: What stands around each car; it must not move between `start` and `finish`.
+            lighting: The light of each car's world.
+            after: Called with the rows of frames that have just been rendered, on their thread.
         """
-        self.frames: NDArray[np.uint8] = np.zeros((num_cars, FRONT.rows, FRONT.columns), np.uint8)
+        self.frames: NDArray[np.uint8] = np.zeros(
+            (num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8
+        )
         self._scene = scene
+        self._solids = solids
+        self._lighting = lighting
+        self._after = after
         self._pool = ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
         self._jobs: list[tuple[slice, Floats, Floats]] = []
         self._futures: list[Future[None]] = []
@@ -75,4 +98,19 @@ class FrameRenderer:
             self._pool.shutdown()
 
     def _render(self, rows: slice, lens_pos: Floats, lens_mat: Floats) -> None:
-        render(self._scene, lens_pos, lens_mat, self.frames[rows])
+        boxes = None if self._solids is None else self._solids.boxes[rows]
+        light = None if self._lighting is None else self._lighting.of(rows)
+        eyes = self.frames.shape[1]
+        for eye in range(eyes):
+            to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
+            render(
+                self._scene,
+                lens_pos + to_left_m * lens_mat[:, :, 1],
+                lens_mat,
+                self.frames[rows, eye],
+                boxes=boxes,
+                light=light,
+                rounding=eyes > 1,
+            )
+        if self._after is not None:
+            self._after(rows)

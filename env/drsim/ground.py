@@ -4,12 +4,12 @@ Everything is drawn from signed distances, so that edges fall between texels whe
 """
 
 import math
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.grain import grain_tile
 from drsim.jit import kernel
 from drsim.look import Look
 from drsim.track import Track
@@ -17,12 +17,6 @@ from drsim.track import Track
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
-
-_GRAIN_TILE = 512
-"""Side of the grain, which repeats over the ground, in texels."""
-
-_STROKE_M = 0.010
-"""Length of one fibre of the grain. Source: estimated on frames of the reference simulator."""
 
 _FINE = 4
 """Samples along each side of a texel where the start line is painted."""
@@ -64,14 +58,15 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
     line_near_m, line_far_m = 0.0, look.border_width_m
     if look.border_side == "out":
         line_near_m, line_far_m = -look.border_width_m, 0.0
-    paints = (look.road, look.line, look.kerb, look.field, look.dash)
+    paints = (look.road, look.line, look.kerb, look.field, look.dash, look.kerb_light or look.kerb)
     greys = np.array([paint.grey for paint in paints], np.float32)
     grains = np.array([paint.grain for paint in paints], np.float32)
     ground = np.empty((grid.rows, grid.columns), np.uint8)
     _mix(
         side,
         marks,
-        _grain_tile(track.name, grid.texel_m),
+        _stripes_of_kerb(track, look, grid, side),
+        grain_tile(track.name, grid.texel_m),
         line_near_m / grid.texel_m,
         line_far_m / grid.texel_m,
         look.kerb_width_m / grid.texel_m,
@@ -199,10 +194,57 @@ def _stamp_dashes(
         passed += step
 
 
+def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Bytes:
+    """How much of each texel of the kerb the light stripes cover, 0..255; 0 beside the kerb."""
+    stripes = np.zeros((grid.rows, grid.columns), np.uint8)
+    if look.kerb_light and look.kerb_width_m > 0.0:
+        reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
+        for line in (track.inner, track.outer):
+            border = _texels(line[::-1] if track.reverse else line, grid)
+            length = float(np.hypot(*np.diff(border, axis=0).T).sum())
+            pairs = max(round(0.5 * length * grid.texel_m / look.kerb_stripe_m), 1)
+            _stamp_stripes(border, reach, 0.5 * length / pairs, side, stripes)
+    return stripes
+
+
+@kernel
+def _stamp_stripes(
+    line: Floats, reach: float, stripe: float, side: Singles, stripes: Bytes
+) -> None:
+    """Mark light stripes off the road, counted by arc length; all figures in texels.
+
+    A texel belongs to the segment from which it has its distance in `side`.
+    """
+    rows, columns = stripes.shape
+    passed = 0.0
+    for i in range(1, len(line)):
+        ax, ay = line[i - 1]
+        dx, dy = line[i, 0] - ax, line[i, 1] - ay
+        square = max(dx * dx + dy * dy, 1e-12)
+        step = math.sqrt(square)
+        for row in range(
+            max(math.ceil(min(ay, ay + dy) - reach), 0),
+            min(math.floor(max(ay, ay + dy) + reach) + 1, rows),
+        ):
+            for column in range(
+                max(math.ceil(min(ax, ax + dx) - reach), 0),
+                min(math.floor(max(ax, ax + dx) + reach) + 1, columns),
+            ):
+                px, py = column - ax, row - ay
+                along = min(max((px * dx + py * dy) / square, 0.0), 1.0)
+                away = math.hypot(px - along * dx, py - along * dy)
+                if side[row, column] < 0.0 and away < 0.01 - side[row, column]:
+                    beyond = (passed + along * step) % (2.0 * stripe)
+                    within = max(min(beyond, stripe - beyond), beyond - 2.0 * stripe)
+                    stripes[row, column] = np.uint8(255.0 * min(max(0.5 + within, 0.0), 1.0))
+        passed += step
+
+
 @kernel
 def _mix(
     side: Singles,
     marks: Bytes,
+    stripes: Bytes,
     grain: Singles,
     line_near: float,
     line_far: float,
@@ -211,11 +253,15 @@ def _mix(
     grains: Singles,
     ground: Bytes,
 ) -> None:
-    """Blend the paints (road, line, kerb, field, dash) by how much of a texel each one covers."""
+    """Blend the paints by how much of a texel each one covers.
+
+    Order of the paints: road, line, kerb, field, dash, light stripes of the kerb.
+    """
     half = np.float32(0.5)
     none, full = np.float32(0.0), np.float32(1.0)
     near, far = np.float32(line_near), np.float32(line_far)
     kerb_end = np.float32(line_near - kerb)
+    part = np.float32(1.0 / 255.0)
     tile = grain.shape[0]
     rows, columns = side.shape
     for row in range(rows):
@@ -228,49 +274,16 @@ def _mix(
             edge = past_kerb - past_near
             field = full - past_kerb
             rough = grain[row % tile, column % tile]
+            kerb_grey = greys[2] + stripes[row, column] * part * (greys[5] - greys[2])
             grey = (
                 past_far * (greys[0] + grains[0] * rough)
                 + line * (greys[1] + grains[1] * rough)
-                + edge * (greys[2] + grains[2] * rough)
+                + edge * (kerb_grey + grains[2] * rough)
                 + field * (greys[3] + grains[3] * rough)
             )
-            cover = marks[row, column] * np.float32(1.0 / 255.0)
+            cover = marks[row, column] * part
             grey += cover * (greys[4] + grains[4] * rough - grey)
             ground[row, column] = np.uint8(min(max(grey + half, none), np.float32(255.0)))
-
-
-def _grain_tile(world: str, texel_m: float) -> Singles:
-    """Fibres strewn over a tile that joins itself at its edges: mean 0, deviation 1.
-
-    The seed is the world's name, so that a world looks the same on every machine and in every run.
-    """
-    random = np.random.default_rng(zlib.crc32(world.encode()))
-    count = _GRAIN_TILE * _GRAIN_TILE // 8
-    fibres = random.random((count, 3))
-    shades = random.standard_normal(count)
-    tile = np.zeros((_GRAIN_TILE, _GRAIN_TILE))
-    _strew(fibres, shades, _STROKE_M / texel_m, tile)
-    even: Singles = ((tile - tile.mean()) / tile.std()).astype(np.float32)
-    return even
-
-
-@kernel
-def _strew(fibres: Floats, shades: Floats, length: float, tile: Floats) -> None:
-    """Add short straight strokes at places and angles given as fractions of the tile and a turn."""
-    side = tile.shape[0]
-    dots = math.ceil(2.0 * length) + 1
-    for i in range(len(fibres)):
-        angle = 2.0 * math.pi * fibres[i, 2]
-        for dot in range(dots):
-            out = length * (dot / (dots - 1.0) - 0.5)
-            x = fibres[i, 0] * side + out * math.cos(angle)
-            y = fibres[i, 1] * side + out * math.sin(angle)
-            column, row = math.floor(x), math.floor(y)
-            right, up = x - column, y - row
-            tile[row % side, column % side] += shades[i] * (1.0 - right) * (1.0 - up)
-            tile[row % side, (column + 1) % side] += shades[i] * right * (1.0 - up)
-            tile[(row + 1) % side, column % side] += shades[i] * (1.0 - right) * up
-            tile[(row + 1) % side, (column + 1) % side] += shades[i] * right * up
 
 
 def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:

@@ -1,10 +1,12 @@
-"""What a world looks like: line widths, greys after lighting, walls and sky; no geometry.
+"""What a world looks like: line widths, colours after lighting, walls and sky; no geometry.
 
-Greys are what the lens sees, 0..255, after the light has fallen on the colour of the texture. The
-light was measured on camera frames of the reference simulator in one world; `_LIGHT` carries it
-over to the texture colours of every other world.
+Greys and colours are what the lens sees, 0..255, after the light has fallen on the colour of the
+texture. The light was measured on camera frames of the reference simulator in one world; `_LIGHT`
+carries it over to the texture colours of every other world. Cars see greys; spectators see colours,
+one channel at a time: `Look.in_channel`.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,6 +20,11 @@ _LIGHT = 1.115
 road, border line, dash and field agree within 2 % there. Assumed for all worlds, as 121 of the 127
 share one sun and one lamp."""
 
+AMBIENT, SUN = 0.5, 0.7075
+"""Parts of that light on things that stand: on every side, and on a side that faces the sun. Source
+of the first: the reference simulator's worlds; the second makes both together `_LIGHT` on level
+ground. Assumed: no frame shows an object."""
+
 
 @dataclass(frozen=True)
 class Paint:
@@ -26,27 +33,68 @@ class Paint:
     Attributes:
         grey: Mean grey, 0..255.
         grain: Standard deviation of the grain, greys; 0 paints it flat.
+        color: Red, green and blue, 0..255 each; None for a paint without hue.
     """
 
     grey: float
     grain: float = 0.0
+    color: RGB | None = None
+
+    @property
+    def rgb(self) -> RGB:
+        """Red, green and blue, 0..255 each."""
+        return self.color or (self.grey, self.grey, self.grey)
+
+    def in_channel(self, channel: int) -> "Paint":
+        """The paint whose grey is one channel of this one's colour (0 red, 1 green, 2 blue)."""
+        value = self.rgb[channel]
+        return Paint(value, self.grain * value / self.grey if self.grey else 0.0)
 
 
 @dataclass(frozen=True)
 class Walls:
-    """The rectangle of walls around the field.
+    """The rectangle of walls around the field, or the edge of a field without walls.
 
     Attributes:
         margin_m: Gap between the bounding box of the outer border and the walls.
-        height_m: Height above the ground.
+        height_m: Height above the ground; 0 where there are none.
         greys: Greys of the walls at the least x, greatest x, least y and greatest y; they differ
             because the light meets each at another angle. Source: measured on three frames of the
             reference simulator in one world, assumed for all.
+        tint: Red, green and blue of the walls over their grey. Source: the colour of the texture,
+            36, 70, 81; it agrees with the three frames within one grey.
+        field_half_m: The field reaches at least this far from the origin to all four sides; None
+            for no further than the margin.
     """
 
     margin_m: float = 0.762
     height_m: float = 1.0
     greys: tuple[float, float, float, float] = (13.0, 24.0, 1.0, 21.0)
+    tint: RGB = (0.589, 1.146, 1.326)
+    field_half_m: float | None = None
+
+    def around(self, road: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        """Where the field ends.
+
+        Args:
+            road: Least x, least y, greatest x and greatest y of the road in metres.
+
+        Returns:
+            Least x, greatest x, least y and greatest y of the field in metres.
+        """
+        low_x, low_y, high_x, high_y = road
+        half_m = -math.inf if self.field_half_m is None else self.field_half_m
+        return (
+            min(low_x - self.margin_m, -half_m),
+            max(high_x + self.margin_m, half_m),
+            min(low_y - self.margin_m, -half_m),
+            max(high_y + self.margin_m, half_m),
+        )
+
+    def in_channel(self, channel: int) -> "Walls":
+        """The walls whose greys are one channel of these ones' colour."""
+        low_x, high_x, low_y, high_y = (grey * self.tint[channel] for grey in self.greys)
+        return replace(self, greys=(low_x, high_x, low_y, high_y), tint=(1.0, 1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -68,7 +116,9 @@ class Look:
         road: Paint of the road.
         line: Paint of the border line and of the light fields of the start line.
         dash: Paint of the centre dashes.
-        kerb: Paint of the kerb.
+        kerb: Paint of the kerb, or of its dark stripes.
+        kerb_light: Paint of every other stripe of the kerb; None for a kerb of one colour.
+        kerb_stripe_m: Length of a stripe along the border. Assumed: no frame shows a kerb.
         field: Paint of everything beside the road.
         chequer: Paint of the dark fields of the start line.
         walls: Walls around the field.
@@ -88,22 +138,50 @@ class Look:
     line: Paint = Paint(249.0, 9.0)
     dash: Paint = Paint(169.0)
     kerb: Paint = Paint(152.0)
+    kerb_light: Paint | None = None
+    kerb_stripe_m: float = 0.15
     field: Paint = Paint(137.0, 4.0)
     chequer: Paint = Paint(25.0)
     walls: Walls = Walls()
     sky_grey: float = 178.0
 
+    def in_channel(self, channel: int) -> "Look":
+        """This look through a filter that lets one colour pass.
+
+        A scene built from it shows that channel as grey; three of them make a coloured picture. The
+        sky keeps its grey: it has no hue. Source: measured on a frame of the reference simulator.
+
+        Args:
+            channel: 0 for red, 1 for green, 2 for blue.
+
+        Returns:
+            A look whose greys are the values of that channel, 0..255.
+        """
+        return replace(
+            self,
+            road=self.road.in_channel(channel),
+            line=self.line.in_channel(channel),
+            dash=self.dash.in_channel(channel),
+            kerb=self.kerb.in_channel(channel),
+            kerb_light=self.kerb_light and self.kerb_light.in_channel(channel),
+            field=self.field.in_channel(channel),
+            chequer=self.chequer.in_channel(channel),
+            walls=self.walls.in_channel(channel),
+        )
+
 
 def look_of(world: str) -> Look:
-    """Appearance of a world by name; an unknown name gets the common set.
+    """Appearance of a world by name; an unknown name, such as a track of our own, the common set.
 
-    Source of widths and texture colours: the reference simulator's meshes and textures. Scenery,
-    buildings and grandstands of the few worlds that have them are not modelled: those worlds get
-    plain walls. A kerb is painted in the mean of its red and its white. Assumed, as no frame shows
-    them: every world has a start line, and its dark fields are nearly black.
+    Source of widths and texture colours: the reference simulator's meshes and textures. Scenery is
+    not modelled: worlds whose scenery replaces the walls show the sky behind their field, city
+    worlds get plain walls. Assumed, as no frame shows them: every world has a start line, its dark
+    fields are nearly black, and the sky is as grey in all worlds as in the measured one.
     """
     name = _base_name(world)
     look = _COMMON
+    if world in _WITHOUT_WALLS:
+        look = replace(look, walls=_OPEN_FIELD)
     if name in _REINVENT_ROADS:
         look = replace(_REINVENT, road=_REINVENT_ROADS[name])
     if name == "Virtual_May19_Train_track":
@@ -128,7 +206,8 @@ def _base_name(world: str) -> str:
 def _lit(rgb: RGB, grain: float = 0.0) -> Paint:
     """Paint of a texture colour under the light that most worlds share."""
     grey = sum(weight * value for weight, value in zip(LUMA, rgb, strict=True))
-    return Paint(min(255.0, _LIGHT * grey), grain)
+    red, green, blue = (min(255.0, _LIGHT * value) for value in rgb)
+    return Paint(min(255.0, _LIGHT * grey), grain, (red, green, blue))
 
 
 _GRAIN, _LINE_GRAIN, _FIELD_GRAIN = 5.0, 8.0, 3.0
@@ -139,7 +218,9 @@ _COMMON = Look(
     road=_lit((64, 63, 61), _GRAIN),
     line=_lit((223, 223, 222), _LINE_GRAIN),
     dash=_lit((225, 143, 0)),
-    kerb=_lit((180, 118, 118)),
+    # The mean of red and white is 180, 118, 118, and white is that of the line.
+    kerb=_lit((137, 13, 14)),
+    kerb_light=_lit((223, 223, 222)),
     field=_lit((126, 133, 65), _FIELD_GRAIN),
 )
 
@@ -182,3 +263,21 @@ _LINE_OUTSIDE = {
 }
 """Worlds whose line lies outside the road: width of the line and of the kerb, metres. Source:
 the reference simulator's meshes; the width of the first eight is that of all other worlds."""
+
+_WITHOUT_WALLS = {
+    *(
+        f"2022_{month}_{league}"
+        for month in ("april", "may", "june", "july", "august", "september", "october")
+        for league in ("open", "pro")
+    ),
+    "2022_reinvent_champ_cw",
+    "2022_reinvent_champ_ccw",
+}
+"""Worlds with scenery in the distance instead of walls; those with one direction only are other
+worlds, with walls. Source: the model files of the reference simulator."""
+
+_OPEN_FIELD = Walls(
+    height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5
+)
+"""A field of 25 m by 25 m, as in the reference simulator. Its edge has no height, and the grey of
+the sky because the camera blends along it."""

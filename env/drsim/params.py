@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.objects import Objects
 from drsim.reward import RewardParams
 from drsim.track import Location, Track
 
@@ -31,6 +32,8 @@ class Situation:
         steering_deg: Angle asked for, not clipped. Shape (n,).
         speed_mps: Speed asked for, not clipped. Shape (n,).
         backward: Index into the tracks: 1 for a car that drives the lap the other way. Shape (n,).
+        crashed: The car has driven into something, and that has consequences. Shape (n,).
+        objects: What else is on the track; None where a car is alone.
     """
 
     xy: Floats
@@ -44,6 +47,8 @@ class Situation:
     steering_deg: Floats
     speed_mps: Floats
     backward: NDArray[np.int64]
+    crashed: Bools
+    objects: Objects | None = None
 
 
 def params_of(
@@ -79,6 +84,8 @@ def params_of(
         where.next[cars].tolist(),
         where.left_of_center[cars].tolist(),
         s.sim_time_s[cars].tolist(),
+        s.crashed[cars].tolist(),
+        _rows_of_objects(s, cars),
         strict=True,
     )
     for (
@@ -98,6 +105,8 @@ def params_of(
         following,
         left,
         sim_time_s,
+        crashed,
+        objects,
     ) in columns:
         track = tracks[direction]
         yield {
@@ -117,15 +126,51 @@ def params_of(
             "closest_waypoints": [previous, following],
             "is_left_of_center": left,
             "is_reversed": track.reverse,
-            "closest_objects": [0, 0],
-            "objects_location": [],
-            "objects_left_of_center": [],
-            "object_in_camera": False,
-            "objects_speed": [],
-            "objects_heading": [],
-            "objects_distance_from_center": [],
-            "objects_distance": [],
-            "is_crashed": False,
+            **objects,
+            "is_crashed": crashed,
             "is_offtrack": none_on,
             "sim_time": sim_time_s,
+        }
+
+
+def _rows_of_objects(s: Situation, cars: NDArray[np.int64]) -> Iterator[RewardParams]:
+    """The eight keys about objects, for one car after the other."""
+    if s.objects is None or not len(s.objects.speed_mps):
+        for _ in cars:
+            yield {
+                "closest_objects": [0, 0],
+                "objects_location": [],
+                "objects_left_of_center": [],
+                "object_in_camera": False,
+                "objects_speed": [],
+                "objects_heading": [],
+                "objects_distance_from_center": [],
+                "objects_distance": [],
+            }
+        return
+    o = s.objects
+    previous, following = o.closest(cars, s.where.distance_m[cars])
+    seen = o.in_camera(cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
+    speed_mps = o.speed_mps.tolist()
+    columns = zip(
+        previous.tolist(),
+        following.tolist(),
+        o.xy[cars].tolist(),
+        o.left_of_center[cars].tolist(),
+        seen.tolist(),
+        np.where(o.tells_heading, o.yaw_rad[cars], 0.0).tolist(),
+        o.from_center_m[cars].tolist(),
+        o.distance_m[cars].tolist(),
+        strict=True,
+    )
+    for before, after, location, left, in_camera, heading_rad, from_center_m, distance_m in columns:
+        yield {
+            "closest_objects": [before, after],
+            "objects_location": location,
+            "objects_left_of_center": left,
+            "object_in_camera": in_camera,
+            "objects_speed": list(speed_mps),
+            "objects_heading": heading_rad,
+            "objects_distance_from_center": from_center_m,
+            "objects_distance": distance_m,
         }

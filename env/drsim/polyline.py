@@ -87,6 +87,24 @@ def locate(
 
 
 @kernel
+def project(xy: Floats, line: Floats) -> Floats:
+    """Distance along a polyline of its points nearest to the given ones.
+
+    Args:
+        xy: Points in metres. Shape (m, 2).
+        line: Segments. Shape (7, n - 1).
+
+    Returns:
+        Distances in metres. Shape (m,).
+    """
+    distance_m, scratch = np.empty(xy.shape[0]), np.empty(line.shape[1])
+    for i in range(xy.shape[0]):
+        k, along, _, _ = _nearest(line, xy[i, 0], xy[i, 1], scratch)
+        distance_m[i] = line[5, k] + along * (line[6, k] - line[5, k])
+    return distance_m
+
+
+@kernel
 def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
     """Whether points lie strictly inside the outer ring and strictly outside the inner one.
 

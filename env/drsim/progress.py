@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.jit import kernel
 from drsim.track import Track
 
 Floats = NDArray[np.float64]
@@ -13,6 +14,7 @@ JUMP_M = 1.0
 _SAMPLES = 81
 
 
+@kernel
 def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats) -> Floats:
     """Progress after a step, in percent of a lap counted from the start of the episode.
 
@@ -29,10 +31,15 @@ def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats)
         Progress in percent, at most 100. Shape (n,).
     """
     progress = 100.0 * (fraction - start_fraction)
-    progress = np.where(progress <= 0, progress + 100, progress)
-    progress = np.where(previous > progress + 50, progress + 100, progress)
-    progress = np.where(progress > previous + 50, progress - 100, progress)
-    return np.minimum(progress, 100.0)
+    for car in range(len(progress)):
+        if progress[car] <= 0:
+            progress[car] += 100
+        if previous[car] > progress[car] + 50:
+            progress[car] += 100
+        if progress[car] > previous[car] + 50:
+            progress[car] -= 100
+        progress[car] = min(progress[car], 100.0)
+    return progress
 
 
 def fraction_at(progress: Floats, start_fraction: Floats) -> Floats:

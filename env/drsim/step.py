@@ -38,6 +38,7 @@ class StepResult:
         lap_time_s: Time since the current lap began, waiting included; in the step that completes
             a lap, its lap time.
         resets: Violations forgiven in this episode.
+        crashes: Crashes in this episode.
     """
 
     driven: Bools
@@ -58,6 +59,7 @@ class StepResult:
     laps: Ints
     lap_time_s: Floats
     resets: Ints
+    crashes: Ints
 
     @cached_property
     def done(self) -> Bools:

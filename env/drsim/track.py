@@ -143,23 +143,21 @@ class Track:
 
         Args:
             distance_m: Distances along the centre line from waypoint 0. They wrap on a closed
-                track and end at the ends of an open one. On the inner and outer lane they mean
-                the same part of the lap. Shape (m,).
-            lane: The centre line, or the line midway between it and a border.
+                track and end at the ends of an open one. Shape (m,).
+            lane: The centre line, or the line midway between it and a border, at its point
+                nearest to the one on the centre line.
 
         Returns:
             x and y in metres and yaw in radians, each towards the next vertex of the lane.
             Shape (m, 3).
         """
-        line = self._lanes[lane]
         part = np.asarray(distance_m, dtype=np.float64) / self.length_m
         part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)
-        along_m = part * line[6, -1]
-        k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
-        start, end = line[0:2, k], line[2:4, k]
-        share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
-        step = end - start
-        return np.stack([*(start + share * step), np.arctan2(step[1], step[0])], axis=1)
+        poses = _poses_on(self._center_segments, part * self.length_m)
+        if lane == "center":
+            return poses
+        line = self._lanes[lane]
+        return _poses_on(line, polyline.project(np.ascontiguousarray(poses[:, :2]), line))
 
     @cached_property
     def _center_segments(self) -> Floats:
@@ -176,7 +174,6 @@ class Track:
     @cached_property
     def _lanes(self) -> dict[Lane, Floats]:
         return {
-            "center": self._center_segments,
             "inner": polyline.segments((self.center + self.inner) / 2),
             "outer": polyline.segments((self.center + self.outer) / 2),
         }
@@ -187,3 +184,12 @@ class Track:
         if self.closed:
             return self.outer.copy(), self.inner.copy()  # writable ones: else compiled once more
         return np.concatenate([self.outer, self.inner[::-1], self.outer[:1]]), np.empty((0, 2))
+
+
+def _poses_on(line: Floats, along_m: Floats) -> Floats:
+    """Poses on a polyline, each looking towards its next vertex. Shape (m, 3)."""
+    k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
+    start, end = line[0:2, k], line[2:4, k]
+    share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
+    step = end - start
+    return np.stack([*(start + share * step), np.arctan2(step[1], step[0])], axis=1)

@@ -14,8 +14,20 @@ def begun(rules: EpisodeRules | None = None, start: float = 0.0) -> Episodes:
     return episodes
 
 
-def judge(episodes: Episodes, fraction: float, moved_m: float = 0.1, off_track: bool = False):
-    return episodes.judge(DRIVEN, np.array([fraction]), np.array([moved_m]), np.array([off_track]))
+def judge(
+    episodes: Episodes,
+    fraction: float,
+    moved_m: float = 0.1,
+    off_track: bool = False,
+    crashed: bool = False,
+):
+    return episodes.judge(
+        DRIVEN,
+        np.array([fraction]),
+        np.array([moved_m]),
+        np.array([off_track]),
+        np.array([crashed]),
+    )
 
 
 def drive_lap(episodes: Episodes, start: float = 0.0):
@@ -178,7 +190,7 @@ def test_cars_are_judged_each_by_its_own_counters():
     driven = np.array([True, True, False])
 
     verdict = episodes.judge(
-        driven, np.full(3, 0.02), np.full(3, 0.1), np.array([False, True, True])
+        driven, np.full(3, 0.02), np.full(3, 0.1), np.array([False, True, True]), np.zeros(3, bool)
     )
 
     assert verdict.terminated.tolist() == [False, True, False]
@@ -203,14 +215,36 @@ def test_statuses_carry_the_words_of_traces():
 
 def test_a_car_put_back_across_the_finish_line_finishes_its_lap_by_driving_only():
     episodes = Episodes(1, EpisodeRules.evaluation(laps=2, max_resets=5))
-    car, here = np.array([0]), np.array([True])
+    car = np.array([0])
     episodes.begin(car, np.array([0.0]), np.array([0.01]))
     episodes.progress[:] = 99.9
 
     episodes.put_back(car, np.array([0.002]))
     shown = float(episodes.progress[0])
-    verdict = episodes.judge(here, np.array([0.003]), np.array([0.1]), np.array([False]))
+    verdict = judge(episodes, 0.003)
 
     assert shown < 100.0
     assert verdict.lap_done.tolist() == [True]
     assert episodes.laps.tolist() == [1]
+
+
+def test_a_crash_is_named_before_leaving_the_track_and_a_lap_before_both():
+    crashed = begun()
+    finished = begun()
+    for part in np.arange(0.05, 1.0, 0.05):
+        judge(finished, part)
+
+    assert judge(crashed, 0.01, off_track=True, crashed=True).status[0] == Status.CRASHED
+    assert judge(finished, 0.001, off_track=True, crashed=True).status[0] == Status.LAP_COMPLETE
+    assert (crashed.crashes[0], finished.crashes[0]) == (1, 0)
+
+
+def test_a_forgiven_crash_costs_the_collision_penalty_and_is_counted():
+    episodes = begun(EpisodeRules.evaluation(max_resets=2, collision_penalty_s=3.0))
+
+    verdict = judge(episodes, 0.01, crashed=True)
+
+    assert verdict.put_back[0]
+    assert not verdict.terminated[0]
+    assert episodes.pause_steps[0] == 45
+    assert (episodes.resets[0], episodes.crashes[0]) == (1, 1)

@@ -140,7 +140,7 @@ def test_poses_on_the_lanes_of_the_square_are_as_worked_by_hand(square):
     np.testing.assert_allclose(
         center, [[-2, -2, 0], [2, -1, half_pi], [0, -2, 0], [-2, -1, -half_pi]]
     )
-    np.testing.assert_allclose(outer, [[2.5, -1.25, half_pi]])
+    np.testing.assert_allclose(outer, [[2.5, -1, half_pi]])
     np.testing.assert_allclose(inner, [[1.5, -1.5, half_pi]])
 
 

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 import torch
 
@@ -57,3 +58,11 @@ def test_both_formats_really_run(monkeypatch):
     compute = choose_compute("auto", PolicySpec(2), batch_size=2, threads=1)
 
     assert compute.device.type == ("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def test_choosing_leaves_the_arithmetic_of_everybody_else_alone():
+    smallest = np.array([2.0**-1074])
+
+    choose_compute("fp32", PolicySpec(2), batch_size=8, threads=1)
+
+    assert (smallest * 1.0)[0] > 0.0

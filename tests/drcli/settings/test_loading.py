@@ -161,9 +161,9 @@ def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
 
 
 def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder):
-    settings = folder.load("DR_EVAL_OPP_S3_MODEL_PREFIX=a b\nDR_UPLOAD_S3_PREFIX=$NOBODY/x\n")
+    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_UPLOAD_S3_PREFIX=$NOBODY/x\n")
 
-    assert settings.eval_opp_s3_metrics_prefix == "rl-deepracer-sagemaker/metrics"
+    assert settings.webviewer_port == 8100
     assert settings.upload_s3_prefix == "rl-deepracer-sagemaker-1"
     assert Settings.restore(settings.dump()) == settings
     assert len(settings.warnings) == 2
@@ -223,9 +223,12 @@ def test_settings_cannot_be_changed(folder):
     ("line", "sentence"),
     [
         ("DR_RACE_TYPE=TIME_TRIAL", None),
+        ("DR_RACE_TYPE=OBJECT_AVOIDANCE", None),
+        ("DR_RACE_TYPE=HEAD_TO_BOT", None),
         (
-            "DR_RACE_TYPE=HEAD_TO_BOT",
-            "run.env line 1: DR_RACE_TYPE=HEAD_TO_BOT cannot be driven yet, only TIME_TRIAL can.",
+            "DR_RACE_TYPE=HEAD_TO_MODEL",
+            "run.env line 1: DR_RACE_TYPE=HEAD_TO_MODEL races two finished models and is there "
+            "for evaluations only, no model can be trained in it.",
         ),
         (
             "DR_LOCAL_S3_PRETRAINED=True",
@@ -240,6 +243,10 @@ def test_what_cannot_be_run_yet_is_said_in_one_sentence(folder, line, sentence):
 
 def test_an_evaluation_does_not_mind_where_the_weights_came_from(folder):
     assert folder.load("DR_LOCAL_S3_PRETRAINED=True").unsupported("evaluation") is None
+
+
+def test_two_models_can_be_evaluated_against_each_other(folder):
+    assert folder.load("DR_RACE_TYPE=HEAD_TO_MODEL").unsupported("evaluation") is None
 
 
 def test_every_name_stands_once_with_a_meaning_and_a_default_that_fits():

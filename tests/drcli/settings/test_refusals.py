@@ -126,6 +126,13 @@ from drcli.errors import SettingsError
             id="clone-onto-itself",
         ),
         pytest.param(
+            "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0",
+            "run.env line 2: DR_H2B_LOWER_LANE_CHANGE_TIME=3.0 is more than "
+            "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0.",
+            "Exchange the two, or set both to the same time.",
+            id="lane-change-times-crossed",
+        ),
+        pytest.param(
             "DR_CAR_NAME=$TEAM",
             "run.env line 2: DR_CAR_NAME=$TEAM refers to TEAM, which is set nowhere.",
             "Set TEAM in system.env or in the environment, or write the value itself.",

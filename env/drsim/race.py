@@ -1,0 +1,119 @@
+"""What shares the track with a car: obstacles, bot cars, another racer."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+ObstacleKind = Literal["box_obstacle", "deepracer_box_obstacle", "amazon_box_obstacle", "bot_car"]
+
+
+@dataclass(frozen=True)
+class ObstacleRules:
+    """Objects that stand still. The defaults are those of the reference's launcher.
+
+    Attributes:
+        count: How many; `positions` win over it.
+        kind: What stands there.
+        min_gap_m: Least distance between two of them along the centre line, metres.
+        randomize: Draw places and lanes for each episode; otherwise they stand at even distances
+            on alternating lanes.
+        positions: Fixed places: fraction of the lap, 0 .. 1, and lane, -1 for the outer one,
+            anything else for the inner one.
+        reset_behind_m: How far behind an obstacle a car goes on after it was put back near it.
+        mercy: Every so many times that a car is put back at one obstacle, it goes on as far ahead
+            of it instead; 0 never.
+    """
+
+    count: int = 6
+    kind: ObstacleKind = "box_obstacle"
+    min_gap_m: float = 2.0
+    randomize: bool = False
+    positions: tuple[tuple[float, float], ...] = ()
+    reset_behind_m: float = 1.0
+    mercy: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no race.
+
+        Raises:
+            ValueError: Says which.
+        """
+        _check_at_least_0("count", self.count)
+        _check_at_least_0("min_gap_m", self.min_gap_m)
+        _check_at_least_0("reset_behind_m", self.reset_behind_m)
+        _check_at_least_0("mercy", self.mercy)
+        for fraction, _ in self.positions:
+            if not 0.0 <= fraction <= 1.0:
+                raise ValueError(f"positions hold {fraction}; a place is 0 to 1 of the lap.")
+
+
+@dataclass(frozen=True)
+class BotRules:
+    """Slow cars that keep to a lane. The defaults are those of the reference's launcher.
+
+    Attributes:
+        count: How many.
+        speed_mps: Speed along the centre line.
+        min_gap_m: Least distance between two of them at the start of an episode, metres.
+        randomize: Draw their first places and lanes for each episode.
+        lane_change: Whether they change lanes.
+        lane_change_time_s: Least and most seconds between two changes.
+        lane_change_distance_m: Metres that a change takes.
+        penalty_s: How long the bots of a car stand still after one of them ran into it.
+    """
+
+    count: int = 3
+    speed_mps: float = 0.2
+    min_gap_m: float = 2.0
+    randomize: bool = False
+    lane_change: bool = False
+    lane_change_time_s: tuple[float, float] = (3.0, 5.0)
+    lane_change_distance_m: float = 1.0
+    penalty_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no race.
+
+        Raises:
+            ValueError: Says which.
+        """
+        for name in ("count", "speed_mps", "min_gap_m", "lane_change_distance_m", "penalty_s"):
+            _check_at_least_0(name, getattr(self, name))
+        low_s, high_s = self.lane_change_time_s
+        if not 0.0 <= low_s <= high_s < math.inf:
+            raise ValueError(
+                f"lane_change_time_s is {self.lane_change_time_s}; it must be the least and "
+                "the most seconds, in this order."
+            )
+
+
+@dataclass(frozen=True)
+class Race:
+    """A kind of race; without any of it, a time trial.
+
+    Attributes:
+        obstacles: What stands on the track.
+        bots: What drives on it slowly.
+        racers: How many cars of a batch share a track: with 2, cars 2i and 2i + 1 meet.
+    """
+
+    obstacles: ObstacleRules | None = None
+    bots: BotRules | None = None
+    racers: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse more racers than fit beside each other at the start.
+
+        Raises:
+            ValueError: There are neither 1 nor 2 racers.
+        """
+        if self.racers not in (1, 2):
+            raise ValueError(f"racers is {self.racers}; one or two cars share a track.")
+
+
+TIME_TRIAL = Race()
+
+
+def _check_at_least_0(name: str, value: float) -> None:
+    if not 0 <= value < math.inf:
+        raise ValueError(f"{name} is {value}; it must be 0 or more.")

@@ -1,0 +1,155 @@
+"""What stands on the floor: boxes and cars as cuboids, for cameras and lidars."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+RGB = tuple[float, float, float]
+
+BOX_COLUMNS = 11
+"""One row of `Solids.boxes`: centre x and y in the world, cosine and sine of the yaw, half length,
+half width, low and high z, all in metres, then red, green and blue of its texture, 0 to 255."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid of a shape, in the frame of the shape: forward, left, up from a point on the floor.
+
+    Attributes:
+        center_m: Its middle, forward and left.
+        size_m: Its length and width.
+        low_m: Height of its lower side.
+        high_m: Height of its upper side.
+        color: Texture colour, 0 to 255.
+    """
+
+    center_m: tuple[float, float]
+    size_m: tuple[float, float]
+    low_m: float
+    high_m: float
+    color: RGB
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A kind of object.
+
+    Attributes:
+        name: Its name.
+        boxes: What it is made of.
+        footprint_m: Length and width of the rectangle that counts in a crash.
+    """
+
+    name: str
+    boxes: tuple[Box, ...]
+    footprint_m: tuple[float, float]
+
+    def painted(self, color: RGB) -> "Shape":
+        """The same shape in one other colour, except for its wheels."""
+        boxes = tuple(
+            box if box.color == _TYRE else replace(box, color=color) for box in self.boxes
+        )
+        return replace(self, boxes=boxes)
+
+
+_TYRE: RGB = (25.5, 25.5, 25.5)
+_CAR_FOOTPRINT_M = (0.32352, 0.1961)
+_BOX_FOOTPRINT_M = (0.5, 0.4)
+
+
+def _car(name: str, color: RGB) -> Shape:
+    """A car: body, cabin and four wheels. Source of the sizes: the reference simulator's meshes."""
+    wheels = tuple(
+        Box((x, y), (0.072, 0.034), 0.0, 0.072, _TYRE)
+        for x in (-0.0817, 0.0823)
+        for y in (-0.0805, 0.0805)
+    )
+    body = Box((0.004, 0.0), (0.324, 0.12), 0.03, 0.13, color)
+    cabin = Box((-0.03, 0.0), (0.16, 0.11), 0.13, 0.2, color)
+    return Shape(name, (*wheels, body, cabin), _CAR_FOOTPRINT_M)
+
+
+def _crate(name: str, length_m: float, width_m: float, high_m: float, color: RGB) -> Shape:
+    return Shape(
+        name, (Box((0.0, 0.0), (length_m, width_m), 0.0, high_m, color),), _BOX_FOOTPRINT_M
+    )
+
+
+SHAPES: dict[str, Shape] = {
+    shape.name: shape
+    for shape in (
+        _crate("box_obstacle", 0.4, 0.3, 0.25, (123.0, 97.0, 79.0)),
+        _crate("deepracer_box_obstacle", 0.36, 0.265, 0.24, (60.0, 60.0, 64.0)),
+        _crate("amazon_box_obstacle", 0.4, 0.3, 0.25, (176.0, 137.0, 96.0)),
+        _car("bot_car", (39.8, 39.8, 39.8)),
+        _car("race_car", (223.9, 25.8, 37.0)),
+    )
+}
+"""All shapes by name. Source of sizes, margins and colours: the reference simulator's models; the
+colours of the two printed boxes are assumed."""
+
+
+class Solids:
+    """The solids around each of n cars, k for each and of the same shapes.
+
+    Attributes:
+        boxes: All their cuboids, in the layout of `BOX_COLUMNS`. A live view. Shape (n, m, 11).
+    """
+
+    def __init__(self, num_cars: int, shapes: Sequence[Shape]) -> None:
+        """Put everything at the origin of the world."""
+        parts = [(index, box) for index, shape in enumerate(shapes) for box in shape.boxes]
+        self._shape_of: Ints = np.array([index for index, _ in parts], np.int64)
+        self._center_m: Floats = np.array([box.center_m for _, box in parts]).reshape(-1, 2)
+        self._keeps_color = np.array([box.color == _TYRE for _, box in parts], np.bool_)
+        self.boxes: Singles = np.zeros((num_cars, len(parts), BOX_COLUMNS), np.float32)
+        for row, (_, box) in enumerate(parts):
+            length_m, width_m = box.size_m
+            self.boxes[:, row, 4:8] = length_m / 2, width_m / 2, box.low_m, box.high_m
+            self.boxes[:, row, 8:11] = box.color
+        everybody = np.arange(num_cars)
+        shape = (num_cars, len(shapes))
+        self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
+
+    def move(self, cars: Ints, xy: Floats, yaw_rad: Floats) -> None:
+        """Place the solids of some cars.
+
+        Args:
+            cars: Which cars. Shape (c,).
+            xy: Where each solid stands, metres. Shape (c, k, 2).
+            yaw_rad: Where it looks. Shape (c, k).
+        """
+        _move(self.boxes, cars, xy, yaw_rad, self._shape_of, self._center_m)
+
+    def paint(self, cars: Ints, colors: Floats) -> None:
+        """Paint whole solids of some cars in one colour each; tyres stay black.
+
+        Args:
+            cars: Which cars. Shape (c,).
+            colors: Texture colours, 0 to 255. Shape (c, k, 3).
+        """
+        painted = np.flatnonzero(~self._keeps_color)
+        self.boxes[cars[:, None], painted, 8:11] = colors[:, self._shape_of[painted]]
+
+
+@kernel
+def _move(
+    boxes: Singles, cars: Ints, xy: Floats, yaw_rad: Floats, shape_of: Ints, center_m: Floats
+) -> None:
+    for c in range(len(cars)):
+        car = cars[c]
+        for row in range(len(shape_of)):
+            k = shape_of[row]
+            cos, sin = np.cos(yaw_rad[c, k]), np.sin(yaw_rad[c, k])
+            x, y = center_m[row, 0], center_m[row, 1]
+            boxes[car, row, 0] = xy[c, k, 0] + cos * x - sin * y
+            boxes[car, row, 1] = xy[c, k, 1] + sin * x + cos * y
+            boxes[car, row, 2] = cos
+            boxes[car, row, 3] = sin
