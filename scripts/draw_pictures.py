@@ -39,8 +39,8 @@ FRAME_POSES = {
 """Lens x, y and height in metres, yaw, pitch down and roll to the right in degrees, for each frame
 of the reference simulator. Found by search."""
 
-COLORS = 48
-"""Colours left in a picture, to keep it small."""
+COLORS, GREYS = 128, 56
+"""Colours left in a coloured picture and in a grey one, to keep them small."""
 
 
 def main() -> None:
@@ -58,7 +58,9 @@ def main() -> None:
     if opengl:
         pictures["camera-beside-opengl.png"] = beside_opengl(track, scene)
     for name, pixels in pictures.items():
-        picture = Image.fromarray(pixels).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+        colors = COLORS if pixels.ndim == 3 else GREYS
+        picture = Image.fromarray(pixels).convert("RGB")
+        picture = picture.quantize(colors, method=Image.Quantize.MAXCOVERAGE)
         picture.save(arguments.into / name, optimize=True)
         size_kb = (arguments.into / name).stat().st_size / 1024
         print(f"{arguments.into / name}: {size_kb:.0f} kB", file=sys.stderr)
@@ -68,12 +70,13 @@ def beside_opengl(track: Track, scene: Scene) -> NDArray[np.uint8]:
     """Three rows of our frame, that of OpenGL and their difference; boxes stand in the last one."""
     random = np.random.default_rng(3)
     rows = []
-    for lenses, with_boxes in (
-        (poses_along(track), False),
-        (random_lenses(track, 1, random), False),
-        (poses_along(track), True),
+    along = poses_along(track)
+    for lenses, index, with_boxes in (
+        (along, 0, False),
+        (random_lenses(track, 1, random), 0, False),
+        (along, 24, True),
     ):
-        lens = lenses[0][:1], lenses[1][:1]
+        lens = lenses[0][index : index + 1], lenses[1][index : index + 1]
         boxes = boxes_along(track, lens[0], random) if with_boxes else None
         (ours,), (theirs,) = both(scene, *lens, boxes)
         difference = np.abs(ours.astype(int) - theirs)
@@ -104,7 +107,7 @@ def at_frames(scene: Scene, folder: Path | None) -> dict[str, NDArray[np.uint8]]
 
 
 def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:
-    """A car among six boxes from behind and from above, in half size."""
+    """A car among six boxes from behind and from above."""
     shapes = [SHAPES["box_obstacle"]] * 6
     distance_m = np.linspace(2.0, track.length_m - 1.0, len(shapes))
     inner, outer = (track.pose_at(distance_m, lane) for lane in ("inner", "outer"))
@@ -112,19 +115,13 @@ def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:
     pose = track.pose_at(np.array([0.6]))[0]
     spectator = Spectator(track, shapes)
     return {
-        "chase.png": _halved(spectator.chase(pose, objects)),
-        "top.png": _halved(spectator.top(pose, objects)),
+        "chase.png": spectator.chase(pose, objects),
+        "top.png": spectator.top(pose, objects),
     }
 
 
 def _twice(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return pixels.repeat(2, axis=0).repeat(2, axis=1)
-
-
-def _halved(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    rows, columns, channels = pixels.shape
-    blocks = pixels.reshape(rows // 2, 2, columns // 2, 2, channels)
-    return blocks.mean(axis=(1, 3)).astype(np.uint8)
 
 
 if __name__ == "__main__":
