@@ -86,11 +86,13 @@ def load_race(s: Settings, track: Track) -> Race:
         if race != TIME_TRIAL:
             Traffic((track, track.reversed()), race.racers, race)
     except ValueError as error:
-        group = "DR_OA_" if s.race_type == "OBJECT_AVOIDANCE" else "DR_H2B_"
-        number = f"{group}NUMBER_OF_{'OBSTACLES' if group == 'DR_OA_' else 'BOT_CARS'}"
+        if s.race_type == "OBJECT_AVOIDANCE":
+            number, gap = "DR_OA_NUMBER_OF_OBSTACLES", "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES"
+        else:
+            number, gap = "DR_H2B_NUMBER_OF_BOT_CARS", "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS"
         raise SettingsError(
-            f"{s.source(number)}: {number} does not fit on {track.name}: {error}",
-            remedy=f"Set a smaller {number}, or a smaller {group}MIN_DISTANCE_BETWEEN_...",
+            f"{s.source(number)}: {number}: {error}",
+            remedy=f"Set a smaller {number} or a smaller {gap}.",
         ) from None
     return race
 
