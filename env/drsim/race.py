@@ -79,6 +79,10 @@ class BotRules:
         """
         for name in ("count", "speed_mps", "min_gap_m", "lane_change_distance_m", "penalty_s"):
             _check_at_least_0(name, getattr(self, name))
+        if self.speed_mps > _FASTEST_BOT_MPS:
+            raise ValueError(
+                f"speed_mps is {self.speed_mps:g}; no bot drives faster than {_FASTEST_BOT_MPS:g}."
+            )
         low_s, high_s = self.lane_change_time_s
         if not 0.0 <= low_s <= high_s < math.inf:
             raise ValueError(
@@ -112,6 +116,25 @@ class Race:
 
 
 TIME_TRIAL = Race()
+
+
+def race_of_name(name: str) -> Race:
+    """A kind of race by name, with the default rules.
+
+    Raises:
+        ValueError: There is no such kind.
+    """
+    races = {
+        "time_trial": TIME_TRIAL,
+        "object_avoidance": Race(obstacles=ObstacleRules()),
+        "head_to_bot": Race(bots=BotRules()),
+    }
+    if name not in races:
+        raise ValueError(f"There is no race {name!r}; there are {', '.join(races)}.")
+    return races[name]
+
+
+_FASTEST_BOT_MPS = 100.0
 
 
 def _check_at_least_0(name: str, value: float) -> None:

@@ -1,28 +1,35 @@
-"""Gymnasium environments: one car, or many cars on one track, driven by what the camera sees."""
+"""One car as a Gymnasium environment, driven by what it perceives."""
 
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from numpy.typing import NDArray
 
 from drsim.actions import DEFAULT_ACTIONS, Actions
-from drsim.camera import FRONT
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules, Status
+from drsim.race import Race, race_of_name
+from drsim.realism import Realism
 from drsim.reward import RewardFunction, centre_line_reward
+from drsim.senses import Randomize
+from drsim.sensors import Sensors
 from drsim.simulation import Simulation
+from drsim.spectator import Spectator
 from drsim.step import StepResult
 from drsim.track import Track
 from drsim.worlds import load_track
 
-Frames = NDArray[np.uint8]
+Frame = NDArray[np.uint8]
+Perceived = Any
+"""An array, or a dict of arrays by sensor name."""
 
-_FRAME_SPACE_SHAPE = (FRONT.rows, FRONT.columns, 1)
+RENDER_MODES = ("rgb_array", "human")
+VIEWS = ("camera", "chase", "top")
 
 
-class RacerEnv(gym.Env[Frames, Any]):
+class RacerEnv(gym.Env[Perceived, Any]):
     """A DeepRacer car on a track.
 
     ## Action space
@@ -40,8 +47,19 @@ class RacerEnv(gym.Env[Frames, Any]):
 
     ## Observation space
 
-    `Box(0, 255, (120, 160, 1), uint8)`: the front camera in grey, first row at the top. Horizontal
-    field of view 64.7 degrees, pitched 14 degrees down, 0.13 m above the ground.
+    With one sensor, what that sensor gives; with a camera and a lidar, a `Dict` of both by name.
+
+    | sensor                                          | space                                      |
+    | ----------------------------------------------- | ------------------------------------------ |
+    | FRONT_FACING_CAMERA, LEFT_CAMERA, observation   | `Box(0, 255, (120, 160, 1), uint8)`, grey  |
+    | STEREO_CAMERAS                                  | `Box(0, 255, (120, 160, 2), uint8)`        |
+    | LIDAR                                           | `Box(0.15, 1, (64,), float32)`, metres     |
+    | SECTOR_LIDAR                                    | `Box(0, 1, (8,), float32)`                 |
+    | DISCRETIZED_SECTOR_LIDAR                        | `Box(0, 1, (sectors * values,), float32)`  |
+
+    The camera looks ahead with a horizontal field of view of 64.7 degrees, pitched 14 degrees down,
+    from 0.13 m above the ground; row 0 is at the top. The lidar looks backwards, as in the
+    reference: ray 0 points 30 degrees to the left, and the rays go round by the rear.
 
     ## Reward
 
@@ -51,27 +69,31 @@ class RacerEnv(gym.Env[Frames, Any]):
 
     ## Start
 
-    At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere on the lap, drawn from
-    the seed of `reset`, when `start` is None. `reset(options={"start": 0.25})` wins over both.
+    At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere on the lap when `start`
+    is None. Where an obstacle stands near, on the other lane. `reset(options={"start": 0.25,
+    "reverse": True})` wins over the arguments. Everything random in an episode, its start, its
+    objects, its light and its disturbances, comes from the seed of `reset`.
 
     ## End of an episode
 
-    Terminated: a full lap (progress exactly 100), all four wheels off the track, 15 steps without
-    motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. Rules that forgive
-    violations put the car back and let it wait; its actions are then ignored.
+    Terminated: a full lap (progress exactly 100), a crash, all four wheels off the track, 15 steps
+    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. Rules that
+    forgive violations put the car back and let it wait; its actions are then ignored.
 
     ## Info
 
     `progress` [%], `status` (word of the traces), `steps`, `laps`, `lap_time_s`, `x`, `y` [m],
-    `yaw_deg`, `closest_waypoint`, `all_wheels_on_track`, `driven` (false where the action was
-    ignored).
+    `yaw_deg`, `closest_waypoint`, `all_wheels_on_track`, `crashes`, `driven` (false where the
+    action was ignored).
 
     ## Rendering
 
-    `render_mode="rgb_array"` gives the camera frame as (120, 160, 3).
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window (package pygame). The
+    `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top", coloured pictures of
+    (480, 640, 3) from behind the car and from above the track.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}  # noqa: RUF012
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
 
     def __init__(
         self,
@@ -80,8 +102,14 @@ class RacerEnv(gym.Env[Frames, Any]):
         reward_function: RewardFunction = centre_line_reward,
         actions: Actions = DEFAULT_ACTIONS,
         rules: EpisodeRules | None = None,
+        sensors: Sensors | tuple[str, ...] = ("FRONT_FACING_CAMERA",),
+        race: Race | str = "time_trial",
         start: float | None = None,
+        reverse: bool = False,
+        randomize: Randomize = "nothing",
+        realism: Realism | None = None,
         render_mode: str | None = None,
+        view: str = "camera",
     ) -> None:
         """Build the world.
 
@@ -90,52 +118,93 @@ class RacerEnv(gym.Env[Frames, Any]):
             reward_function: Called after every driven step.
             actions: What the action numbers mean.
             rules: When episodes end; those of training when left out.
+            sensors: What the car perceives, or the names of its sensors.
+            race: What else is on the track, or "time_trial", "object_avoidance", "head_to_bot".
             start: Where on the lap episodes start, 0 .. 1; anywhere when None.
-            render_mode: "rgb_array", or None for no pictures but the observations.
+            reverse: Drive against the direction of the track.
+            randomize: "nothing", "lights" or "textures" that change from episode to episode.
+            realism: Sim-to-real extras; none when left out.
+            render_mode: "rgb_array", "human", or None for no pictures but the observations.
+            view: "camera", "chase" or "top".
 
         Raises:
             TrackError: There is no such world.
+            ValueError: Another argument makes no sense; the sentence says which.
         """
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        check_choice("view", view, VIEWS)
         self.render_mode = render_mode
+        self.view = view
         self.action_space = actions.space()
-        self.observation_space = gym.spaces.Box(0, 255, _FRAME_SPACE_SHAPE, np.uint8)
+        self._sensors = sensors if isinstance(sensors, Sensors) else Sensors(tuple(sensors))
+        self.observation_space = self._sensors.space()
         self._actions = actions
         self._start = start
-        self._simulation = _simulation(world, 1, reward_function, rules, num_threads=1)
+        self._reverse = reverse
+        race = race_of_name(race) if isinstance(race, str) else race
+        if race.racers > 1:
+            raise ValueError("Two racers need two drivers: use RacerVectorEnv.")
+        self._simulation = Simulation(
+            load_track(world) if isinstance(world, str) else world,
+            num_cars=1,
+            reward_function=reward_function,
+            rules=rules,
+            num_threads=1,
+            race=race,
+            sensors=self._sensors,
+            realism=realism,
+            randomize=randomize,
+        )
+        self._running = False
+        self._camera_man: CameraMan | None = None
+        self._window: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Frames, dict[str, Any]]:
+    ) -> tuple[Perceived, dict[str, Any]]:
         """Begin an episode.
 
         Args:
-            seed: Seed of the starting place; None goes on with the generator as it is.
-            options: `{"start": 0 .. 1}` to start there.
+            seed: Seed of everything random; None goes on with the generator as it is.
+            options: `start`, 0 .. 1, and `reverse`.
 
         Returns:
-            The first frame and its info.
+            What the car perceives, and info.
         """
         super().reset(seed=seed)
-        start = (options or {}).get("start", self._start)
-        fraction = self.np_random.random() if start is None else float(start)
-        result = self._simulation.reset(np.array([0]), np.array([fraction]))
-        return self._frame(), _info_of_one(result)
+        fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
+        seeds = self.np_random.integers(2**64, size=1, dtype=np.uint64)
+        result = self._simulation.reset(np.array([0]), fractions, reverse=reverse, seeds=seeds)
+        self._running = True
+        if self._camera_man is not None:
+            self._camera_man.cut()
+        self._show()
+        return self._perceived(), _info_of_one(result)
 
-    def step(self, action: Any) -> tuple[Frames, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Perceived, float, bool, bool, dict[str, Any]]:
         """Act for 1/15 s.
 
         Args:
             action: One action of the action space.
 
         Returns:
-            Frame, reward, terminated, truncated and info.
+            What the car perceives, reward, terminated, truncated and info.
 
         Raises:
             RewardError: The reward function failed.
+            ResetNeeded: No episode has begun, or it is over.
+            ValueError: The action is none of the action space.
         """
-        result = self._simulation.step(*self._actions.requests(np.asarray(action)[None]))
+        if not self._running:
+            raise ResetNeeded("Call reset before step: no episode has begun, or it is over.")
+        request = np.asarray(action)
+        if not self.action_space.contains(_as_member(request, self.action_space)):
+            raise ValueError(f"{action!r} is no action of {self.action_space}.")
+        result = self._simulation.step(*self._actions.requests(request[None]))
+        self._running = not bool(result.done[0])
+        self._show()
         return (
-            self._frame(),
+            self._perceived(),
             float(result.reward[0]),
             bool(result.terminated[0]),
             bool(result.truncated[0]),
@@ -143,125 +212,123 @@ class RacerEnv(gym.Env[Frames, Any]):
         )
 
     def render(self) -> Any:
-        """The camera frame in three equal channels, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        return np.repeat(self._frame(), 3, axis=2)
+        """The picture of the chosen view, or None where it is in a window or not asked for."""
+        return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Free the threads of the simulation."""
+        """Free threads and window. Closing twice does nothing more."""
         self._simulation.close()
+        if self._window is not None:
+            import pygame
 
-    def _frame(self) -> Frames:
-        return self._simulation.observations[0, :, :, None].copy()
+            pygame.display.quit()
+            self._window = None
+
+    def _perceived(self) -> Perceived:
+        return perceived(self._simulation, self._sensors, 0)
+
+    def _picture(self) -> Frame:
+        if self._camera_man is None:
+            self._camera_man = CameraMan(self._simulation, self.view)
+        return self._camera_man.picture(0)
+
+    def _show(self) -> None:
+        """Put the picture into the window, in time with the clock of the simulation."""
+        if self.render_mode != "human":
+            return
+        try:
+            import pygame
+        except ImportError:
+            raise DependencyNotInstalled(
+                'render_mode="human" needs the package pygame: pip install pygame, or choose '
+                'render_mode="rgb_array".'
+            ) from None
+        picture = self._picture()
+        if self._window is None:
+            pygame.display.init()
+            pygame.display.set_caption("DeepRacer")
+            self._window = pygame.display.set_mode((_WINDOW_PX, _WINDOW_PX * 3 // 4))
+            self._clock = pygame.time.Clock()
+        surface = pygame.surfarray.make_surface(np.ascontiguousarray(picture.swapaxes(0, 1)))
+        pygame.transform.scale(surface, self._window.get_size(), self._window)
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(CONTROL_HZ)
 
 
-class RacerVectorEnv(VectorEnv[Frames, Any, NDArray[Any]]):
-    """Many cars on one track, each with its own episodes; spaces and rules as in `RacerEnv`.
+_WINDOW_PX = 640
 
-    Observations have the shape (n, 120, 160, 1), rewards and flags (n,). A car whose episode ended
-    begins the next one with the step that follows, which ignores its action and pays nothing
-    (`AutoresetMode.NEXT_STEP`). Info holds arrays of shape (n,); `status` holds `Status` numbers.
+
+class CameraMan:
+    """Pictures of the cars of a simulation, for people."""
+
+    def __init__(self, simulation: Simulation, view: str) -> None:
+        self._simulation = simulation
+        self._view = view
+        self._spectator: Spectator | None = None
+        if view != "camera":
+            traffic = simulation.traffic
+            shapes = traffic.shapes if traffic is not None else ()
+            self._spectator = Spectator(simulation.track, shapes)
+
+    def cut(self) -> None:
+        """An episode begins: the camera behind the car need not swing there."""
+        if self._spectator is not None:
+            self._spectator.cut()
+
+    def picture(self, car: int) -> Frame:
+        """What the chosen view shows of a car, RGB."""
+        if self._spectator is None:
+            return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
+        pose = self._simulation.poses[car]
+        traffic = self._simulation.traffic
+        objects = None
+        if traffic is not None:
+            objects = np.column_stack([traffic.xy[car], traffic.yaw_rad[car]])
+        if self._view == "chase":
+            return self._spectator.chase(pose, objects)
+        return self._spectator.top(pose, objects)
+
+
+def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    """Refuse a word that is none of those expected.
+
+    Raises:
+        ValueError: Names them.
     """
-
-    metadata = {  # noqa: RUF012
-        "render_modes": [],
-        "render_fps": CONTROL_HZ,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
-
-    def __init__(
-        self,
-        num_envs: int,
-        world: str | Track = "reinvent_base",
-        *,
-        reward_function: RewardFunction = centre_line_reward,
-        actions: Actions = DEFAULT_ACTIONS,
-        rules: EpisodeRules | None = None,
-        start: float | None = None,
-        num_threads: int = 2,
-    ) -> None:
-        """Build the world; arguments as in `RacerEnv`.
-
-        Args:
-            num_envs: How many cars.
-            world: Name of a world, path of a route file, or a track.
-            reward_function: Called after every driven step of every car.
-            actions: What the action numbers mean.
-            rules: When episodes end; those of training when left out.
-            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
-            num_threads: Threads for physics and camera, the caller's included.
-
-        Raises:
-            TrackError: There is no such world.
-        """
-        self.num_envs = num_envs
-        self.single_action_space = actions.space()
-        self.single_observation_space = gym.spaces.Box(0, 255, _FRAME_SPACE_SHAPE, np.uint8)
-        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
-        self.observation_space = gym.vector.utils.batch_space(
-            self.single_observation_space, num_envs
-        )
-        self._actions = actions
-        self._start = start
-        self._ended = np.zeros(num_envs, np.bool_)
-        self._simulation = _simulation(world, num_envs, reward_function, rules, num_threads)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Frames, dict[str, Any]]:
-        """Begin an episode in every car; arguments as in `RacerEnv.reset`."""
-        super().reset(seed=seed)
-        self._ended[:] = False
-        start = (options or {}).get("start", self._start)
-        result = self._begin(np.arange(self.num_envs), start)
-        return self._frames(), _info_of_many(result)
-
-    def step(
-        self, actions: Any
-    ) -> tuple[Frames, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Act for 1/15 s in every car; cars whose episode ended begin the next one."""
-        result = self._simulation.step(*self._actions.requests(np.asarray(actions)))
-        info = _info_of_many(result)
-        if self._ended.any():
-            begun = self._begin(np.flatnonzero(self._ended), self._start)
-            for name, values in _info_of_many(begun).items():
-                info[name] = np.where(self._ended, values, info[name])
-        self._ended = result.done
-        return self._frames(), result.reward, result.terminated, result.truncated, info
-
-    def close_extras(self, **_: Any) -> None:
-        """Free the threads of the simulation."""
-        self._simulation.close()
-
-    def _begin(self, cars: NDArray[np.int64], start: float | None) -> StepResult:
-        if start is None:
-            fractions = self.np_random.random(len(cars))
-        else:
-            fractions = np.full(len(cars), float(start))
-        return self._simulation.reset(cars, fractions)
-
-    def _frames(self) -> Frames:
-        return self._simulation.observations[..., None].copy()
+    if value not in choices:
+        words = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
 
 
-def _simulation(
-    world: str | Track,
-    num_cars: int,
-    reward_function: RewardFunction,
-    rules: EpisodeRules | None,
-    num_threads: int,
-) -> Simulation:
-    return Simulation(
-        load_track(world) if isinstance(world, str) else world,
-        num_cars=num_cars,
-        reward_function=reward_function,
-        rules=rules,
-        num_threads=num_threads,
-    )
+def start_of(
+    random: np.random.Generator,
+    count: int,
+    start: float | None,
+    reverse: bool,
+    options: dict[str, Any] | None,
+) -> tuple[NDArray[np.float64], bool]:
+    """Where episodes start, and which way they drive; options win over the arguments.
+
+    Returns:
+        Fractions of the lap, shape (count,), and the direction.
+    """
+    options = options or {}
+    start = options.get("start", start)
+    fractions = random.random(count) if start is None else np.full(count, float(start))
+    return fractions, bool(options.get("reverse", reverse))
 
 
-def _info_of_many(result: StepResult) -> dict[str, Any]:
+def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
+    """What cars perceive, as their observation space has it: copies, eyes last."""
+    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
+    if sensors.lidar is None:
+        return frames
+    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
+
+
+def info_of(result: StepResult) -> dict[str, Any]:
+    """What `info` tells of all cars; arrays of shape (n,)."""
     names = (
         "progress",
         "status",
@@ -273,12 +340,20 @@ def _info_of_many(result: StepResult) -> dict[str, Any]:
         "yaw_deg",
         "closest_waypoint",
         "all_wheels_on_track",
+        "crashes",
         "driven",
     )
     return {name: getattr(result, name) for name in names}
 
 
 def _info_of_one(result: StepResult) -> dict[str, Any]:
-    info = {name: values[0].item() for name, values in _info_of_many(result).items()}
+    info = {name: values[0].item() for name, values in info_of(result).items()}
     info["status"] = Status(info["status"]).label
     return info
+
+
+def _as_member(action: NDArray[Any], space: gym.Space[Any]) -> Any:
+    """An action in the type that its space insists on, if nothing is lost by it."""
+    if isinstance(space, gym.spaces.Box):
+        return action.astype(np.float32) if action.dtype.kind in "fiu" else action
+    return action

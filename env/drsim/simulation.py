@@ -215,6 +215,11 @@ class Simulation:
             self._cars.place(done, self._placing.aside(done, fraction[done]))
         return result
 
+    @property
+    def poses(self) -> Floats:
+        """Origins of the cars, x and y in metres, and yaws in radians. Shape (n, 3)."""
+        return np.column_stack([self._cars.origin_xy, self._cars.yaw_rad])
+
     def close(self) -> None:
         """Stop the threads that render."""
         self._senses.close()

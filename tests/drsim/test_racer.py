@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode
 from drsim.actions import ContinuousActions, DiscreteActions
 from drsim.episode import EpisodeRules, Status
 from drsim.errors import TrackError
-from drsim.racer import RacerEnv, RacerVectorEnv
+from drsim.racer import RacerEnv
+from drsim.racer_vector import RacerVectorEnv
 from drsim.worlds import load_track
 
 

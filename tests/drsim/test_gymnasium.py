@@ -1,0 +1,229 @@
+"""The environments as Gymnasium sees them: ids, spaces, checks, seeds, pictures."""
+
+import importlib.util
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+import drsim
+from drsim import EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track, registration
+
+SENSORS = [
+    ("FRONT_FACING_CAMERA",),
+    ("LEFT_CAMERA",),
+    ("observation",),
+    ("STEREO_CAMERAS",),
+    ("FRONT_FACING_CAMERA", "LIDAR"),
+    ("STEREO_CAMERAS", "SECTOR_LIDAR"),
+    ("DISCRETIZED_SECTOR_LIDAR", "FRONT_FACING_CAMERA"),
+]
+RACES = ["time_trial", "object_avoidance", "head_to_bot"]
+
+
+@pytest.fixture(scope="module")
+def oval() -> Track:
+    """A loop of 19 m on which the default objects fit."""
+    turn = np.linspace(0.0, 2 * np.pi, 80)
+    lines = [
+        np.stack([(a + s) * np.cos(turn), (2.5 + s) * np.sin(turn)], axis=1)
+        for a, s in ((3.5, 0.0), (3.5, -0.5), (3.5, 0.5))
+    ]
+    for line in lines:
+        line[-1] = line[0]
+    return Track("oval", *lines, closed=True)
+
+
+@pytest.mark.parametrize("sensors", SENSORS, ids="+".join)
+def test_every_sensor_suite_passes_gymnasiums_own_checks(oval, sensors):
+    _check(RacerEnv(oval, sensors=sensors))
+
+
+@pytest.mark.parametrize("race", RACES)
+def test_every_race_passes_gymnasiums_own_checks(oval, race):
+    _check(RacerEnv(oval, race=race, randomize="textures", realism=drsim.Realism(image_noise=3)))
+
+
+def _check(env: RacerEnv) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*not having an env.spec.*")
+        check_env(env, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+def test_every_id_makes_one_car_and_many(name, oval):
+    env = gym.make(name, world=oval)
+    many = gym.make_vec(name, num_envs=4, world=oval)
+
+    frame, info = env.reset(seed=1)
+    frames, infos = many.reset(seed=1)
+    step = many.step(many.action_space.sample())
+
+    assert env.observation_space.contains(frame)
+    assert info["status"] == "prepare"
+    assert many.observation_space.contains(frames)
+    assert isinstance(many.unwrapped, RacerVectorEnv)
+    assert infos["progress"].shape == step[1].shape == (4,)
+    env.close()
+    many.close()
+
+
+def test_registering_twice_changes_nothing(recwarn):
+    registration.register()
+
+    assert not recwarn
+
+
+@pytest.mark.parametrize("race", RACES)
+def test_the_same_seed_gives_the_same_episode_however_many_threads(oval, race):
+    def drive(num_threads: int) -> list[np.ndarray]:
+        env = RacerVectorEnv(
+            6,
+            oval,
+            race=race,
+            randomize="lights",
+            num_threads=num_threads,
+            sensors=("FRONT_FACING_CAMERA", "LIDAR"),
+            realism=drsim.Realism(image_noise=2.0),
+        )
+        seen, _ = env.reset(seed=5)
+        kept = [*seen.values()]
+        actions = np.random.default_rng(0).integers(0, 10, (60, 6))
+        for action in actions:
+            seen, reward, *_ = env.step(action)
+            kept += [*seen.values(), reward]
+        env.close()
+        return kept
+
+    for one, two in zip(drive(1), drive(2), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_another_seed_gives_another_start(oval):
+    env = RacerEnv(oval)
+
+    places = [env.reset(seed=seed)[1]["x"] for seed in (1, 2, 1)]
+
+    assert places[0] == places[2] != places[1]
+    env.close()
+
+
+def test_options_choose_start_and_direction(oval):
+    env = RacerEnv(oval, start=0.5)
+
+    forth = env.reset(seed=0, options={"start": 0.0})[1]
+    back = env.reset(seed=0, options={"start": 0.0, "reverse": True})[1]
+
+    turned = (forth["yaw_deg"] - back["yaw_deg"]) % 360
+    assert turned == pytest.approx(180, abs=8)
+    env.close()
+
+
+def test_a_step_before_reset_or_after_the_end_asks_for_a_reset(oval):
+    env = RacerEnv(oval, rules=EpisodeRules(max_steps=2))
+
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(0)
+    env.reset(seed=0)
+    *_, truncated, _ = env.step(0)
+    with pytest.raises(ResetNeeded, match="over"):
+        env.step(0)
+
+    assert truncated
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize("action", [10, -1, 2.5, "left", [0.0, 0.0]])
+def test_an_action_outside_its_space_is_named(oval, action):
+    env = RacerEnv(oval)
+    env.reset(seed=0)
+
+    with pytest.raises(ValueError, match=r"no action of Discrete\(10\)"):
+        env.step(action)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"race": "drifting"}, "There is no race 'drifting'"),
+        ({"sensors": ("RADAR",)}, "There is no sensor RADAR"),
+        ({"view": "inside"}, "view is 'inside'"),
+        ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
+        ({"race": Race(racers=2)}, "two drivers"),
+        ({"world": "nowhere"}, "No world is called 'nowhere'"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused_in_a_sentence(oval, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        RacerEnv(**{"world": oval, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("view", "shape"), [("camera", (120, 160, 3)), ("chase", (480, 640, 3)), ("top", (480, 640, 3))]
+)
+def test_every_view_gives_a_picture_of_the_car_and_its_surroundings(oval, view, shape):
+    env = RacerEnv(oval, race="object_avoidance", render_mode="rgb_array", view=view)
+    env.reset(seed=0)
+
+    picture = env.render()
+
+    assert picture.shape == shape
+    assert picture.dtype == np.uint8
+    assert picture.std() > 10
+    env.close()
+
+
+def test_many_cars_give_one_picture_each(oval):
+    env = RacerVectorEnv(3, oval, render_mode="rgb_array")
+    env.reset(seed=0)
+
+    pictures = env.render()
+
+    assert [picture.shape for picture in pictures] == [(120, 160, 3)] * 3
+    assert not np.array_equal(pictures[0], pictures[1])
+    env.close()
+
+
+def test_a_window_needs_pygame_and_says_so(oval, monkeypatch):
+    env = RacerEnv(oval, render_mode="human")
+    if importlib.util.find_spec("pygame") is None:
+        with pytest.raises(DependencyNotInstalled, match="pip install pygame"):
+            env.reset(seed=0)
+        return
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+
+    env.reset(seed=0)
+
+    assert env.render() is None
+    env.close()
+
+
+def test_two_racers_begin_together_and_meet(oval):
+    env = RacerVectorEnv(2, oval, race=Race(racers=2), start=0.0, rules=EpisodeRules(max_steps=4))
+    env.reset(seed=0)
+
+    ends, steps = [], []
+    for _ in range(7):
+        *_, truncated, info = env.step(np.array([4, 4]))
+        ends.append(truncated.tolist())
+        steps.append(info["steps"].tolist())
+
+    assert ends[2] == [True, True]
+    assert steps[3] == [1, 1]
+    env.close()
+
+
+def test_sensors_can_be_given_as_an_object(oval):
+    env = RacerEnv(oval, sensors=Sensors(("observation", "LIDAR"), lidar_forward=True))
+
+    seen, _ = env.reset(seed=0)
+
+    assert set(seen) == {"observation", "LIDAR"}
+    env.close()
