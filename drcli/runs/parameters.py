@@ -114,7 +114,7 @@ def _common(s: Settings) -> dict[str, Any]:
 def _traffic(s: Settings) -> dict[str, Any]:
     """Obstacles and bots; the reference takes them from the file whatever the race type is."""
     if s.race_type == "OBJECT_AVOIDANCE":
-        positions = [f"{fraction},{lane}" for fraction, lane in s.oa_object_positions]
+        positions = [f"{fraction:g},{lane:g}" for fraction, lane in s.oa_object_positions]
         return {
             "NUMBER_OF_OBSTACLES": s.oa_number_of_obstacles,
             "MIN_DISTANCE_BETWEEN_OBSTACLES": s.oa_min_distance_between_obstacles,

@@ -1,6 +1,7 @@
 """What people see, compared with recorded screens of 80 columns and 24 rows."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -177,3 +178,32 @@ trial  progress  lap time  status        off track  crashes  resets
     3      37 %    6.20 s  Off track             1        0       0
 2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt of model on
 reinvent_base."""
+
+
+def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_report):
+    own = replace(evaluation_report, trials=evaluation_report.trials[:2])
+    slower = [replace(trial, lap_s=trial.lap_s + 1.0) for trial in own.trials]
+    race = replace(own, opponent=replace(own, prefix="rival", trials=slower))
+
+    shown = screen(views.evaluation(race))
+
+    assert "of rival on reinvent_base" in shown
+    assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
+
+
+def test_more_laps_win_against_a_faster_time(evaluation_report):
+    race = replace(
+        evaluation_report,
+        opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
+    )
+
+    assert screen(views.evaluation(race)).splitlines()[-1] == "model wins with more laps."
+
+
+def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
+    lost = replace(
+        evaluation_report,
+        trials=[replace(trial, status="Off track") for trial in evaluation_report.trials],
+    )
+
+    assert "Nobody wins." in screen(views.evaluation(replace(lost, opponent=lost)))

@@ -1,0 +1,51 @@
+"""The parameter files that the reference's tools expect in the bucket."""
+
+import pytest
+import yaml
+
+from drcli.config import Settings, load_settings
+from drcli.runs.parameters import evaluation_parameters, training_parameters
+
+
+@pytest.fixture
+def settings(tmp_path):
+    def load(*lines: str) -> Settings:
+        (tmp_path / "run.env").write_text("\n".join(lines))
+        (tmp_path / "system.env").write_text("")
+        return load_settings(tmp_path, environ={})
+
+    return load
+
+
+def test_obstacles_are_told_in_object_avoidance_only(settings):
+    avoiding = settings("DR_RACE_TYPE=OBJECT_AVOIDANCE", 'DR_OA_OBJECT_POSITIONS="0.5,-1"')
+
+    told = yaml.safe_load(training_parameters(avoiding))
+    untold = yaml.safe_load(training_parameters(settings()))
+
+    assert told["NUMBER_OF_OBSTACLES"] == 6
+    assert told["OBJECT_POSITIONS"] == ["0.5,-1"]
+    assert "BOT_CAR_SPEED" not in told
+    assert "NUMBER_OF_OBSTACLES" not in untold
+
+
+def test_bots_are_told_in_head_to_bot(settings):
+    told = yaml.safe_load(training_parameters(settings("DR_RACE_TYPE=HEAD_TO_BOT")))
+
+    assert (told["NUMBER_OF_BOT_CARS"], told["BOT_CAR_SPEED"]) == (3, 0.2)
+    assert told["PENALTY_SECONDS"] == 5.0
+
+
+def test_a_race_against_a_model_lists_both_racers(settings):
+    s = settings(
+        "DR_RACE_TYPE=HEAD_TO_MODEL",
+        "DR_LOCAL_S3_MODEL_PREFIX=mine",
+        "DR_EVAL_OPP_S3_MODEL_PREFIX=yours",
+    )
+
+    told = yaml.safe_load(evaluation_parameters(s, "mine/e", "mine/m.json", "yours/m.json"))
+
+    assert told["MODEL_S3_PREFIX"] == ["mine", "yours"]
+    assert told["METRICS_S3_OBJECT_KEY"] == ["mine/m.json", "yours/m.json"]
+    assert told["CAR_COLOR"] == ["Purple", "Orange"]
+    assert {len(told[name]) for name in ("MODEL_S3_BUCKET", "DISPLAY_NAME", "RACER_NAME")} == {2}

@@ -1,0 +1,144 @@
+"""Settings as the simulation understands them: races, disturbances, lights, and reward trials."""
+
+import pytest
+
+from drcli.config import Settings, load_settings
+from drcli.errors import SettingsError
+from drcli.worker.trial import sample_params
+from drcli.worker.world import load_race, race_of, randomize_of, realism_of
+from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
+from drsim.realism import Realism
+from drsim.worlds import load_track
+
+
+@pytest.fixture
+def settings(tmp_path):
+    def load(*lines: str) -> Settings:
+        (tmp_path / "run.env").write_text("\n".join(lines))
+        (tmp_path / "system.env").write_text("")
+        return load_settings(tmp_path, environ={})
+
+    return load
+
+
+def test_every_setting_of_obstacles_reaches_the_simulation(settings):
+    s = settings(
+        "DR_RACE_TYPE=OBJECT_AVOIDANCE",
+        "DR_OA_NUMBER_OF_OBSTACLES=4",
+        "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=1.5",
+        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS=True",
+        "DR_OA_OBSTACLE_TYPE=amazon_box_obstacle",
+        'DR_OA_OBJECT_POSITIONS="0.25,-1;0.5,1"',
+        "DR_EVAL_RESET_BEHIND_DIST=0.8",
+    )
+
+    assert race_of(s) == Race(
+        obstacles=ObstacleRules(
+            count=4,
+            kind="amazon_box_obstacle",
+            min_gap_m=1.5,
+            randomize=True,
+            positions=((0.25, -1), (0.5, 1)),
+            reset_behind_m=0.8,
+        )
+    )
+
+
+def test_obstacles_can_be_parked_cars(settings):
+    race = race_of(settings("DR_RACE_TYPE=OBJECT_AVOIDANCE", "DR_OA_IS_OBSTACLE_BOT_CAR=True"))
+
+    assert race.obstacles is not None
+    assert race.obstacles.kind == "bot_car"
+
+
+def test_every_setting_of_bots_reaches_the_simulation(settings):
+    s = settings(
+        "DR_RACE_TYPE=HEAD_TO_BOT",
+        "DR_H2B_IS_LANE_CHANGE=True",
+        "DR_H2B_LOWER_LANE_CHANGE_TIME=2.0",
+        "DR_H2B_UPPER_LANE_CHANGE_TIME=2.5",
+        "DR_H2B_LANE_CHANGE_DISTANCE=0.7",
+        "DR_H2B_NUMBER_OF_BOT_CARS=2",
+        "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS=3.0",
+        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS=True",
+        "DR_H2B_BOT_CAR_SPEED=0.4",
+        "DR_H2B_BOT_CAR_PENALTY=1.0",
+    )
+
+    assert race_of(s) == Race(
+        bots=BotRules(
+            count=2,
+            speed_mps=0.4,
+            min_gap_m=3.0,
+            randomize=True,
+            lane_change=True,
+            lane_change_time_s=(2.0, 2.5),
+            lane_change_distance_m=0.7,
+            penalty_s=1.0,
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("race_type", "race"), [("TIME_TRIAL", TIME_TRIAL), ("HEAD_TO_MODEL", Race(racers=2))]
+)
+def test_other_races_have_no_objects_of_their_own(settings, race_type, race):
+    assert race_of(settings(f"DR_RACE_TYPE={race_type}", "DR_OA_NUMBER_OF_OBSTACLES=3")) == race
+
+
+def test_bots_that_do_not_fit_are_refused_with_file_line_and_remedy(settings):
+    s = settings("DR_RACE_TYPE=HEAD_TO_BOT", "DR_H2B_NUMBER_OF_BOT_CARS=40")
+
+    with pytest.raises(SettingsError) as caught:
+        load_race(s, load_track("reinvent_base"))
+
+    assert str(caught.value).startswith("run.env line 2: DR_H2B_NUMBER_OF_BOT_CARS: 40 objects")
+    assert "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS" in caught.value.remedy
+
+
+def test_every_sim_to_real_setting_reaches_the_simulation(settings):
+    s = settings(
+        "DR_SIM_IMAGE_NOISE=4",
+        "DR_SIM_BRIGHTNESS=0.2",
+        "DR_SIM_BLUR=1.5",
+        "DR_SIM_CAMERA_ANGLE=2",
+        "DR_SIM_CAMERA_SHIFT=0.01",
+        "DR_SIM_LATENCY=0.05",
+        "DR_SIM_LATENCY_JITTER=0.02",
+        "DR_SIM_FRICTION=0.1",
+        "DR_SIM_MASS=0.15",
+    )
+
+    assert realism_of(s, "training") == realism_of(s, "evaluation")
+    assert realism_of(s, "training") == Realism(4, 0.2, 1.5, 2, 0.01, 0.05, 0.02, 0.1, 0.15)
+
+
+@pytest.mark.parametrize("job", ["training", "evaluation"])
+def test_extras_act_only_where_they_are_wanted(settings, job):
+    s = settings("DR_SIM_LATENCY=0.05", f"DR_SIM_EXTRAS_IN={job}")
+    other = "evaluation" if job == "training" else "training"
+
+    assert realism_of(s, job) == Realism(latency_s=0.05)
+    assert realism_of(s, other) == Realism()
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ([], "nothing"),
+        (["DR_RANDOMIZE_TEXTURES=True"], "nothing"),
+        (["DR_ENABLE_DOMAIN_RANDOMIZATION=True"], "lights"),
+        (["DR_ENABLE_DOMAIN_RANDOMIZATION=True", "DR_RANDOMIZE_TEXTURES=True"], "textures"),
+    ],
+)
+def test_textures_are_part_of_domain_randomisation(settings, lines, what):
+    assert randomize_of(settings(*lines)) == what
+
+
+def test_a_reward_function_is_tried_among_the_objects_of_its_race():
+    race = Race(obstacles=ObstacleRules(count=3), bots=BotRules(count=1))
+
+    calls = sample_params(load_track("reinvent_base"), race)
+
+    assert {len(params["objects_location"]) for params in calls} == {4}
+    assert {params["is_crashed"] for params in calls} == {True, False}
