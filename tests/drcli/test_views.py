@@ -187,7 +187,7 @@ def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_repor
 
     shown = screen(views.evaluation(race))
 
-    assert "of rival on reinvent_base" in shown
+    assert "8_Step-4000.ckpt of rival on" in shown
     assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
 
 
