@@ -78,7 +78,9 @@ class _Lane:
         self._first = first
         # An episode draws the same numbers wherever, whenever and beside whichever others it is
         # driven, so that an iteration that has to be repeated is the same.
-        self._draw = np.random.Generator(np.random.Philox(key=[seed, plan.number]))
+        self._draw = np.random.Generator(
+            np.random.Philox(key=np.array([seed, plan.number], np.uint64))
+        )
         self._num_noise = num_noise
         self._block = np.empty((0, num_noise), dtype=np.float32)
         self._used = 0

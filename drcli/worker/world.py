@@ -81,8 +81,8 @@ def load_race(s: Settings, track: Track) -> Race:
     Raises:
         SettingsError: There is no room for that many obstacles or bots.
     """
-    race = race_of(s)
     try:
+        race = race_of(s)
         if race != TIME_TRIAL:
             Traffic((track, track.reversed()), race.racers, race)
     except ValueError as error:

@@ -1,94 +1,18 @@
 """Bot cars: slow cars without physics that follow the lanes of the track as time goes by."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drsim.car import CONTROL_HZ
+from drsim.jit import kernel
 from drsim.race import BotRules
-from drsim.track import Lane, Track
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_LANES: tuple[Lane, Lane] = ("inner", "outer")
-_TABLE_STEP_M = 0.02
-_LOOK_AHEAD_M = 0.05
-"""A bot looks towards where it will be after this distance."""
-
-
-class LanePaths:
-    """The inner and the outer lane as smooth curves over the distance along the centre line.
-
-    Cubic pieces through the vertices of the lane, continuous in direction. A bot that keeps its
-    speed along the centre line is therefore faster on the outer lane, as in the reference.
-    """
-
-    def __init__(self, track: Track) -> None:
-        """Tabulate both lanes at steps of 2 cm."""
-        self._length_m = track.length_m
-        self._closed = track.closed
-        steps = max(int(np.ceil(track.length_m / _TABLE_STEP_M)), 4)
-        self._step_m = track.length_m / steps
-        self._xy = np.stack([_smooth(track, lane, steps) for lane in _LANES])
-
-    def at(self, distance_m: Floats, share: Floats) -> Floats:
-        """Points between the lanes.
-
-        Args:
-            distance_m: Distances along the centre line. Shape (...).
-            share: 0 on the inner lane, 1 on the outer one. Shape (...).
-
-        Returns:
-            Metres. Shape (..., 2).
-        """
-        place = distance_m % self._length_m if self._closed else distance_m
-        place = np.clip(place / self._step_m, 0.0, self._xy.shape[1] - 1.001)
-        index = place.astype(np.int64)
-        part = (place - index)[..., None]
-        inner, outer = (line[index] + part * (line[index + 1] - line[index]) for line in self._xy)
-        between: Floats = inner + share[..., None] * (outer - inner)
-        return between
-
-
-def _smooth(track: Track, lane: Lane, steps: int) -> Floats:
-    """Points of a lane at even distances along the centre line. Shape (steps + 1, 2)."""
-    border = track.inner if lane == "inner" else track.outer
-    vertices = (track.center + border) / 2
-    knots_m = track.locate(vertices).distance_m
-    if track.closed:
-        vertices, knots_m = vertices[:-1], knots_m[:-1]
-        # A vertex beside the finish line may be nearer to the end of the line than to its start.
-        knots_m[0] -= track.length_m * round(knots_m[0] / track.length_m)
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(knots_m)) > 1e-6])
-    vertices, knots_m = vertices[rising], knots_m[rising]
-    if track.closed:
-        behind, ahead = slice(-3, None), slice(0, 3)
-        vertices = np.concatenate([vertices[behind], vertices, vertices[ahead]])
-        knots_m = np.concatenate(
-            [
-                knots_m[behind] - track.length_m,
-                knots_m,
-                knots_m[ahead] + track.length_m,
-            ]
-        )
-    gap_m = np.diff(knots_m)
-    secant = np.diff(vertices, axis=0) / gap_m[:, None]
-    slope = np.empty_like(vertices)
-    slope[0], slope[-1] = secant[0], secant[-1]
-    before, after = gap_m[:-1, None], gap_m[1:, None]
-    slope[1:-1] = (after * secant[:-1] + before * secant[1:]) / (before + after)
-
-    at_m = np.linspace(0.0, track.length_m, steps + 1)
-    k = np.clip(np.searchsorted(knots_m, at_m, side="right") - 1, 0, len(gap_m) - 1)
-    h = gap_m[k][:, None]
-    t = ((at_m - knots_m[k]) / gap_m[k])[:, None]
-    p, q, u, v = vertices[k], vertices[k + 1], slope[k] * h, slope[k + 1] * h
-    bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
-    points: Floats = ((twist * t + bend) * t + u) * t + p
-    return points
+_SHORTEST_CHANGE_M = 0.01
+"""No lane change is shorter, so that none divides by nothing."""
 
 
 class Bots:
@@ -155,41 +79,54 @@ class Bots:
         self._halt_s[cars & (self._halt_s == 0.0)] = self._rules.penalty_s
 
     def _change_lanes(self, going: Bools, step_s: float, step_m: float) -> None:
-        changing = (self._wait_s <= 0.0) & going[:, None]
-        self._wait_s[going] -= step_s
-        self._changed_m[changing] += step_m
-        length_m = max(self._rules.lane_change_distance_m, 1e-6)
-        part = np.clip(self._changed_m / length_m, 0.0, 1.0)
-        smooth = part * part * (3.0 - 2.0 * part)
-        self.share = np.where(self._lane == 0, smooth, 1.0 - smooth)
-        steep = 6.0 * part * (1.0 - part) / length_m
-        self.drift = np.where(self._lane == 0, steep, -steep)
-        for car, bot in np.argwhere(changing & (part >= 1.0)):
-            self._lane[car, bot] = 1 - self._lane[car, bot]
-            self._changed_m[car, bot] = 0.0
+        arrived = np.zeros(self.share.shape, np.bool_)
+        _drift(
+            going,
+            step_s,
+            step_m,
+            max(self._rules.lane_change_distance_m, _SHORTEST_CHANGE_M),
+            self._lane,
+            self._wait_s,
+            self._changed_m,
+            self.share,
+            self.drift,
+            arrived,
+        )
+        for car, bot in np.argwhere(arrived):
             random = self._random[car]
             assert random is not None, "a bot that drives has begun"
             self._wait_s[car, bot] = random.uniform(*self._rules.lane_change_time_s)
 
 
-def poses_of(bots: Bots, paths: Sequence[LanePaths], backward: Ints) -> tuple[Floats, Floats]:
-    """Where bots are, and where they look.
+@kernel
+def _drift(
+    going: Bools,
+    step_s: float,
+    step_m: float,
+    change_m: float,
+    lane: Ints,
+    wait_s: Floats,
+    changed_m: Floats,
+    share: Floats,
+    drift: Floats,
+    arrived: Bools,
+) -> None:
+    """Let the bots of some cars wait or change lanes for one step; from `lane` on, all is written.
 
-    Args:
-        bots: The bots.
-        paths: Of the track as given, and reversed.
-        backward: Index into `paths` for each car. Shape (n,).
-
-    Returns:
-        Centres in metres, shape (n, k, 2), and yaws in radians, shape (n, k).
+    Across the lanes a change is smooth: it begins and ends along the lane.
     """
-    here, ahead = np.empty((*bots.share.shape, 2)), np.empty((*bots.share.shape, 2))
-    ahead_m = bots.distance_m + _LOOK_AHEAD_M
-    ahead_share = bots.share + _LOOK_AHEAD_M * bots.drift
-    for direction, path in enumerate(paths):
-        cars = backward == direction
-        if cars.any():
-            here[cars] = path.at(bots.distance_m[cars], bots.share[cars])
-            ahead[cars] = path.at(ahead_m[cars], ahead_share[cars])
-    step = ahead - here
-    return here, np.arctan2(step[..., 1], step[..., 0])
+    for i in np.flatnonzero(going):
+        for k in range(share.shape[1]):
+            wait_s[i, k] -= step_s
+            if wait_s[i, k] > -step_s:
+                continue
+            changed_m[i, k] += step_m
+            part = min(changed_m[i, k] / change_m, 1.0)
+            across = part * part * (3.0 - 2.0 * part)
+            steep = 6.0 * part * (1.0 - part) / change_m
+            share[i, k] = across if lane[i, k] == 0 else 1.0 - across
+            drift[i, k] = steep if lane[i, k] == 0 else -steep
+            if part >= 1.0:
+                lane[i, k] = 1 - lane[i, k]
+                changed_m[i, k] = 0.0
+                arrived[i, k] = True

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from drsim.camera import FRONT
 from drsim.car import REFERENCE_POINT_AHEAD_M
+from drsim.jit import kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -15,6 +16,12 @@ Bools = NDArray[np.bool_]
 
 _NEAR_M = 0.2
 """Least depth at which an object counts as seen. Source: the reference simulator."""
+
+_LENS_AHEAD_M = FRONT.mount_m[0] - REFERENCE_POINT_AHEAD_M
+_LENS_HIGH_M = FRONT.mount_m[2]
+_PITCH_COS, _PITCH_SIN = math.cos(FRONT.pitch_rad), math.sin(FRONT.pitch_rad)
+_WIDE = math.tan(FRONT.field_of_view_rad / 2)
+_HIGH = _WIDE * FRONT.rows / FRONT.columns
 
 
 @dataclass(frozen=True)
@@ -52,14 +59,9 @@ class Objects:
         Returns:
             Previous and next object. Each of shape (c,).
         """
-        here = along_m[:, None]
-        distance_m = self.distance_m[cars]
-        ahead = distance_m > here
-        order = np.argsort(distance_m, axis=1, kind="stable")
-        rank = (~ahead).sum(axis=1)  # objects at or behind the car
-        rows = np.arange(len(cars))
-        count = distance_m.shape[1]
-        return order[rows, (rank - 1) % count], order[rows, rank % count]
+        previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
+        _closest(cars, along_m, self.distance_m, previous, following)
+        return previous, following
 
     def in_camera(self, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats) -> Bools:
         """Whether a car's camera sees the centre or a floor corner of one of its objects.
@@ -72,36 +74,58 @@ class Objects:
             front_xy: The cars' points 0.14 m ahead of their origins. Shape (c, 2).
             heading_rad: Their yaws. Shape (c,).
         """
-        forward = np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=1)
-        lens = front_xy + (FRONT.mount_m[0] - REFERENCE_POINT_AHEAD_M) * forward
-        yaw = self.yaw_rad[cars, which]
-        half = 0.5 * self.footprint_m[which]
-        along = half[:, :1] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-        across = half[:, 1:] * np.stack([-np.sin(yaw), np.cos(yaw)], axis=1)
-        center = self.xy[cars, which]
-        points = np.stack(
-            [
-                center,
-                center + along + across,
-                center + along - across,
-                center - along + across,
-                center - along - across,
-            ],
-            axis=1,
+        seen = np.empty(len(cars), np.bool_)
+        _in_camera(
+            cars, which, front_xy, heading_rad, self.xy, self.yaw_rad, self.footprint_m, seen
         )
-        apart = points - lens[:, None]
-        ahead_m = apart[..., 0] * forward[:, None, 0] + apart[..., 1] * forward[:, None, 1]
-        left_m = apart[..., 1] * forward[:, None, 0] - apart[..., 0] * forward[:, None, 1]
-        down_m = FRONT.mount_m[2]
-        cos, sin = math.cos(FRONT.pitch_rad), math.sin(FRONT.pitch_rad)
-        depth_m = cos * ahead_m + sin * down_m
-        up_m = sin * ahead_m - cos * down_m
-        wide = math.tan(FRONT.field_of_view_rad / 2)
-        high = wide * FRONT.rows / FRONT.columns
-        seen = (
-            (depth_m > _NEAR_M)
-            & (np.abs(left_m) < wide * depth_m)
-            & (np.abs(up_m) < high * depth_m)
-        )
-        any_point: Bools = seen.any(axis=1)
-        return any_point
+        return seen
+
+
+@kernel
+def _closest(
+    cars: Ints, along_m: Floats, distance_m: Floats, previous: Ints, following: Ints
+) -> None:
+    for i in range(len(cars)):
+        there_m, here_m = distance_m[cars[i]], along_m[i]
+        before, after, first, last = -1, -1, 0, 0
+        for k in range(len(there_m)):
+            if there_m[k] < there_m[first]:
+                first = k
+            if there_m[k] >= there_m[last]:
+                last = k
+            if there_m[k] <= here_m and (before < 0 or there_m[k] >= there_m[before]):
+                before = k
+            if there_m[k] > here_m and (after < 0 or there_m[k] < there_m[after]):
+                after = k
+        previous[i] = before if before >= 0 else last
+        following[i] = after if after >= 0 else first
+
+
+@kernel
+def _in_camera(
+    cars: Ints,
+    which: Ints,
+    front_xy: Floats,
+    heading_rad: Floats,
+    xy: Floats,
+    yaw_rad: Floats,
+    footprint_m: Floats,
+    seen: Bools,
+) -> None:
+    for i in range(len(cars)):
+        k = which[i]
+        cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
+        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
+        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        turn = yaw_rad[cars[i], k] - heading_rad[i]
+        turn_cos, turn_sin = math.cos(turn), math.sin(turn)
+        half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
+        seen[i] = False
+        for along, aside in ((0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+            u, v = along * half_m, aside * across_m
+            ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v
+            left_m = cos * y - sin * x + turn_sin * u + turn_cos * v
+            depth_m = _PITCH_COS * ahead_m + _PITCH_SIN * _LENS_HIGH_M
+            up_m = _PITCH_SIN * ahead_m - _PITCH_COS * _LENS_HIGH_M
+            if depth_m > _NEAR_M and abs(left_m) < _WIDE * depth_m and abs(up_m) < _HIGH * depth_m:
+                seen[i] = True

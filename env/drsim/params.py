@@ -85,9 +85,11 @@ def params_of(
         where.left_of_center[cars].tolist(),
         s.sim_time_s[cars].tolist(),
         s.crashed[cars].tolist(),
-        _rows_of_objects(s, cars),
         strict=True,
     )
+    objects = None
+    if s.objects is not None and len(s.objects.speed_mps):
+        objects = _rows_of_objects(s.objects, s, cars)
     for (
         direction,
         all_on,
@@ -106,10 +108,9 @@ def params_of(
         left,
         sim_time_s,
         crashed,
-        objects,
     ) in columns:
         track = tracks[direction]
-        yield {
+        params = {
             "all_wheels_on_track": all_on,
             "x": x,
             "y": y,
@@ -126,29 +127,25 @@ def params_of(
             "closest_waypoints": [previous, following],
             "is_left_of_center": left,
             "is_reversed": track.reverse,
-            **objects,
+            "closest_objects": [0, 0],
+            "objects_location": [],
+            "objects_left_of_center": [],
+            "object_in_camera": False,
+            "objects_speed": [],
+            "objects_heading": [],
+            "objects_distance_from_center": [],
+            "objects_distance": [],
             "is_crashed": crashed,
             "is_offtrack": none_on,
             "sim_time": sim_time_s,
         }
+        if objects is not None:
+            params.update(next(objects))
+        yield params
 
 
-def _rows_of_objects(s: Situation, cars: NDArray[np.int64]) -> Iterator[RewardParams]:
+def _rows_of_objects(o: Objects, s: Situation, cars: NDArray[np.int64]) -> Iterator[RewardParams]:
     """The eight keys about objects, for one car after the other."""
-    if s.objects is None or not len(s.objects.speed_mps):
-        for _ in cars:
-            yield {
-                "closest_objects": [0, 0],
-                "objects_location": [],
-                "objects_left_of_center": [],
-                "object_in_camera": False,
-                "objects_speed": [],
-                "objects_heading": [],
-                "objects_distance_from_center": [],
-                "objects_distance": [],
-            }
-        return
-    o = s.objects
     previous, following = o.closest(cars, s.where.distance_m[cars])
     seen = o.in_camera(cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
     speed_mps = o.speed_mps.tolist()

@@ -239,7 +239,8 @@ class Simulation:
     def _draw(self, cars: Ints, seeds: NDArray[np.uint64]) -> None:
         """Draw lights, colours, camera and car of new episodes."""
         for car, seed in zip(cars.tolist(), seeds.tolist(), strict=True):
-            random = np.random.Generator(np.random.Philox(key=[seed, car % self._race.racers]))
+            key = np.array([seed, car % self._race.racers], np.uint64)
+            random = np.random.Generator(np.random.Philox(key=key))
             self._senses.draw(car, random)
             self._disturbances.draw(car, random)
         if self._disturbances.realism.changes_car:

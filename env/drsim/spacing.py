@@ -13,6 +13,9 @@ LAST_PLACE_M = 1.0
 FREE_START_M = 1.0
 """Drawn places leave this much free on either side of the start, where there is room for it."""
 
+MOST_OBJECTS = 100
+"""No more are simulated, however little they keep apart."""
+
 
 def check_room(track: Track, count: int, gap_m: float) -> None:
     """Make sure that so many objects fit on a track.
@@ -29,9 +32,11 @@ def check_room(track: Track, count: int, gap_m: float) -> None:
 
 
 def most_that_fit(track: Track, gap_m: float) -> int:
-    """How many objects can keep a gap; as many as anybody wants when it is 0."""
+    """How many objects can keep a gap; a single one always can."""
     room_m = track.length_m - LAST_PLACE_M
-    return int(room_m / gap_m + 1e-9) if gap_m > 0 else 2**31
+    if room_m >= MOST_OBJECTS * gap_m:
+        return MOST_OBJECTS
+    return max(int(room_m / gap_m + 1e-9), 1)
 
 
 def even_places(track: Track, count: int, gap_m: float) -> Floats:
@@ -43,7 +48,8 @@ def even_places(track: Track, count: int, gap_m: float) -> Floats:
     Returns:
         Metres from waypoint 0, rising. Shape (count,).
     """
-    return np.linspace(min(gap_m, track.length_m), track.length_m - LAST_PLACE_M, count)
+    last_m = max(track.length_m - LAST_PLACE_M, 0.0)
+    return np.linspace(min(gap_m, last_m), last_m, count)
 
 
 def drawn_places(

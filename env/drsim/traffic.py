@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.bots import Bots, LanePaths, poses_of
+from drsim.bots import Bots
 from drsim.car import REFERENCE_POINT_AHEAD_M
+from drsim.lanes import LanePaths
 from drsim.objects import Objects
 from drsim.race import ObstacleRules, Race
 from drsim.rectangles import overlaps
@@ -24,6 +25,9 @@ CENTER, INNER, OUTER = 0, 1, 2
 NEAR_M = 1.0
 """An object this near along the lap changes where a car starts or is put back. Source: the
 reference simulator."""
+
+BLOCKS_M = 0.5
+"""A car this near to an obstacle on the same lane may touch it."""
 
 RIVAL_GAP_M = 0.75
 """How far the second of two racers starts behind the first. Source: the reference simulator."""
@@ -99,7 +103,7 @@ class Traffic:
         self._start_m: Floats = np.zeros(num_cars)
         self._put_back_at: Ints = np.zeros((num_cars, count), np.int64)
         self._bots = Bots(num_cars, race.bots) if race.bots is not None else None
-        self._paths = tuple(LanePaths(track) for track in tracks) if race.bots is not None else ()
+        self._paths = LanePaths(tracks) if race.bots is not None else None
         box = race.obstacles is not None and race.obstacles.kind != "bot_car"
         self._tells_heading = np.array(
             [not (box and self._stands(k)) for k in range(count)], np.bool_
@@ -129,7 +133,7 @@ class Traffic:
         for car, fraction, direction, seed in zip(*columns, strict=True):
             track = self._tracks[direction]
             self._start_m[car] = fraction * track.length_m
-            random = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+            random = np.random.Generator(np.random.Philox(key=np.array([seed, _STREAM], np.uint64)))
             if self._obstacles:
                 self._place_obstacles(car, track, random)
             if self._bots is not None:
@@ -140,18 +144,15 @@ class Traffic:
     def start_lane(self, cars: Ints) -> Ints:
         """Lane on which each car starts, as a number.
 
-        Two racers start on different lanes. Otherwise it is the centre line, or the lane away from
-        the nearest object where one is near.
+        Two racers start on different lanes. Otherwise it is the centre line, or where an object is
+        near, the lane on which the nearest one is farther away.
         """
         if self._rivals:
             return np.where(cars % 2 == 0, OUTER, INNER)
-        if not self.shapes:
-            return np.full(len(cars), CENTER)
         apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
-        nearest = apart_m.argmin(axis=1)
-        rows = np.arange(len(cars))
-        away = _opposite(self._lane[cars, nearest])
-        return np.where(apart_m[rows, nearest] < NEAR_M, away, CENTER)
+        on_inner_m, on_outer_m = _nearest_on(self._lane[cars], apart_m)
+        away = np.where(on_inner_m <= on_outer_m, OUTER, INNER)
+        return np.where(np.minimum(on_inner_m, on_outer_m) < NEAR_M, away, CENTER)
 
     def start_gap_m(self, cars: Ints) -> Floats:
         """How far behind the start each car starts, metres. Shape (k,)."""
@@ -186,7 +187,7 @@ class Traffic:
         track; a bot behind its racer makes all bots of that racer wait.
 
         Args:
-            active: Cars that were driven; the others touch nothing. Shape (n,).
+            active: Cars that were driven; the others touch nothing and nobody. Shape (n,).
             origin_xy: Origins of the cars, metres. Shape (n, 2).
             yaw_rad: Their headings. Shape (n,).
             along_m: Where the points 0.14 m ahead of them are along the lap. Shape (n,).
@@ -195,6 +196,8 @@ class Traffic:
         car_m = np.array(SHAPES["race_car"].footprint_m)
         overlaps(origin_xy, yaw_rad, car_m, self.xy, self.yaw_rad, self._footprint_m, touching)
         touching &= active[:, None]
+        if self._rivals:
+            touching[:, 0] &= active[np.arange(len(active)) ^ 1]
         if not touching.any():
             nobody = np.zeros(len(active), np.bool_)
             return Contacts(nobody, np.full(len(active), -1), nobody)
@@ -243,8 +246,9 @@ class Traffic:
             self._put_back_at[car, obstacle] += 1
             merciful = rules.mercy > 0 and self._put_back_at[car, obstacle] % rules.mercy == 0
             aside_m = rules.reset_behind_m if merciful else -rules.reset_behind_m
-            fraction[k] = self._wrapped(float(distance_m[nearest]) + aside_m) / length_m
-            lanes[k] = _opposite(self._lane[car, obstacle])
+            place_m = self._wrapped(distance_m[nearest] + aside_m)
+            fraction[k] = place_m / length_m
+            lanes[k] = self._lane_past(car, obstacle, place_m)
         return fraction, lanes
 
     def objects(self) -> Objects:
@@ -259,6 +263,16 @@ class Traffic:
             speed_mps=self._speed_mps,
             tells_heading=self._tells_heading,
         )
+
+    def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
+        """Lane away from an obstacle, unless at that place another one blocks it more closely."""
+        lane = int(self._lane[car, obstacle])
+        apart_m = np.abs(self._gap_m(self.distance_m[car, self._standing], place_m))
+        on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
+        on_m = {INNER: float(on_inner_m), OUTER: float(on_outer_m)}
+        opposite = INNER + OUTER - lane
+        blocked = on_m[opposite] < min(BLOCKS_M, on_m[lane])
+        return lane if blocked else opposite
 
     def _place_obstacles(self, car: int, track: Track, random: np.random.Generator) -> None:
         rules = self._race.obstacles
@@ -276,13 +290,13 @@ class Traffic:
             track.pose_at(places_m, "inner"),
             track.pose_at(places_m, "outer"),
         )
-        self.distance_m[car, group] = places_m
-        self._lane[car, group] = lanes
+        where = track.locate(poses[:, :2])
         self.xy[car, group] = poses[:, :2]
         self.yaw_rad[car, group] = poses[:, 2]
-        away = poses[:, :2] - track.pose_at(places_m)[:, :2]
-        self._from_center_m[car, group] = np.hypot(*away.T)
-        self._left[car, group] = (lanes == INNER) == track.is_ccw
+        self.distance_m[car, group] = where.distance_m
+        self._from_center_m[car, group] = where.from_center_m
+        self._left[car, group] = where.left_of_center
+        self._lane[car, group] = lanes
 
     def _place_bots(self, car: int, track: Track, random: np.random.Generator) -> None:
         rules = self._race.bots
@@ -310,10 +324,12 @@ class Traffic:
         return even_places(track, count, gap_m), INNER + np.arange(count) % 2
 
     def _move_bots(self) -> None:
-        bots = self._bots
+        bots, paths, group = self._bots, self._paths, self._driving
         assert bots is not None, "only called where there are bots"
-        group = self._driving
-        self.xy[:, group], self.yaw_rad[:, group] = poses_of(bots, self._paths, self._backward)
+        assert paths is not None, "bots come with the paths that they follow"
+        self.xy[:, group], self.yaw_rad[:, group] = paths.poses(
+            self._backward, bots.distance_m, bots.share, bots.drift
+        )
         self._lane[:, group] = np.where(bots.share > 0.5, OUTER, INNER)
         self._find(group)
 
@@ -342,10 +358,11 @@ class Traffic:
         wrapped: Floats = (gap_m + half_m) % (2 * half_m) - half_m
         return wrapped
 
-    def _wrapped(self, distance_m: Floats | float) -> Floats | float:
-        if self._tracks[0].closed:
-            return distance_m % self._tracks[0].length_m
-        return np.clip(distance_m, 0.0, self._tracks[0].length_m)
+    def _wrapped(self, distance_m: float) -> float:
+        length_m = self._tracks[0].length_m
+        return (
+            distance_m % length_m if self._tracks[0].closed else min(max(distance_m, 0), length_m)
+        )
 
 
 _STREAM = 1 << 32
@@ -358,5 +375,10 @@ def _number_of(rules: ObstacleRules | None) -> int:
     return len(rules.positions) or rules.count
 
 
-def _opposite(lane: Ints) -> Ints:
-    return np.where(lane == INNER, OUTER, INNER)
+def _nearest_on(lanes: Ints, apart_m: Floats) -> tuple[Floats, Floats]:
+    """Distances to the nearest object on the inner and on the outer lane, over the last axis."""
+    on_inner_m, on_outer_m = (
+        np.where(lanes == lane, apart_m, np.inf).min(axis=-1, initial=np.inf)
+        for lane in (INNER, OUTER)
+    )
+    return on_inner_m, on_outer_m
