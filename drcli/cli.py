@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from drcli import __version__
-from drcli.commands import evaluate, logs, start_training, status, stop_training
+from drcli.commands import evaluate, logs, start_training, status, stop_training, tracks
 from drcli.commands.folder import working_folder
 from drcli.errors import DrError
 
@@ -44,6 +44,7 @@ app.command("status")(status.status)
 app.command("logs")(logs.logs)
 app.command("evaluate")(evaluate.evaluate)
 app.command("start-evaluation", hidden=True)(evaluate.evaluate)
+app.add_typer(tracks.app, name="tracks")
 
 
 def _version(wanted: bool) -> None:

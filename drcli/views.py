@@ -11,6 +11,7 @@ from drcli import sparkline
 if TYPE_CHECKING:
     from drcli.runs.report import EvaluationReport, IterationRecord, RunReport
     from drcli.runs.training import RunPlan
+    from drcli.tracks.folder import TrackFacts, TrackList, TrackView
 
 CURVE_WIDTH = 54
 """Characters of a curve; its name and its newest value stand beside it."""
@@ -153,6 +154,55 @@ def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
     first, second = (own, other) if own.total_s < other.total_s else (other, own)
     ahead_s = abs(own.total_s - other.total_s)
     return f"{first.prefix} wins, {ahead_s:.2f} s ahead of {second.prefix}."
+
+
+def track_list(found: "TrackList") -> RenderableType:
+    """All tracks, a line each, and where the racer's own lie."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for name in ("track", "length", "width", "direction", "from"):
+        table.add_column(name, justify="right" if name in ("length", "width") else "left")
+    for track in found.tracks:
+        table.add_row(
+            track.name,
+            f"{track.length_m:.1f} m",
+            f"{track.width_m:.2f} m",
+            track.direction,
+            f"built in, {track.difficulty}" if track.difficulty else _origin(track),
+        )
+    return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {found.folder}."))
+
+
+def track(view: "TrackView") -> RenderableType:
+    """A track's map and facts."""
+    parts: list[RenderableType] = [Text(line) for line in view.map_lines]
+    parts.append(track_facts(view.facts))
+    if view.picture:
+        parts.append(Text(f"Picture: {view.picture}"))
+    return Group(*parts)
+
+
+def track_facts(facts: "TrackFacts") -> RenderableType:
+    """What there is to know about a track, in three lines."""
+    line = "is part of the road" if facts.line_family == "in" else "lies beside the road"
+    width = (
+        f"{facts.width_m:.2f} m"
+        if facts.greatest_width_m - facts.least_width_m < 0.02
+        else f"{facts.least_width_m:.2f} to {facts.greatest_width_m:.2f} m"
+    )
+    return Group(
+        Text(f"{facts.name}: {facts.about}" if facts.about else facts.name, style="bold"),
+        Text(
+            f"{facts.length_m:.2f} m long, {width} wide, {facts.direction}; "
+            f"{facts.waypoints} waypoints, {facts.spacing_m:.2f} m apart"
+        ),
+        Text(f"the white line {line}; {_origin(facts)}"),
+    )
+
+
+def _origin(facts: "TrackFacts") -> str:
+    if facts.source != "own":
+        return facts.source
+    return f"built in, {facts.difficulty}" if facts.difficulty else "built in"
 
 
 def iteration_line(record: "IterationRecord", *, verbose: bool = False) -> str:

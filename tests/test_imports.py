@@ -17,6 +17,7 @@ FORBIDDEN = {
     "drcli.store": {"drsim", "torch", "mujoco", *SCREEN},
     "drcli.worker": {"boto3", *SCREEN},
     "drcli.runs": {"drsim", "numpy", *HEAVY, *SCREEN},
+    "drcli.tracks": {"torch", "mujoco", "boto3", *SCREEN},
     "drcli.commands": {"drsim", "numpy", *HEAVY},
     "drcli.settings": {"drsim", "numpy", *HEAVY, *SCREEN},
 }
@@ -37,6 +38,7 @@ OURS = {
         "drcli.model_metadata",
         "drsim",
     },
+    "drcli.tracks": {"drcli.tracks", "drcli.config", "drcli.errors", "drsim"},
     "drcli.runs": {
         "drcli.runs",
         "drcli.store",

@@ -54,6 +54,11 @@ class Settings(
             return self.directory / "custom_files"
         return self.directory / "experiments" / self.experiment_name / "custom_files"
 
+    @property
+    def tracks_folder(self) -> Path:
+        """Folder with the racer's own route files; it need not exist."""
+        return self.directory / (self.tracks_dir or "tracks")
+
     def source(self, name: str) -> str:
         """Where a DR_ setting was given: `run.env line 7`, `environment`, `flag` or `default`."""
         return self.sources.get(name, "default")

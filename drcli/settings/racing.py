@@ -22,7 +22,12 @@ class RaceSettings(Group):
         "DR_RACE_TYPE", "TIME_TRIAL", "Kind of race."
     )
     tracks_dir: Path | None = setting(
-        "DR_TRACKS_DIR", None, "Folder with more tracks, one .npy file each."
+        "DR_TRACKS_DIR", None, "Folder with more tracks, one .npy file each; tracks/ when empty."
+    )
+    tracks_url: str = setting(
+        "DR_TRACKS_URL",
+        "https://raw.githubusercontent.com/aws-deepracer-community/deepracer-simapp/HEAD/bundle/routes",
+        "Where `dr-tracks fetch` gets route files from.",
     )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(

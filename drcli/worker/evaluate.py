@@ -113,7 +113,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     threads = os.cpu_count() or 1
     torch.set_num_threads(threads)
     pilots = [_pilot(job, bucket, racer) for racer in racers]
-    track = load_world(s, job.directory)
+    track = load_world(s)
     if s.eval_reverse_direction:
         track = track.reversed()
     reward = (

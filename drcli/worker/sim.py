@@ -114,7 +114,7 @@ class SimWorker:
         self._model = ActorCritic(policy_spec(metadata)).eval()
         self._trials = _evaluation_trials(job) if worker == 0 else 0
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
-        track = load_world(s, job.directory)
+        track = load_world(s)
         self._track = track.reversed() if s.train_reverse_direction else track
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker

@@ -36,7 +36,7 @@ def try_inputs(job: Job, path: Path, name: str) -> None:
     Raises:
         SettingsError: What the racer has to correct.
     """
-    track = load_world(job.settings, job.directory)
+    track = load_world(job.settings)
     race = load_race(job.settings, track)
     try:
         function = load_reward_function(path)

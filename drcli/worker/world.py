@@ -27,23 +27,17 @@ MAX_EPISODE_STEPS = 10_000
 """Longest episode. The reference has no limit; a car that never ends its lap teaches nothing."""
 
 
-def load_world(settings: Settings, directory: Path) -> Track:
+def load_world(settings: Settings) -> Track:
     """The track that DR_WORLD_NAME names."""
     try:
-        return load_track(settings.world_name, tracks_folder(settings, directory))
+        return load_track(settings.world_name, settings.tracks_folder)
     except TrackError as error:
         where = settings.source("DR_WORLD_NAME")
         raise SettingsError(
             f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
-            remedy="Correct the name, or put the route file into the folder DR_TRACKS_DIR.",
+            remedy="Correct the name; `dr-tracks list` tells what there is, `dr-tracks fetch` and "
+            "`dr-tracks add` bring more.",
         ) from None
-
-
-def tracks_folder(settings: Settings, directory: Path) -> Path | None:
-    """The folder with the racer's own route files, if there is one."""
-    if not settings.tracks_dir:
-        return None
-    return directory / settings.tracks_dir
 
 
 def race_of(s: Settings) -> Race:

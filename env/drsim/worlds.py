@@ -2,72 +2,193 @@
 
 import difflib
 import json
-from io import BytesIO
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drsim.errors import TrackError
+from drsim.look import look_of
+from drsim.routes import read_route
 from drsim.spline import ClosedSpline
 from drsim.track import Track
 
-Floats = NDArray[np.float64]
-
 _DEFINITIONS = Path(__file__).parent / "assets" / "worlds"
 
-_DUPLICATE_M = 1e-9
-"""Neighbouring centre points nearer than this count as one. Source: the reference simulator."""
+_ROUTE_FILES = (".npy", ".csv")
+"""Route files that need nothing but their name, in the order in which they win."""
 
-_MIN_ROWS = 4
-"""Fewest rows that make a loop: a triangle and the closing row."""
+_SAME_ROUTE = {
+    "reinvent_carpet": "reinvent_base",
+    "reinvent_concrete": "reinvent_base",
+    "reinvent_wood": "reinvent_base",
+}
+"""Worlds that differ from another one in their looks only. Source: the reference simulator."""
 
-_MAX_BYTES = 1_000_000
-"""Far beyond any route (the longest of the reference simulator takes 19 kB); a larger file is
-something else."""
+_CLOCKWISE = {"_cw": True, "_ccw": False}
+"""Endings of a world name that choose the driving direction. Source: the reference simulator."""
 
-_FURTHEST_M = 1e6
-"""Coordinates beyond this are no track; their squares would drown in rounding."""
+
+class Width(NamedTuple):
+    """Width of a road at its waypoints, metres."""
+
+    mean: float
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class WorldInfo:
+    """What there is to know about a world before driving in it.
+
+    Attributes:
+        name: Its name, as asked for.
+        length_m: Length of the centre line.
+        width_m: Width of the road.
+        direction: Which way round it is driven; "open" if it is no loop.
+        waypoints: How many there are; on a loop the last one repeats the first.
+        spacing_m: Mean distance between waypoints.
+        line_family: "in" when the white line belongs to the road, "out" when it lies beyond.
+        source: "own" for a definition of ours, else the path of the route file.
+        difficulty: "easy", "medium" or "hard"; None for a route file, which does not say.
+        about: One line about a track of ours; empty for a route file.
+    """
+
+    name: str
+    length_m: float
+    width_m: Width
+    direction: Literal["clockwise", "counterclockwise", "open"]
+    waypoints: int
+    spacing_m: float
+    line_family: Literal["in", "out"]
+    source: str
+    difficulty: Literal["easy", "medium", "hard"] | None
+    about: str
 
 
 def load_track(world: str, tracks_dir: Path | None = None) -> Track:
     """The track of a world.
 
     Args:
-        world: Name of one of our own definitions, path to a route file that ends in `.npy`, or
-            name of such a file in `tracks_dir`, in this order.
+        world: One of these, in this order:
+
+            - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
+              up in `tracks_dir` first;
+            - name of one of our own definitions, or of such a file in `tracks_dir`, without its
+              ending;
+            - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
+              `reinvent_base` on other ground;
+            - one of these names followed by `_cw` or `_ccw`: that world, driven clockwise or
+              counter-clockwise.
         tracks_dir: Folder with further route files.
+
+    Returns:
+        The track, whose name is the one asked for.
 
     Raises:
         TrackError: There is no such world, or its numbers make no track. The sentence says what
             to do.
     """
-    if world.endswith(".npy"):
-        return _read_route(Path(world))
-    for folder, suffix, read in (
-        (_DEFINITIONS, ".json", _build),
-        (tracks_dir, ".npy", _read_route),
-    ):
-        # Asking the listing, not the file system: a world name is no path.
-        if folder is not None and world in _names(folder, suffix):
-            return read(folder / f"{world}{suffix}")
-    raise TrackError(_unknown(world, tracks_dir))
+    return _found(world, tracks_dir)[0]
+
+
+def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
+    """Facts about a world that `load_track` accepts.
+
+    Raises:
+        TrackError: As for `load_track`.
+    """
+    track, file = _found(world, tracks_dir)
+    own = file.parent == _DEFINITIONS
+    definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
+    width_m = track.locate(track.center).track_width_m
+    loop = "counterclockwise" if track.is_ccw else "clockwise"
+    return WorldInfo(
+        name=world,
+        length_m=track.length_m,
+        width_m=Width(float(width_m.mean()), float(width_m.min()), float(width_m.max())),
+        direction=loop if track.closed else "open",
+        waypoints=len(track.center),
+        spacing_m=track.length_m / (len(track.center) - 1),
+        line_family=look_of(track.name).border_side,
+        source="own" if own else str(file),
+        difficulty=definition.get("difficulty"),
+        about=definition.get("about", ""),
+    )
 
 
 def known_worlds(tracks_dir: Path | None = None) -> list[str]:
-    """Names that `load_track` accepts, sorted.
+    """Names that `load_track` accepts, sorted; each can be followed by `_cw` or `_ccw` as well.
 
     Args:
         tracks_dir: Folder with further route files; one that does not exist holds none.
     """
-    names = _names(_DEFINITIONS, ".json")
+    return sorted({*_SAME_ROUTE, *_files(tracks_dir)})
+
+
+def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
+    """A track, driven the way that is asked for; the one place that decides about directions.
+
+    Args:
+        track: Any track.
+        clockwise: Which way round the world is defined; None leaves it as it is. A world that was
+            turned round this way counts as another world, not as driven in reverse.
+        reverse: Drive against that definition. The track says so in `Track.reverse`, as reward
+            functions are told.
+
+    Raises:
+        TrackError: The track is no loop, which runs neither way round.
+    """
+    if clockwise is not None:
+        if not track.closed:
+            raise TrackError(
+                f"{track.name} is no loop, so it runs neither clockwise nor counter-clockwise. "
+                "Leave the direction away, or drive it in reverse."
+            )
+        if track.is_ccw == clockwise:
+            track = replace(track.reversed(), reverse=track.reverse)
+    return track.reversed() if reverse else track
+
+
+def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
+    """The track of a world, and the file that defines it."""
+    files = _files(tracks_dir)
+    if Path(world).suffix in _ROUTE_FILES:
+        file = Path(world)
+        # Asking the listing, not the file system: what is no path must not lead out of the folder.
+        if tracks_dir is not None and world in _listed(tracks_dir):
+            file = tracks_dir / world
+        return read_route(file), file
+    if world in files:
+        return _read(files[world]), files[world]
+    if world in _SAME_ROUTE:
+        track, file = _found(_SAME_ROUTE[world], tracks_dir)
+        return replace(track, name=world), file
+    base, underscore, ending = world.rpartition("_")
+    clockwise = _CLOCKWISE.get(underscore + ending)
+    if clockwise is None or base not in {*files, *_SAME_ROUTE}:
+        raise TrackError(_unknown(world, tracks_dir))
+    track, file = _found(base, tracks_dir)
+    return replace(directed(track, clockwise=clockwise), name=world), file
+
+
+def _files(tracks_dir: Path | None) -> dict[str, Path]:
+    """The file that defines each world, by name; our own win."""
+    folders = [(_DEFINITIONS, ".json")]
     if tracks_dir is not None:
-        names |= _names(tracks_dir, ".npy")
-    return sorted(names)
+        folders += [(tracks_dir, suffix) for suffix in _ROUTE_FILES]
+    return {
+        name.removesuffix(suffix): folder / name
+        for folder, suffix in reversed(folders)
+        for name in _listed(folder)
+        if name.endswith(suffix)
+    }
 
 
-def _names(folder: Path, suffix: str) -> set[str]:
-    return {file.name.removesuffix(suffix) for file in folder.glob(f"*{suffix}")}
+def _listed(folder: Path) -> set[str]:
+    return {file.name for file in folder.glob("*")}
 
 
 def _unknown(world: str, tracks_dir: Path | None) -> str:
@@ -80,102 +201,29 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
     return f"No world is called '{world}'; {hint} {', '.join(names)}. Use one of them, or {where}."
 
 
-def _build(definition: Path) -> Track:
+def _read(file: Path) -> Track:
+    read: Callable[[Path], Track] = _build if file.suffix == ".json" else read_route
+    return read(file)
+
+
+def _build(file: Path) -> Track:
     """The track of one of our own definitions.
 
     Waypoints stand at even distances along a closed spline, except for a few that are shifted
     along it: racers write waypoint numbers into their reward functions, and the route they know
     is uneven there.
     """
-    numbers = json.loads(definition.read_text(encoding="utf-8"))
-    spline = ClosedSpline(np.array(numbers["control_points_m"], dtype=np.float64))
-    distance_m = np.linspace(0.0, spline.length_m, numbers["waypoints"], endpoint=False)
-    for waypoint, shift_m in numbers["shifted_waypoints_m"].items():
+    definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
+    distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
+    for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():
         distance_m[int(waypoint)] += shift_m
     center, direction = spline.at(distance_m)
-    to_left = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * numbers["width_m"] / 2
-    rows = np.concatenate([center, center + to_left, center - to_left], axis=1)
-    track = _track(definition.stem, np.concatenate([rows, rows[:1]]))
+    to_left = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * definition["width_m"] / 2
+    center, left, right = (
+        np.concatenate([line, line[:1]]) for line in (center, center + to_left, center - to_left)
+    )
+    track = Track(file.stem, center, left, right, closed=True)
     if track.is_ccw:  # then the inside of the loop lies to the left, as built
         return track
-    return Track(track.name, track.center, track.outer, track.inner, track.closed)
-
-
-def _read_route(file: Path) -> Track:
-    """The track of a route file, checked and cleaned.
-
-    Source of the format: the reference simulator's route files, float64, shape (n, 6), metres:
-    centre x and y, inner border x and y, outer border x and y, in driving order.
-    """
-    array = _read_array(file)
-    if array.ndim != 2 or array.shape[1] != 6 or not len(array) or array.dtype.kind not in "fiu":
-        raise TrackError(
-            f"{file} holds an array of shape {array.shape} and type {array.dtype}, but a route has "
-            "6 columns of numbers: centre x y, inner x y, outer x y. Export the route again."
-        )
-    rows = np.ascontiguousarray(array, dtype=np.float64)
-    wrong = np.flatnonzero(~(np.abs(rows) <= _FURTHEST_M).all(axis=1))
-    if wrong.size:
-        raise TrackError(
-            f"{file} row {wrong[0]} holds {rows[wrong[0]].tolist()}: every value must be a finite "
-            f"number of metres within {_FURTHEST_M:.0e}. Correct or remove that row."
-        )
-    rows = _without_duplicates(rows)
-    if len(rows) < _MIN_ROWS:
-        raise TrackError(
-            f"{file} has {len(rows)} distinct rows; a track needs at least {_MIN_ROWS}. "
-            "Export the route again."
-        )
-    track = _track(file.stem, rows)
-    if np.mean(track.on_road(track.center[1:-1])) < 0.5:  # a stray point or two is the user's road
-        raise TrackError(
-            f"{file}: most centre points do not lie between the borders. Columns are centre x y, "
-            "inner x y, outer x y, and inner is the border inside the loop. Export the route again."
-        )
-    return track
-
-
-def _read_array(file: Path) -> NDArray[np.generic]:
-    try:
-        if not file.is_file():  # a folder or a pipe would fail or block below
-            raise FileNotFoundError
-        with file.open("rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise TrackError(f"There is no route file {file}. Correct the path.") from None
-    except OSError as error:
-        raise TrackError(
-            f"{file} cannot be read ({error.strerror}). Correct the path or its rights."
-        ) from None
-    if len(data) > _MAX_BYTES:
-        raise TrackError(
-            f"{file} is larger than {_MAX_BYTES} bytes, which no route is. Name another file, or "
-            "resample the route to one row every 0.3 m."
-        )
-    try:
-        array: NDArray[np.generic] = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
-    except Exception as error:  # on foreign bytes numpy's header parser raises nearly any kind
-        raise TrackError(
-            f"{file} is no route file ({error}). Save it again with numpy.save, as an array of "
-            "6 columns of float64."
-        ) from None
-    return array
-
-
-def _without_duplicates(rows: Floats) -> Floats:
-    """Rows whose centre point differs from that of the row kept before; the last row stays."""
-    kept = [0]
-    for k in range(1, len(rows)):
-        if np.hypot(*(rows[k, :2] - rows[kept[-1], :2])) > _DUPLICATE_M:
-            kept.append(k)
-    if len(kept) > 1:
-        kept[-1] = max(kept[-1], len(rows) - 1)
-    return rows[kept]
-
-
-def _track(name: str, rows: Floats) -> Track:
-    closed = bool(np.abs(rows[0] - rows[-1]).max() <= _DUPLICATE_M)
-    if closed:
-        rows[-1] = rows[0]
-    center, inner, outer = (rows[:, k : k + 2].copy() for k in (0, 2, 4))
-    return Track(name, center, inner, outer, closed)
+    return Track(file.stem, center, right, left, closed=True)

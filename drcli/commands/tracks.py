@@ -1,0 +1,99 @@
+"""`dr tracks`: the tracks to race on."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings
+
+app = typer.Typer(no_args_is_help=True, help="List, show, add and fetch tracks.")
+
+_AsJson = Annotated[
+    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+]
+_Force = Annotated[bool, typer.Option("--force", help="Replace a track of that name.")]
+
+
+@app.command("list")
+def list_all(as_json: _AsJson = False) -> None:
+    """List all tracks: those built in, and those in the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks list --json
+    """
+    from drcli import console, views
+    from drcli.tracks.folder import list_tracks
+
+    found = list_tracks(settings().tracks_folder)
+    for sentence in found.unreadable:
+        console.warn(sentence)
+    console.emit(found, views.track_list(found), as_json=as_json)
+
+
+@app.command()
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a track, or a route file.")],
+    png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Show a track: facts and a small map.
+
+    Example: dr-tracks show reinvent_base --png map.png
+    """
+    from drcli import console, views
+    from drcli.tracks.folder import show_track
+
+    view = show_track(name, settings().tracks_folder, png)
+    console.emit(view, views.track(view), as_json=as_json)
+
+
+@app.command()
+def add(
+    file: Annotated[Path, typer.Argument(help="A .npy, .csv or .svg file.")],
+    name: Annotated[str | None, typer.Option("--name", help="Name of the track.")] = None,
+    width: Annotated[
+        float | None, typer.Option("--width", help="Metres of road around a centre line.")
+    ] = None,
+    length: Annotated[
+        float | None, typer.Option("--length", help="Metres of a lap; needed by .svg files.")
+    ] = None,
+    force: _Force = False,
+    as_json: _AsJson = False,
+) -> None:
+    """Check a route and put it into the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks add my_track.svg --length 25 --width 0.9
+    """
+    from drcli import console, views
+    from drcli.tracks.folder import add_track
+
+    facts = add_track(
+        file,
+        settings().tracks_folder,
+        name=name,
+        width_m=width,
+        length_m=length,
+        replace=force,
+    )
+    console.emit(facts, views.track_facts(facts), as_json=as_json)
+
+
+@app.command()
+def fetch(
+    name: Annotated[str, typer.Argument(help="Name of a world, as Oval_track.")],
+    url: Annotated[
+        str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL when left out.")
+    ] = None,
+    force: _Force = False,
+    as_json: _AsJson = False,
+) -> None:
+    """Fetch a route of the community from the web into the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks fetch Oval_track
+    """
+    from drcli import console, views
+    from drcli.tracks.fetch import fetch_track
+
+    s = settings()
+    facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, replace=force)
+    console.emit(facts, views.track_facts(facts), as_json=as_json)

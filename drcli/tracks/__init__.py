@@ -1,0 +1,1 @@
+"""Tracks as a racer handles them: listing, looking, adding, fetching."""

@@ -1,0 +1,201 @@
+"""The racer's tracks: what is there, and files that are added to them."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.errors import SettingsError
+from drsim.errors import TrackError
+from drsim.png import png_bytes
+from drsim.routes import read_route, write_route
+from drsim.trackmap import picture_map, text_map
+from drsim.worlds import WorldInfo, describe, known_worlds, load_track
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
+
+
+@dataclass(frozen=True)
+class TrackFacts:
+    """What there is to know about a track.
+
+    Attributes:
+        name: Its name.
+        length_m: Length of the centre line.
+        width_m: Mean width of the road.
+        least_width_m: Width at its narrowest place.
+        greatest_width_m: Width at its widest.
+        direction: "clockwise", "counterclockwise" or "open".
+        waypoints: How many there are.
+        spacing_m: Mean distance between them.
+        line_family: "in" when the white line belongs to the road, else "out".
+        source: "own" for one that is built in, else its file.
+        difficulty: "easy", "medium" or "hard"; None where nobody said.
+        about: A line about it.
+    """
+
+    name: str
+    length_m: float
+    width_m: float
+    least_width_m: float
+    greatest_width_m: float
+    direction: str
+    waypoints: int
+    spacing_m: float
+    line_family: str
+    source: str
+    difficulty: str | None
+    about: str
+
+
+@dataclass(frozen=True)
+class TrackList:
+    """Every track that a name finds.
+
+    Attributes:
+        folder: Where tracks of the racer's own lie.
+        tracks: All of them, by name.
+        unreadable: Sentences about files that are no tracks.
+    """
+
+    folder: str
+    tracks: list[TrackFacts]
+    unreadable: list[str]
+
+
+@dataclass(frozen=True)
+class TrackView:
+    """A track and its map.
+
+    Attributes:
+        facts: About the track.
+        map_lines: A map in the letters of a terminal, top line first.
+        picture: File that the picture was written to, if one was asked for.
+    """
+
+    facts: TrackFacts
+    map_lines: list[str]
+    picture: str | None
+
+
+def list_tracks(folder: Path) -> TrackList:
+    """All tracks that are built in or lie in the folder."""
+    tracks, unreadable = [], []
+    for name in known_worlds(folder):
+        try:
+            tracks.append(_facts(describe(name, folder)))
+        except TrackError as error:
+            unreadable.append(str(error))
+    return TrackList(str(folder), tracks, unreadable)
+
+
+def show_track(name: str, folder: Path, picture: Path | None = None) -> TrackView:
+    """A track's facts and map.
+
+    Raises:
+        SettingsError: There is no such track, or the picture cannot be written.
+    """
+    try:
+        facts = _facts(describe(name, folder))
+        track = load_track(name, folder)
+    except TrackError as error:
+        raise _refused(error) from None
+    if picture is not None:
+        try:
+            picture.write_bytes(png_bytes(picture_map(track)))
+        except OSError as error:
+            raise SettingsError(
+                f"--png {picture} cannot be written: {error.strerror}.",
+                remedy="Name a file in a folder that exists and is yours.",
+            ) from None
+    return TrackView(facts, text_map(track), str(picture) if picture else None)
+
+
+def add_track(
+    file: Path,
+    folder: Path,
+    *,
+    name: str | None = None,
+    width_m: float | None = None,
+    length_m: float | None = None,
+    replace: bool = False,
+) -> TrackFacts:
+    """Check a route file, clean it and put it into the folder.
+
+    Args:
+        file: A .npy, .csv or .svg file.
+        folder: Where tracks of the racer's own lie; made if it is not there.
+        name: Name of the new track; that of the file when left out.
+        width_m: Width of the road of a file that tells its centre line only.
+        length_m: Length of the lap; files are scaled to it.
+        replace: Overwrite a track of that name.
+
+    Raises:
+        SettingsError: The file is no track, or there is one of that name.
+    """
+    wanted = name or file.stem
+    target = target_of(wanted, folder, replace=replace)
+    try:
+        track = read_route(file, name=wanted, width_m=width_m, length_m=length_m)
+    except TrackError as error:
+        raise _refused(error) from None
+    unfinished = target.with_name(f".{wanted}.{os.getpid()}.npy")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_route(track, unfinished)
+        unfinished.replace(target)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        raise SettingsError(
+            f"{target} cannot be written: {error.strerror}.",
+            remedy="Make room or correct the rights, or set DR_TRACKS_DIR to another folder.",
+        ) from None
+    return _facts(describe(str(target)))
+
+
+def target_of(name: str, folder: Path, *, replace: bool) -> Path:
+    """The file of a new track.
+
+    Raises:
+        SettingsError: The name is none, or it is taken.
+    """
+    if not _NAME.fullmatch(name):
+        raise SettingsError(
+            f"{name!r} is no name for a track: letters, digits, _ and - make one.",
+            remedy="Choose another with --name.",
+        )
+    target = folder / f"{name}.npy"
+    if name in known_worlds(None):
+        raise SettingsError(
+            f"{name} is built in, and built-in tracks win over files.",
+            remedy="Choose another name with --name.",
+        )
+    if target.exists() and not replace:
+        raise SettingsError(
+            f"There is a track {name} already: {target}.",
+            remedy="Choose another name with --name, or replace it with --force.",
+        )
+    return target
+
+
+def _facts(info: WorldInfo) -> TrackFacts:
+    return TrackFacts(
+        name=info.name if info.source == "own" else Path(info.name).stem,
+        length_m=round(info.length_m, 3),
+        width_m=round(info.width_m.mean, 3),
+        least_width_m=round(info.width_m.least, 3),
+        greatest_width_m=round(info.width_m.greatest, 3),
+        direction=info.direction,
+        waypoints=info.waypoints,
+        spacing_m=round(info.spacing_m, 3),
+        line_family=info.line_family,
+        source=info.source,
+        difficulty=info.difficulty,
+        about=info.about,
+    )
+
+
+def _refused(error: TrackError) -> SettingsError:
+    """The simulation's sentence, whose end is its remedy."""
+    message, _, remedy = str(error).strip().rpartition(". ")
+    return SettingsError(f"{message}." if message else remedy, remedy=remedy if message else "")
