@@ -58,7 +58,7 @@ def test_a_picture_shows_road_field_and_start(wide):
     rows, columns = picture.shape[:2]
     assert columns / rows == pytest.approx(8.8 / 4.8, abs=0.02)
     assert picture[rows // 2, columns // 2].mean() > 200  # field
-    assert picture[int(rows * 4.15 / 4.8), columns * 3 // 4].mean() < 120  # road below
+    assert picture[int(rows * 4.15 / 4.8), columns * 6 // 10].mean() < 120  # road below
     below = picture[rows // 2 :, columns // 2]
     assert (below.min(axis=1) == 255).any()  # the white bar
 
