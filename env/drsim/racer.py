@@ -1,32 +1,34 @@
 """One car as a Gymnasium environment, driven by what it perceives."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.error import DependencyNotInstalled, ResetNeeded
-from numpy.typing import NDArray
+from gymnasium.error import ResetNeeded
 
 from drsim.actions import DEFAULT_ACTIONS, Actions
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules, Status
+from drsim.exchange import (
+    Perceived,
+    check_choice,
+    check_start,
+    checked_actions,
+    info_of,
+    perceived,
+    start_of,
+)
 from drsim.race import Race, race_of_name
 from drsim.realism import Realism
 from drsim.reward import RewardFunction, centre_line_reward
 from drsim.senses import Randomize
-from drsim.sensors import Sensors
+from drsim.sensors import Sensors, sensors_of
 from drsim.simulation import Simulation
-from drsim.spectator import Spectator
 from drsim.step import StepResult
 from drsim.track import Track
+from drsim.views import RENDER_MODES, VIEWS, CameraMan, Frame, Window
 from drsim.worlds import load_track
-
-Frame = NDArray[np.uint8]
-Perceived = Any
-"""An array, or a dict of arrays by sensor name."""
-
-RENDER_MODES = ("rgb_array", "human")
-VIEWS = ("camera", "chase", "top")
 
 
 class RacerEnv(gym.Env[Perceived, Any]):
@@ -42,8 +44,9 @@ class RacerEnv(gym.Env[Perceived, Any]):
     | 0     | steering | least angle [degrees]    | greatest (left) angle |
     | 1     | speed    | least speed [m/s]        | greatest speed        |
 
-    The car turns its wheels by 30 degrees at most and follows with a lag of about 0.1 s; it drives
-    0.1 to about 3.6 m/s and cannot stop. One action lasts 1/15 s.
+    Numbers beyond -1 and 1 count as -1 and 1. The car turns its wheels by 30 degrees at most and
+    follows with a lag of about 0.1 s; it drives 0.1 to about 3.6 m/s and cannot stop. One action
+    lasts 1/15 s.
 
     ## Observation space
 
@@ -88,9 +91,9 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Rendering
 
-    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window (package pygame). The
-    `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top", coloured pictures of
-    (480, 640, 3) from behind the car and from above the track.
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (package
+    pygame). The `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top",
+    coloured pictures of (480, 640, 3) from behind the car and from above the track.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
@@ -102,7 +105,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         reward_function: RewardFunction = centre_line_reward,
         actions: Actions = DEFAULT_ACTIONS,
         rules: EpisodeRules | None = None,
-        sensors: Sensors | tuple[str, ...] = ("FRONT_FACING_CAMERA",),
+        sensors: Sensors | str | Sequence[str] = ("FRONT_FACING_CAMERA",),
         race: Race | str = "time_trial",
         start: float | None = None,
         reverse: bool = False,
@@ -118,7 +121,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             reward_function: Called after every driven step.
             actions: What the action numbers mean.
             rules: When episodes end; those of training when left out.
-            sensors: What the car perceives, or the names of its sensors.
+            sensors: What the car perceives; or the name of its sensor, or the names of several.
             race: What else is on the track, or "time_trial", "object_avoidance", "head_to_bot".
             start: Where on the lap episodes start, 0 .. 1; anywhere when None.
             reverse: Drive against the direction of the track.
@@ -133,10 +136,11 @@ class RacerEnv(gym.Env[Perceived, Any]):
         """
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         check_choice("view", view, VIEWS)
+        check_start(start)
         self.render_mode = render_mode
         self.view = view
         self.action_space = actions.space()
-        self._sensors = sensors if isinstance(sensors, Sensors) else Sensors(tuple(sensors))
+        self._sensors = sensors_of(sensors)
         self.observation_space = self._sensors.space()
         self._actions = actions
         self._start = start
@@ -157,7 +161,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         )
         self._running = False
         self._camera_man: CameraMan | None = None
-        self._window: Any = None
+        self._window: Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -197,9 +201,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         """
         if not self._running:
             raise ResetNeeded("Call reset before step: no episode has begun, or it is over.")
-        request = np.asarray(action)
-        if not self.action_space.contains(_as_member(request, self.action_space)):
-            raise ValueError(f"{action!r} is no action of {self.action_space}.")
+        request = checked_actions(action, self.action_space)
         result = self._simulation.step(*self._actions.requests(request[None]))
         self._running = not bool(result.done[0])
         self._show()
@@ -219,9 +221,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         """Free threads and window. Closing twice does nothing more."""
         self._simulation.close()
         if self._window is not None:
-            import pygame
-
-            pygame.display.quit()
+            self._window.close()
             self._window = None
 
     def _perceived(self) -> Perceived:
@@ -236,124 +236,12 @@ class RacerEnv(gym.Env[Perceived, Any]):
         """Put the picture into the window, in time with the clock of the simulation."""
         if self.render_mode != "human":
             return
-        try:
-            import pygame
-        except ImportError:
-            raise DependencyNotInstalled(
-                'render_mode="human" needs the package pygame: pip install pygame, or choose '
-                'render_mode="rgb_array".'
-            ) from None
-        picture = self._picture()
         if self._window is None:
-            pygame.display.init()
-            pygame.display.set_caption("DeepRacer")
-            self._window = pygame.display.set_mode((_WINDOW_PX, _WINDOW_PX * 3 // 4))
-            self._clock = pygame.time.Clock()
-        surface = pygame.surfarray.make_surface(np.ascontiguousarray(picture.swapaxes(0, 1)))
-        pygame.transform.scale(surface, self._window.get_size(), self._window)
-        pygame.event.pump()
-        pygame.display.flip()
-        self._clock.tick(CONTROL_HZ)
-
-
-_WINDOW_PX = 640
-
-
-class CameraMan:
-    """Pictures of the cars of a simulation, for people."""
-
-    def __init__(self, simulation: Simulation, view: str) -> None:
-        self._simulation = simulation
-        self._view = view
-        self._spectator: Spectator | None = None
-        if view != "camera":
-            traffic = simulation.traffic
-            shapes = traffic.shapes if traffic is not None else ()
-            self._spectator = Spectator(simulation.track, shapes)
-
-    def cut(self) -> None:
-        """An episode begins: the camera behind the car need not swing there."""
-        if self._spectator is not None:
-            self._spectator.cut()
-
-    def picture(self, car: int) -> Frame:
-        """What the chosen view shows of a car, RGB."""
-        if self._spectator is None:
-            return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
-        pose = self._simulation.poses[car]
-        traffic = self._simulation.traffic
-        objects = None
-        if traffic is not None:
-            objects = np.column_stack([traffic.xy[car], traffic.yaw_rad[car]])
-        if self._view == "chase":
-            return self._spectator.chase(pose, objects)
-        return self._spectator.top(pose, objects)
-
-
-def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Refuse a word that is none of those expected.
-
-    Raises:
-        ValueError: Names them.
-    """
-    if value not in choices:
-        words = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
-
-
-def start_of(
-    random: np.random.Generator,
-    count: int,
-    start: float | None,
-    reverse: bool,
-    options: dict[str, Any] | None,
-) -> tuple[NDArray[np.float64], bool]:
-    """Where episodes start, and which way they drive; options win over the arguments.
-
-    Returns:
-        Fractions of the lap, shape (count,), and the direction.
-    """
-    options = options or {}
-    start = options.get("start", start)
-    fractions = random.random(count) if start is None else np.full(count, float(start))
-    return fractions, bool(options.get("reverse", reverse))
-
-
-def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
-    """What cars perceive, as their observation space has it: copies, eyes last."""
-    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
-    if sensors.lidar is None:
-        return frames
-    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
-
-
-def info_of(result: StepResult) -> dict[str, Any]:
-    """What `info` tells of all cars; arrays of shape (n,)."""
-    names = (
-        "progress",
-        "status",
-        "steps",
-        "laps",
-        "lap_time_s",
-        "x",
-        "y",
-        "yaw_deg",
-        "closest_waypoint",
-        "all_wheels_on_track",
-        "crashes",
-        "driven",
-    )
-    return {name: getattr(result, name) for name in names}
+            self._window = Window()
+        self._window.show(self._picture())
 
 
 def _info_of_one(result: StepResult) -> dict[str, Any]:
     info = {name: values[0].item() for name, values in info_of(result).items()}
     info["status"] = Status(info["status"]).label
     return info
-
-
-def _as_member(action: NDArray[Any], space: gym.Space[Any]) -> Any:
-    """An action in the type that its space insists on, if nothing is lost by it."""
-    if isinstance(space, gym.spaces.Box):
-        return action.astype(np.float32) if action.dtype.kind in "fiu" else action
-    return action

@@ -1,33 +1,35 @@
 """Many cars on one track as a Gymnasium vector environment."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from drsim.actions import DEFAULT_ACTIONS, Actions
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules
-from drsim.race import Race, race_of_name
-from drsim.racer import (
-    VIEWS,
-    CameraMan,
-    Frame,
+from drsim.exchange import (
     Perceived,
     check_choice,
+    check_start,
+    checked_actions,
     info_of,
     perceived,
     start_of,
 )
+from drsim.race import Race, race_of_name
 from drsim.realism import Realism
 from drsim.reward import RewardFunction, centre_line_reward
 from drsim.senses import Randomize
-from drsim.sensors import Sensors
+from drsim.sensors import Sensors, sensors_of
 from drsim.simulation import Simulation
 from drsim.step import StepResult
 from drsim.track import Track
+from drsim.views import VIEWS, CameraMan, Frame
 from drsim.worlds import load_track
 
 
@@ -54,7 +56,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         reward_function: RewardFunction = centre_line_reward,
         actions: Actions = DEFAULT_ACTIONS,
         rules: EpisodeRules | None = None,
-        sensors: Sensors | tuple[str, ...] = ("FRONT_FACING_CAMERA",),
+        sensors: Sensors | str | Sequence[str] = ("FRONT_FACING_CAMERA",),
         race: Race | str = "time_trial",
         start: float | None = None,
         reverse: bool = False,
@@ -88,10 +90,11 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         """
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         check_choice("view", view, VIEWS)
+        check_start(start)
         self.render_mode = render_mode
         self.view = view
         self.num_envs = num_envs
-        self._sensors = sensors if isinstance(sensors, Sensors) else Sensors(tuple(sensors))
+        self._sensors = sensors_of(sensors)
         self.single_action_space = actions.space()
         self.single_observation_space = self._sensors.space()
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
@@ -102,6 +105,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         self._start = start
         self._reverse = reverse
         self._race = race_of_name(race) if isinstance(race, str) else race
+        self._begun = False
         self._over = np.zeros(num_envs, np.bool_)
         self._simulation = Simulation(
             load_track(world) if isinstance(world, str) else world,
@@ -114,7 +118,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             realism=realism,
             randomize=randomize,
         )
-        self._camera_men: list[CameraMan] = []
+        self._camera_man: CameraMan | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -122,15 +126,31 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         """Begin an episode in every car; arguments as in `RacerEnv.reset`."""
         super().reset(seed=seed)
         self._over[:] = False
+        self._begun = True
         result = self._begin(np.arange(self.num_envs), options)
         return self._perceived(), info_of(result)
 
     def step(
         self, actions: Any
     ) -> tuple[Perceived, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Act for 1/15 s in every car; cars whose episode ended begin the next one."""
+        """Act for 1/15 s in every car; cars whose episode ended begin the next one.
+
+        Args:
+            actions: One action for each car.
+
+        Returns:
+            What the cars perceive, rewards, terminated, truncated and info.
+
+        Raises:
+            RewardError: The reward function failed.
+            ResetNeeded: Reset was never called.
+            ValueError: The actions are none of the action space.
+        """
+        if not self._begun:
+            raise ResetNeeded("Call reset before step: no episode has begun.")
+        requests = checked_actions(actions, self.single_action_space, (self.num_envs,))
         begins = np.flatnonzero(self._begins())
-        result = self._simulation.step(*self._actions.requests(np.asarray(actions)))
+        result = self._simulation.step(*self._actions.requests(requests))
         info = info_of(result)
         if len(begins):
             begun = info_of(self._begin(begins, None))
@@ -146,10 +166,9 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         """One picture of the chosen view for each car, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if not self._camera_men:
-            shared = CameraMan(self._simulation, self.view)
-            self._camera_men = [shared] * self.num_envs
-        return tuple(camera_man.picture(car) for car, camera_man in enumerate(self._camera_men))
+        if self._camera_man is None:
+            self._camera_man = CameraMan(self._simulation, self.view)
+        return tuple(self._camera_man.cut_to(car) for car in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
         """Free the threads of the simulation."""

@@ -1,6 +1,7 @@
 """What a model perceives: the sensors by the names of model_metadata.json, and their filters."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gymnasium as gym
@@ -136,3 +137,14 @@ class Sensors:
         one_hot = bins[..., None] == np.arange(self.values_per_sector)
         values: Singles = one_hot.reshape(len(rays_m), -1).astype(np.float32)
         return values
+
+
+def sensors_of(names: Sensors | str | Sequence[str]) -> Sensors:
+    """Sensors by their names; the sensors themselves are let through.
+
+    Raises:
+        ValueError: No car can carry these.
+    """
+    if isinstance(names, Sensors):
+        return names
+    return Sensors((names,) if isinstance(names, str) else tuple(names))

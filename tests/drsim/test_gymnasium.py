@@ -1,6 +1,7 @@
 """The environments as Gymnasium sees them: ids, spaces, checks, seeds, pictures."""
 
 import importlib.util
+import sys
 import warnings
 
 import gymnasium as gym
@@ -8,9 +9,19 @@ import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import drsim
-from drsim import EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track, registration
+from drsim import (
+    ContinuousActions,
+    EpisodeRules,
+    Race,
+    RacerEnv,
+    RacerVectorEnv,
+    Sensors,
+    Track,
+    registration,
+)
 
 SENSORS = [
     ("FRONT_FACING_CAMERA",),
@@ -50,8 +61,21 @@ def test_every_race_passes_gymnasiums_own_checks(oval, race):
 def _check(env: RacerEnv) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        # Said of every environment that is built without `gymnasium.make`.
         warnings.filterwarnings("ignore", message=".*not having an env.spec.*")
         check_env(env, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
+    env = gym.make(name, world=oval, render_mode="rgb_array")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if importlib.util.find_spec("pygame") is None:
+            env.unwrapped.metadata = {**RacerEnv.metadata, "render_modes": ["rgb_array"]}
+        check_env(env.unwrapped)
     env.close()
 
 
@@ -71,6 +95,62 @@ def test_every_id_makes_one_car_and_many(name, oval):
     assert infos["progress"].shape == step[1].shape == (4,)
     env.close()
     many.close()
+
+
+def test_an_id_can_name_the_module_that_registers_it(oval):
+    env = gym.make("drsim:drsim/DeepRacer-v0", world=oval)
+
+    assert isinstance(env.unwrapped, RacerEnv)
+    env.close()
+
+
+def test_arguments_can_all_be_words():
+    envs = gym.make_vec(
+        "drsim/DeepRacer-v0",
+        num_envs=2,
+        world="reinvent_base",
+        sensors=["STEREO_CAMERAS", "LIDAR"],
+        race="object_avoidance",
+        randomize="textures",
+    )
+
+    seen, _ = envs.reset(seed=0)
+
+    assert {name: values.shape for name, values in seen.items()} == {
+        "STEREO_CAMERAS": (2, 120, 160, 2),
+        "LIDAR": (2, 64),
+    }
+    envs.close()
+
+
+def test_gymnasiums_own_vector_of_single_environments_takes_ours(oval):
+    envs = gym.make_vec(
+        "drsim/DeepRacer-v0", num_envs=2, vectorization_mode="sync", world=oval, start=0.0
+    )
+    ours = RacerVectorEnv(2, oval, start=0.0)
+
+    theirs_seen, ours_seen = envs.reset(seed=3)[0], ours.reset(seed=3)[0]
+    theirs, own = envs.step(np.array([3, 6])), ours.step(np.array([3, 6]))
+
+    np.testing.assert_array_equal(theirs_seen, ours_seen)
+    np.testing.assert_array_equal(theirs[0], own[0])
+    np.testing.assert_array_equal(theirs[1], own[1])
+    envs.close()
+    ours.close()
+
+
+def test_gymnasiums_record_of_episodes_counts_those_of_many_cars(oval):
+    envs = RecordEpisodeStatistics(RacerVectorEnv(3, oval, rules=EpisodeRules(max_steps=4)))
+    envs.reset(seed=0)
+
+    lengths = []
+    for _ in range(3):
+        *_, info = envs.step(np.array([4, 5, 4]))
+        lengths.append(info.get("episode", {}).get("l", np.zeros(3)).tolist())
+
+    assert lengths == [[0, 0, 0], [0, 0, 0], [3, 3, 3]]
+    envs.close()
+    envs.close()
 
 
 def test_registering_twice_changes_nothing(recwarn):
@@ -93,7 +173,7 @@ def test_the_same_seed_gives_the_same_episode_however_many_threads(oval, race):
         )
         seen, _ = env.reset(seed=5)
         kept = [*seen.values()]
-        actions = np.random.default_rng(0).integers(0, 10, (60, 6))
+        actions = np.random.default_rng(0).integers(0, 10, (30, 6))
         for action in actions:
             seen, reward, *_ = env.step(action)
             kept += [*seen.values(), reward]
@@ -139,6 +219,49 @@ def test_a_step_before_reset_or_after_the_end_asks_for_a_reset(oval):
     env.close()
 
 
+def test_options_that_are_none_are_named(oval):
+    env = RacerEnv(oval)
+
+    with pytest.raises(ValueError, match="An option of reset is 'strat'"):
+        env.reset(options={"strat": 0.5})
+    with pytest.raises(ValueError, match=r"start is 1\.5"):
+        env.reset(options={"start": 1.5})
+    env.close()
+
+
+def test_many_cars_ask_for_a_reset_before_the_first_step(oval):
+    env = RacerVectorEnv(2, oval)
+
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(np.array([0, 0]))
+    env.close()
+
+
+@pytest.mark.parametrize("actions", [[0, 10], [0, -1], [0.0, 1.0], [0], [[0, 1]], 0])
+def test_actions_of_many_cars_outside_their_space_are_named(oval, actions):
+    env = RacerVectorEnv(2, oval)
+    env.reset(seed=0)
+
+    with pytest.raises(ValueError, match=r"no action of Discrete\(10\) for 2 cars"):
+        env.step(actions)
+    env.close()
+
+
+def test_continuous_actions_beyond_the_limits_count_as_the_limits_and_no_numbers_are_refused(oval):
+    env = RacerEnv(oval, actions=ContinuousActions(), start=0.0)
+
+    ends = []
+    for steering in (1.0, 7.0):
+        env.reset(seed=0)
+        ends.append([env.step([steering, 0.0])[4]["yaw_deg"] for _ in range(5)])
+
+    assert ends[0] == ends[1]
+    for action in ([np.nan, 0.0], [0.0], ["left", "fast"]):
+        with pytest.raises(ValueError, match=r"no action of Box"):
+            env.step(action)
+    env.close()
+
+
 @pytest.mark.parametrize("action", [10, -1, 2.5, "left", [0.0, 0.0]])
 def test_an_action_outside_its_space_is_named(oval, action):
     env = RacerEnv(oval)
@@ -154,7 +277,10 @@ def test_an_action_outside_its_space_is_named(oval, action):
     [
         ({"race": "drifting"}, "There is no race 'drifting'"),
         ({"sensors": ("RADAR",)}, "There is no sensor RADAR"),
+        ({"sensors": "RADAR"}, "There is no sensor RADAR"),
         ({"view": "inside"}, "view is 'inside'"),
+        ({"start": -0.1}, "start is -0.1"),
+        ({"start": "line"}, "start is 'line'"),
         ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
         ({"race": Race(racers=2)}, "two drivers"),
         ({"world": "nowhere"}, "No world is called 'nowhere'"),
@@ -191,18 +317,40 @@ def test_many_cars_give_one_picture_each(oval):
     env.close()
 
 
-def test_a_window_needs_pygame_and_says_so(oval, monkeypatch):
-    env = RacerEnv(oval, render_mode="human")
-    if importlib.util.find_spec("pygame") is None:
-        with pytest.raises(DependencyNotInstalled, match="pip install pygame"):
-            env.reset(seed=0)
-        return
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-
+def test_the_view_from_behind_one_of_many_cars_does_not_depend_on_the_others(oval):
+    env = RacerVectorEnv(2, oval, race=Race(racers=2), render_mode="rgb_array", view="chase")
     env.reset(seed=0)
 
-    assert env.render() is None
+    once, twice = env.render(), env.render()
+
+    assert not np.array_equal(once[0], once[1])
+    np.testing.assert_array_equal(once[0], twice[0])
+    np.testing.assert_array_equal(once[1], twice[1])
     env.close()
+
+
+def test_without_pygame_a_window_is_refused_with_the_remedy(oval, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = RacerEnv(oval, render_mode="human")
+
+    with pytest.raises(DependencyNotInstalled, match="pip install pygame"):
+        env.reset(seed=0)
+    env.close()
+
+
+def test_with_pygame_a_window_shows_every_step(oval, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = pytest.importorskip("pygame", reason="the window needs pygame")
+    env = RacerEnv(oval, render_mode="human", view="camera")
+
+    env.reset(seed=0)
+    env.step(4)
+
+    assert env.render() is None
+    assert pygame.surfarray.array3d(pygame.display.get_surface()).std() > 10
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
 
 
 def test_two_racers_begin_together_and_meet(oval):
