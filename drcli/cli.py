@@ -1,5 +1,6 @@
 """Builds the command line; the only place where failures become exit codes."""
 
+import io
 import os
 import sys
 import time
@@ -72,6 +73,10 @@ def main(args: list[str] | None = None) -> None:
     Raises:
         SystemExit: Always, with the exit code.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal that knows no braille gets question marks, not a traceback.
+            stream.reconfigure(errors="replace")
     try:
         app(_arguments(sys.argv) if args is None else args, prog_name="dr")
     except DrError as error:  # ours to explain; anything else is a bug

@@ -1,5 +1,6 @@
 """From reports to what people see: tables, curves and sentences, within 80 columns."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -167,7 +168,7 @@ def track_list(found: "TrackList") -> RenderableType:
             f"{track.length_m:.1f} m",
             f"{track.width_m:.2f} m",
             track.direction,
-            f"built in, {track.difficulty}" if track.difficulty else _origin(track),
+            Path(track.source).name if track.source != "own" else _origin(track),
         )
     return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {found.folder}."))
 

@@ -84,6 +84,7 @@ def fetch(
     url: Annotated[
         str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL when left out.")
     ] = None,
+    called: Annotated[str | None, typer.Option("--name", help="Name to give it here.")] = None,
     force: _Force = False,
     as_json: _AsJson = False,
 ) -> None:
@@ -95,5 +96,5 @@ def fetch(
     from drcli.tracks.fetch import fetch_track
 
     s = settings()
-    facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, replace=force)
+    facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
     console.emit(facts, views.track_facts(facts), as_json=as_json)

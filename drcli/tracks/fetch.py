@@ -1,6 +1,10 @@
 """Route files of the community, fetched over HTTP."""
 
+import difflib
+import http.client
+import re
 import tempfile
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -10,60 +14,54 @@ from drcli.errors import SettingsError, StorageError
 from drcli.tracks.folder import TrackFacts, add_track, target_of
 
 PATIENCE_S = 20.0
+"""Longest wait for a file, and for each answer on the way to it."""
+
 _MOST_BYTES = 1_000_000
+_PIECE = 65_536
+
+_GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
+"""A folder of a repository on GitHub, which lists its files at another address."""
+
+_LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 
 
-def fetch_track(name: str, url: str, folder: Path, *, replace: bool = False) -> TrackFacts:
+def fetch_track(
+    name: str, url: str, folder: Path, *, called: str | None = None, replace: bool = False
+) -> TrackFacts:
     """Download a route, check it and put it into the folder.
 
     Args:
         name: Name of a world, as `Oval_track`.
         url: Folder on the web in which NAME.npy lies.
         folder: Where tracks of the racer's own lie.
+        called: Name to give it here; its own when left out.
         replace: Overwrite a track of that name.
 
     Raises:
         SettingsError: The name or the address is none, it is taken, or what came is no track.
-        StorageError: The server has no such file, cannot be reached, or sends too much.
+        StorageError: The server has no such file, cannot be reached, is too slow or sends too
+            much.
     """
     name = name.removesuffix(".npy")
-    if urlsplit(url).scheme not in ("http", "https"):
-        raise SettingsError(
-            f"{url} (--from or DR_TRACKS_URL) is no address on the web.",
-            remedy="Write it as in https://example.org/routes, or leave it out.",
-        )
-    target_of(name, folder, replace=replace)
-    address = f"{url.rstrip('/')}/{quote(name)}.npy"
-    content = _download(address, name)
-    with tempfile.TemporaryDirectory() as scratch:
-        file = Path(scratch) / f"{name}.npy"
-        file.write_bytes(content)
-        try:
-            return add_track(file, folder, name=name, replace=replace)
-        except SettingsError as error:
-            text = str(error).replace(str(file), address)
-            raise SettingsError(text, remedy="Fetch it from another address with --from.") from None
-
-
-def _download(address: str, name: str) -> bytes:
+    called = called or name
+    url = _address(url)
+    target_of(called, folder, replace=replace)
+    address = f"{url}/{quote(name, safe='')}.npy"
     try:
-        with urllib.request.urlopen(address, timeout=PATIENCE_S) as answer:
-            content: bytes = answer.read(_MOST_BYTES + 1)
+        content = _download(address)
     except urllib.error.HTTPError as error:
         error.close()
         if error.code == 404:
             raise StorageError(
-                f"There is no track {name} at {address}.",
-                remedy="Correct the name: upper and lower case count, as in Oval_track.",
+                f"There is no track {name} at {address}.", remedy=_similar(name, url)
             ) from None
         raise StorageError(
             f"{address} answered {error.code} {error.reason}.",
             remedy="Try again later, or fetch it from another address with --from.",
         ) from None
-    except (urllib.error.URLError, OSError) as error:
-        reason = getattr(error, "reason", error)
+    except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
-            f"{address} cannot be reached: {reason}.",
+            f"{address} cannot be reached: {getattr(error, 'reason', error)}.",
             remedy="Check the network, or add a file that you have with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
@@ -71,4 +69,66 @@ def _download(address: str, name: str) -> bytes:
             f"{address} is larger than {_MOST_BYTES} bytes, which no route is.",
             remedy="Fetch it from another address with --from.",
         )
-    return content
+    with tempfile.TemporaryDirectory() as scratch:
+        file = Path(scratch) / f"{called}.npy"
+        file.write_bytes(content)
+        try:
+            return add_track(file, folder, name=called, replace=replace)
+        except SettingsError as error:
+            text = str(error).replace(str(file), address)
+            raise SettingsError(text, remedy="Fetch it from another address with --from.") from None
+
+
+def _address(url: str) -> str:
+    """The address without a slash at its end.
+
+    Raises:
+        SettingsError: It is none on the web.
+    """
+    try:
+        parts = urlsplit(url)
+        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # a bracket without its partner, a port that is no number
+        good = False
+    if not good or not url.isascii() or not url.isprintable() or " " in url:
+        raise SettingsError(
+            f"{url!r} (--from or DR_TRACKS_URL) is no address on the web.",
+            remedy="Write it as in https://example.org/routes, or leave it out.",
+        )
+    return url.rstrip("/")
+
+
+def _download(address: str) -> bytes:
+    """What lies there; one byte too many if it is too much.
+
+    Raises:
+        OSError: No answer, one that says no, or one that takes too long.
+        HTTPException: What answers does not speak HTTP.
+    """
+    deadline = time.monotonic() + PATIENCE_S
+    pieces, size = [], 0
+    with urllib.request.urlopen(address, timeout=PATIENCE_S) as answer:
+        while size <= _MOST_BYTES and (piece := answer.read1(_PIECE)):
+            pieces.append(piece)
+            size += len(piece)
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"it takes longer than {PATIENCE_S:.0f} s")
+    return b"".join(pieces)[: _MOST_BYTES + 1]
+
+
+def _similar(name: str, url: str) -> str:
+    """What to do about a name that the folder on the web does not have."""
+    listing = url + "/"
+    if match := _GITHUB.fullmatch(url):
+        repository, version, path = match.groups()
+        listing = f"https://api.github.com/repos/{repository}/contents/{path}?ref={version}"
+    try:
+        text = _download(listing).decode("utf-8", "replace")
+    except (OSError, ValueError, http.client.HTTPException):  # it need not list what it has
+        text = ""
+    by_lower = {found.lower(): found for found in _LISTED.findall(text)}
+    close = difflib.get_close_matches(name.lower(), by_lower, n=5, cutoff=0.5)
+    if not close:
+        return "Correct the name: upper and lower case count, as in Oval_track."
+    names = ", ".join(by_lower[found] for found in close)
+    return f"The closest names there are {names}; upper and lower case count."

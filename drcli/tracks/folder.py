@@ -25,6 +25,7 @@ class TrackFacts:
         width_m: Mean width of the road.
         least_width_m: Width at its narrowest place.
         greatest_width_m: Width at its widest.
+        closed: Whether it is a loop.
         direction: "clockwise", "counterclockwise" or "open".
         waypoints: How many there are.
         spacing_m: Mean distance between them.
@@ -39,6 +40,7 @@ class TrackFacts:
     width_m: float
     least_width_m: float
     greatest_width_m: float
+    closed: bool
     direction: str
     waypoints: int
     spacing_m: float
@@ -138,7 +140,7 @@ def add_track(
     try:
         track = read_route(file, name=wanted, width_m=width_m, length_m=length_m)
     except TrackError as error:
-        raise _refused(error) from None
+        raise _refused(error, {"width_m": "--width", "length_m": "--length"}) from None
     unfinished = target.with_name(f".{wanted}.{os.getpid()}.npy")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -185,6 +187,7 @@ def _facts(info: WorldInfo) -> TrackFacts:
         width_m=round(info.width_m.mean, 3),
         least_width_m=round(info.width_m.least, 3),
         greatest_width_m=round(info.width_m.greatest, 3),
+        closed=info.direction != "open",
         direction=info.direction,
         waypoints=info.waypoints,
         spacing_m=round(info.spacing_m, 3),
@@ -195,7 +198,15 @@ def _facts(info: WorldInfo) -> TrackFacts:
     )
 
 
-def _refused(error: TrackError) -> SettingsError:
-    """The simulation's sentence, whose end is its remedy."""
-    message, _, remedy = str(error).strip().rpartition(". ")
+def _refused(error: TrackError, options: dict[str, str] | None = None) -> SettingsError:
+    """The simulation's sentence, whose end is its remedy.
+
+    Args:
+        error: The simulation's refusal.
+        options: Names of its parameters, and of the options that a racer knows them by.
+    """
+    text = str(error).strip()
+    for parameter, option in (options or {}).items():
+        text = text.replace(parameter, option)
+    message, _, remedy = text.rpartition(". ")
     return SettingsError(f"{message}." if message else remedy, remedy=remedy if message else "")

@@ -42,6 +42,7 @@ from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules
 from drsim.reward import centre_line_reward
 from drsim.simulation import Simulation
+from drsim.worlds import directed
 
 MAX_LAP_S = 600.0
 """Simulated time after which an evaluation gives up a lap."""
@@ -113,9 +114,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     threads = os.cpu_count() or 1
     torch.set_num_threads(threads)
     pilots = [_pilot(job, bucket, racer) for racer in racers]
-    track = load_world(s)
-    if s.eval_reverse_direction:
-        track = track.reversed()
+    track = directed(load_world(s), reverse=s.eval_reverse_direction)
     reward = (
         load_reward(bucket, s.model_prefix, job.folder)
         if s.eval_debug_reward

@@ -45,6 +45,7 @@ from drcli.worker.world import (
 from drsim.episode import EpisodeRules
 from drsim.errors import RewardError
 from drsim.simulation import Simulation
+from drsim.worlds import directed
 
 SHARD_STEPS = 256
 """Steps after which finished episodes travel to the bucket: about 2 MB."""
@@ -115,7 +116,7 @@ class SimWorker:
         self._trials = _evaluation_trials(job) if worker == 0 else 0
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
         track = load_world(s)
-        self._track = track.reversed() if s.train_reverse_direction else track
+        self._track = directed(track, reverse=s.train_reverse_direction)
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker
         simulation = Simulation(

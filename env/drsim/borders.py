@@ -7,6 +7,7 @@ from drsim.errors import TrackError
 from drsim.track import Track
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 SPACING_M = 0.2
 """Distance between waypoints. Most routes of the reference simulator have 0.15 or 0.3 m."""
@@ -20,6 +21,9 @@ WIDTHS_M = (0.25, 20.0)
 _BEND_WIDTHS = 4.0
 """A border may be cut where it meets itself again within this many road widths: that is a sharp
 bend. Farther on it is another stretch of road."""
+
+_PARALLEL_M2 = 1e-12
+"""Two segments whose cross product is less than this are parallel; where they cross is rounding."""
 
 
 def road_along(name: str, center: Floats, width_m: Floats, length_m: float | None = None) -> Track:
@@ -50,7 +54,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
             f"{narrowest_m:g} and {widest_m:g} m wide. Correct the width; its unit is metres."
         )
     if length_m is not None:
-        center = center * (_checked_length(length_m) / _length(center))
+        center = center * (checked_length(length_m) / _length(center))
     center, width_m, closed = _closed(center, width_m)
     center, width_m = _resampled(center, width_m, closed)
     if length_m is not None:  # chords between waypoints are a little shorter than the line was
@@ -63,14 +67,12 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
     return track
 
 
-def _length(line: Floats) -> float:
-    length = float(np.hypot(*np.diff(line, axis=0).T).sum())
-    if not length > 0:
-        raise TrackError("all points of the centre line are one. Draw the track again.")
-    return length
+def checked_length(length_m: float) -> float:
+    """The length of a centre line, if a track can have it.
 
-
-def _checked_length(length_m: float) -> float:
+    Raises:
+        TrackError: It is no number, or too short or too long.
+    """
     shortest_m, longest_m = LENGTHS_M
     if not shortest_m <= length_m <= longest_m:
         raise TrackError(
@@ -80,9 +82,16 @@ def _checked_length(length_m: float) -> float:
     return length_m
 
 
+def _length(line: Floats) -> float:
+    length = float(np.hypot(*np.diff(line, axis=0).T).sum())
+    if not length > 0:
+        raise TrackError("all points of the centre line are one. Draw the track again.")
+    return length
+
+
 def _closed(center: Floats, width_m: Floats) -> tuple[Floats, Floats, bool]:
     """The line, ending exactly where it begins if it is a loop, and whether it is one."""
-    whole_m = _checked_length(_length(center))
+    whole_m = checked_length(_length(center))
     gap_m = np.hypot(*(center[-1] - center[0]))
     if gap_m > width_m[0] or whole_m < 3 * width_m[0]:
         return center, width_m, False
@@ -139,42 +148,48 @@ def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
     All rows of such a loop move to the crossing, so that every waypoint keeps a border point.
     """
     n = len(line)
-    window = min(n - 2, round(_BEND_WIDTHS * 2 * np.abs(left_m).max() / SPACING_M))
+    window = min(n // 2, round(_BEND_WIDTHS * 2 * np.abs(left_m).max() / SPACING_M))
     cut = line.copy()
     k = 0
-    while k < n:
+    while k < (n if closed else n - 1):
+        start, end = cut[k], cut[(k + 1) % n]
         later = np.arange(k + 2, k + window + 1)
         later = later % n if closed else later[later < n - 1]
-        following = (k + 1) % n
-        if len(later) and (closed or k + 1 < n):
-            hits = np.flatnonzero(
-                _crossed(cut[k], cut[following], line[later], line[(later + 1) % n])
-            )
-            if hits.size:
-                loop = hits[-1] + 2  # rows behind row k that belong to it
-                other = later[hits[-1]]
-                corner = _crossing(cut[k], cut[following], line[other], line[(other + 1) % n])
-                cut[np.arange(k + 1, k + loop + 1) % n] = corner
-                k += loop
-                continue
-        k += 1
+        starts, ends = line[later], line[(later + 1) % n]
+        hits = np.flatnonzero(_crossed(start, end, starts, ends, touching=True))
+        if hits.size:
+            last = hits[-1]
+            rows = np.arange(k + 1, k + 1 + last + 2)
+            cut[rows % n] = _crossing(start, end, starts[last], ends[last])
+            k += last + 2
+        else:
+            k += 1
     return cut
 
 
-def _crossed(a: Floats, b: Floats, c: Floats, d: Floats) -> NDArray[np.bool_]:
-    """Whether the segment a b crosses segments c d; touching at an end is no crossing.
+def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> Bools:
+    """Whether the segment a b crosses segments c d.
 
     Args:
         a: Start. Shape (2,).
         b: End. Shape (2,).
         c: Starts. Shape (m, 2).
         d: Ends. Shape (m, 2).
+        touching: Whether an end that lies on the other segment counts as lying to the right of it,
+            so that a line that passes through a vertex of the other one crosses it once. Otherwise
+            touching is no crossing.
 
     Returns:
-        One answer a segment. Shape (m,).
+        One answer a segment, no for parallel ones. Shape (m,).
     """
-    apart = _cross(b - a, c - a) * _cross(b - a, d - a) < 0
-    result: NDArray[np.bool_] = apart & (_cross(d - c, a - c) * _cross(d - c, b - c) < 0)
+    ab, cd = b - a, d - c
+    sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)
+    if touching:
+        c_left, d_left, a_left, b_left = (side > 0 for side in sides)
+        apart = (c_left != d_left) & (a_left != b_left)
+    else:
+        apart = (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
+    result: Bools = apart & (np.abs(_cross(ab, cd)) > _PARALLEL_M2)
     return result
 
 
@@ -199,7 +214,7 @@ def _check_apart(track: Track) -> None:
     starts = np.concatenate([track.inner[:-1], track.outer[:-1]])
     ends = np.concatenate([track.inner[1:], track.outer[1:]])
     for k, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        hits = _crossed(start, end, starts[k + 1 :], ends[k + 1 :])
+        hits = _crossed(start, end, starts[k + 1 :], ends[k + 1 :], touching=False)
         if hits.any():
             raise TrackError(
                 f"the borders of the road cross at {_place(start)}. Give a smaller width_m, or "

@@ -1,160 +1,197 @@
-"""How faithful the car is: recorded actions replayed, and the distance to the recorded pose.
+"""How faithful the car is: `python -m drsim.replay FOLDER --world NAME`.
 
-Run as `python -m drsim.replay FOLDER`, with a folder of simtrace CSV files of the reference
-simulator. The floor is flat and endless, so the motion out of a pose does not depend on where the
-pose is: every episode is replayed once from its start, and each window of one second compares the
-replayed displacement with the recorded one, both as seen from the car at the window's start.
+FOLDER holds simtrace CSV files of the reference simulator. Our car drives the recorded actions from
+each recorded pose, and a horizon later its pose is compared with the recorded one (`fidelity`).
+What the recording says of its track is derived again from the poses (`rederive`).
 """
 
 import argparse
-import csv
-import itertools
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
 
-from drsim.car import (
-    REFERENCE_POINT_AHEAD_M,
-    CarParameters,
-    Floats,
-    car_model,
-    motor_commands,
-)
+from drsim.errors import TrackError
+from drsim.fidelity import Windows, compare
+from drsim.recordings import RecordingError, load_recordings
+from drsim.rederive import Agreement, rederive
+from drsim.worlds import load_track
 
-_SETTLING_ROWS = 3
-"""Rows at the start of an episode whose windows are left out: the recorded car is still moving from
-the episode before when it is put at its start."""
+EXIT_SETTINGS = 3
+"""The input cannot be used."""
 
+_SHORTEST_S, _LONGEST_S = 0.1, 60.0
 
-@dataclass(frozen=True)
-class Recording:
-    """One recorded episode; the pose of a row is the one its action starts from.
-
-    Attributes:
-        poses: x, y (metres, the point 0.14 m ahead of the origin) and yaw (radians). Shape (t, 3).
-        actions: Steering in degrees and speed in m/s. Shape (t, 2).
-        ends_s: Simulation time at which each row's action ended. Shape (t,).
-    """
-
-    poses: Floats
-    actions: Floats
-    ends_s: Floats
+_REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
+"""Episode numbers modulo 2."""
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Errors one second ahead, as medians over all windows."""
+    """Errors a horizon ahead, as `--json` prints them.
 
-    position_m: float
-    yaw_deg: float
-    driven_m: float
+    Attributes:
+        median_m: Median distance between our car and the recorded one.
+        p90_m: Distance that nine of ten windows keep below.
+        median_yaw_deg: Median angle between them.
+        windows: How many windows were compared.
+        bicycle_median_m: Median distance of a bicycle that does at once what it is asked.
+        bicycle_median_yaw_deg: Median angle of it.
+        driven_median_m: Median distance, as the crow flies, that the recorded car got.
+    """
+
+    median_m: float
+    p90_m: float
+    median_yaw_deg: float
     windows: int
+    bicycle_median_m: float
+    bicycle_median_yaw_deg: float
+    driven_median_m: float
 
 
-def load_recordings(folder: Path) -> list[Recording]:
-    """Read every episode of the simtrace files in a folder.
-
-    Args:
-        folder: Where `*-iteration.csv` files lie.
-
-    Returns:
-        The driven part of each episode, in the order of the files.
-
-    Raises:
-        ValueError: No trace file lies there.
-    """
-    files = sorted(folder.glob("*-iteration.csv"))
-    if not files:
-        raise ValueError(f"{folder} holds no *-iteration.csv file.")
-    recordings = []
-    for file in files:
-        with file.open(newline="", encoding="utf-8") as lines:
-            rows = list(csv.DictReader(lines))
-        for _, group in itertools.groupby(rows, key=lambda row: row["episode"]):
-            episode = list(group)
-            columns = ("X", "Y", "yaw", "steer", "throttle", "tstamp")
-            table = np.array([[float(row[name]) for name in columns] for row in episode])
-            table[:, 2] = np.unwrap(np.radians(table[:, 2]))
-            recordings.append(Recording(table[:, :3], table[:, 3:5], table[:, 5]))
-    return recordings
-
-
-def measure(
-    recordings: list[Recording], parameters: CarParameters | None = None, ahead_s: float = 1.0
-) -> Fidelity:
-    """Replay recordings and compare poses one window ahead.
-
-    Args:
-        recordings: Episodes to replay.
-        parameters: The car to replay them with; the defaults when left out.
-        ahead_s: Length of a window in seconds.
-
-    Returns:
-        Medians over all windows of all episodes.
-    """
-    model = car_model(parameters)
-    errors = []
-    for recording in recordings:
-        starts_s = np.concatenate([[np.nan], recording.ends_s[:-1]])  # of each row's action
-        replayed = _replay(model, recording, parameters or CarParameters())
-        for row in range(_SETTLING_ROWS, len(starts_s)):
-            end = int(np.searchsorted(starts_s[row:], starts_s[row] + ahead_s - 1 / 30)) + row
-            if end >= len(starts_s):
-                break
-            real = _seen_from(recording.poses[row], recording.poses[end])
-            ours = _seen_from(replayed[row], replayed[end])
-            distance = float(np.hypot(*(real - ours)[:2]))
-            turn = (real[2] - ours[2] + np.pi) % (2 * np.pi) - np.pi
-            errors.append((distance, abs(np.degrees(turn)), float(np.hypot(*real[:2]))))
-    position_m, yaw_deg, driven_m = np.median(errors, axis=0)
-    return Fidelity(float(position_m), float(yaw_deg), float(driven_m), len(errors))
-
-
-def _replay(model: mujoco.MjModel, recording: Recording, parameters: CarParameters) -> Floats:
-    """Poses of the replayed car at the start of every row, from the second row on. Shape (t, 3)."""
-    data = mujoco.MjData(model)
-    poses = np.zeros_like(recording.poses)
-    steps = 0
-    for row in range(1, len(poses)):
-        poses[row] = _pose(data)
-        steering, wheels = motor_commands(
-            recording.actions[row, 0], recording.actions[row, 1], parameters
-        )
-        data.ctrl[:2] = steering
-        data.ctrl[2:] = wheels
-        until = round((recording.ends_s[row] - recording.ends_s[0]) / model.opt.timestep)
-        mujoco.mj_step(model, data, until - steps)
-        steps = until
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return poses
-
-
-def _pose(data: mujoco.MjData) -> tuple[float, float, float]:
-    w, a, b, c = data.qpos[3:7]
-    yaw = np.arctan2(2 * (a * b + w * c), 1 - 2 * (b * b + c * c))
-    x = data.qpos[0] + REFERENCE_POINT_AHEAD_M * np.cos(yaw)
-    y = data.qpos[1] + REFERENCE_POINT_AHEAD_M * np.sin(yaw)
-    return float(x), float(y), float(yaw)
-
-
-def _seen_from(pose: Floats, other: Floats) -> Floats:
-    dx, dy, turn = other - pose
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])
-
-
-def main() -> None:
-    """Print the fidelity of the default car on a folder of recordings."""
-    parser = argparse.ArgumentParser(prog="python -m drsim.replay", description=__doc__)
-    parser.add_argument("folder", type=Path, help="folder with *-iteration.csv files")
-    found = measure(load_recordings(parser.parse_args().folder))
-    print(
-        f"1 s ahead, median of {found.windows} windows ({found.driven_m:.2f} m driven): "
-        f"{found.position_m:.3f} m and {found.yaw_deg:.1f} degrees off"
+def summary(windows: Windows) -> Fidelity:
+    """Medians over windows, of which there must be one."""
+    return Fidelity(
+        median_m=float(np.median(windows.position_m)),
+        p90_m=float(np.percentile(windows.position_m, 90)),
+        median_yaw_deg=float(np.median(windows.yaw_deg)),
+        windows=len(windows.position_m),
+        bicycle_median_m=float(np.median(windows.bicycle_position_m)),
+        bicycle_median_yaw_deg=float(np.median(windows.bicycle_yaw_deg)),
+        driven_median_m=float(np.median(windows.driven_m)),
     )
 
 
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print.
+
+    Returns:
+        The exit code: 0, or 3 after a sentence on stderr that says what to change.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        report, agreement = _measure(options)
+    except RecordingError as error:
+        print(error, file=sys.stderr)
+        return EXIT_SETTINGS
+    if options.json:
+        print(json.dumps(_as_json(report, agreement)))
+    else:
+        _show(options, report, agreement)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m drsim.replay",
+        description="Drive the recorded actions of the reference simulator with our car, from each "
+        "recorded pose, and tell how far it ends from the recorded car.",
+    )
+    parser.add_argument(
+        "folder", type=Path, help="folder with *-iteration.csv files, also in folders below it"
+    )
+    parser.add_argument(
+        "--world", required=True, metavar="NAME", help="world that was driven, or its route file"
+    )
+    parser.add_argument(
+        "--horizon", type=float, default=1.0, metavar="S", help="seconds ahead (default 1)"
+    )
+    parser.add_argument(
+        "--episodes",
+        choices=list(_REMAINDERS),
+        default="all",
+        help="which episodes, by number: calibrate on one half, report the other",
+    )
+    parser.add_argument(
+        "--tracks-dir",
+        type=Path,
+        default=os.environ.get("DR_TRACKS_DIR") or None,
+        metavar="DIR",
+        help="folder with route files (default: DR_TRACKS_DIR)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
+    if not _SHORTEST_S <= options.horizon <= _LONGEST_S:
+        raise RecordingError(
+            f"--horizon is {options.horizon:g}; it must be {_SHORTEST_S:g} to {_LONGEST_S:g} s."
+        )
+    recordings = load_recordings(options.folder)
+    if recordings.left_out:
+        _note(f"{recordings.left_out} lines could not be read and were left out.")
+    wanted = _REMAINDERS[options.episodes]
+    drives = [drive for drive in recordings.drives if drive.episode % 2 in wanted]
+    windows = compare(drives, horizon_s=options.horizon)
+    if not len(windows.position_m):
+        raise RecordingError(
+            f"No drive in the {options.episodes} episodes of {options.folder} goes on for "
+            f"{options.horizon:g} s. Choose a shorter --horizon, or a folder with longer drives."
+        )
+    try:
+        track = load_track(options.world, options.tracks_dir)
+    except TrackError as error:
+        _note(f"What is recorded of the track was not checked. {error}")
+        return summary(windows), None
+    agreement = rederive(drives, track)
+    if not agreement.fits:
+        _note(
+            f"The recording does not fit {options.world} (length {agreement.length_m:.2f} m, "
+            f"recorded {_metres(agreement.recorded_length_m)}). Name the world that was driven."
+        )
+    return summary(windows), agreement
+
+
+def _note(sentence: str) -> None:
+    print(f"Note: {sentence}", file=sys.stderr)
+
+
+def _as_json(report: Fidelity, agreement: Agreement | None) -> dict[str, Any]:
+    track = None
+    if agreement is not None:
+        track = {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in vars(agreement).items()
+        }
+    return {**vars(report), "track": track}
+
+
+def _show(options: argparse.Namespace, report: Fidelity, agreement: Agreement | None) -> None:
+    print(
+        f"{options.horizon:g} s ahead, medians of {report.windows} windows in {options.episodes} "
+        f"episodes, {report.driven_median_m:.2f} m driven\n"
+        f"  our car   {report.median_m:7.3f} m {report.median_yaw_deg:6.1f} degrees off; "
+        f"9 of 10 within {report.p90_m:.3f} m\n"
+        f"  bicycle   {report.bicycle_median_m:7.3f} m "
+        f"{report.bicycle_median_yaw_deg:6.1f} degrees off, following at once"
+    )
+    if agreement is None:
+        return
+    backwards = ", driven backwards" if agreement.reverse else ""
+    print(
+        f"Recorded columns derived again on {options.world}{backwards}, {agreement.rows} rows\n"
+        f"  progress             {_percent(agreement.progress)} within 0.02\n"
+        f"  closest_waypoint     {_percent(agreement.closest_waypoint)} equal\n"
+        f"  all_wheels_on_track  {_percent(agreement.all_wheels_on_track)} equal\n"
+        f"  track_len            {_metres(agreement.length_m)}, recorded "
+        f"{_metres(agreement.recorded_length_m)}"
+    )
+
+
+def _percent(share: float) -> str:
+    return "not recorded" if math.isnan(share) else f"{100 * share:7.3f} %"
+
+
+def _metres(length_m: float) -> str:
+    return "nothing" if math.isnan(length_m) else f"{length_m:.3f} m"
+
+
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

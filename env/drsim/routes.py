@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim import svg
-from drsim.borders import LENGTHS_M, road_along
+from drsim.borders import LENGTHS_M, checked_length, road_along
 from drsim.errors import TrackError
 from drsim.track import Track
 
@@ -235,7 +235,7 @@ def _without_duplicates(rows: Floats) -> Floats:
 def _bordered(name: str, rows: Floats, length_m: float | None) -> Track:
     """The track of rows that hold the borders too."""
     if length_m is not None:
-        rows = rows * (length_m / np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
+        rows = rows * (checked_length(length_m) / np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
     closed = bool(np.abs(rows[0] - rows[-1]).max() <= _DUPLICATE_M)
     if closed:
         rows[-1] = rows[0]

@@ -15,6 +15,8 @@ from drsim.routes import read_route
 from drsim.spline import ClosedSpline
 from drsim.track import Track
 
+Direction = Literal["clockwise", "counterclockwise", "open"]
+
 _DEFINITIONS = Path(__file__).parent / "assets" / "worlds"
 
 _ROUTE_FILES = (".npy", ".csv")
@@ -44,7 +46,7 @@ class WorldInfo:
     """What there is to know about a world before driving in it.
 
     Attributes:
-        name: Its name, as asked for.
+        name: Its name, without folder and ending where those were given.
         length_m: Length of the centre line.
         width_m: Width of the road.
         direction: Which way round it is driven; "open" if it is no loop.
@@ -59,7 +61,7 @@ class WorldInfo:
     name: str
     length_m: float
     width_m: Width
-    direction: Literal["clockwise", "counterclockwise", "open"]
+    direction: Direction
     waypoints: int
     spacing_m: float
     line_family: Literal["in", "out"]
@@ -75,7 +77,8 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
         world: One of these, in this order:
 
             - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
-              up in `tracks_dir` first;
+              up in `tracks_dir` first, and means what it means without its ending where there is
+              no such file at all;
             - name of one of our own definitions, or of such a file in `tracks_dir`, without its
               ending;
             - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
@@ -85,7 +88,7 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
         tracks_dir: Folder with further route files.
 
     Returns:
-        The track, whose name is the one asked for.
+        The track. Its name is the one asked for, without folder and ending.
 
     Raises:
         TrackError: There is no such world, or its numbers make no track. The sentence says what
@@ -104,12 +107,11 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
     own = file.parent == _DEFINITIONS
     definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
     width_m = track.locate(track.center).track_width_m
-    loop = "counterclockwise" if track.is_ccw else "clockwise"
     return WorldInfo(
-        name=world,
+        name=track.name,
         length_m=track.length_m,
         width_m=Width(float(width_m.mean()), float(width_m.min()), float(width_m.max())),
-        direction=loop if track.closed else "open",
+        direction=_direction(track),
         waypoints=len(track.center),
         spacing_m=track.length_m / (len(track.center) - 1),
         line_family=look_of(track.name).border_side,
@@ -152,26 +154,41 @@ def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = Fal
     return track.reversed() if reverse else track
 
 
+def _direction(track: Track) -> Direction:
+    if not track.closed:
+        return "open"
+    return "counterclockwise" if track.is_ccw else "clockwise"
+
+
 def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
     """The track of a world, and the file that defines it."""
     files = _files(tracks_dir)
+    known = {*files, *_SAME_ROUTE}
     if Path(world).suffix in _ROUTE_FILES:
         file = Path(world)
         # Asking the listing, not the file system: what is no path must not lead out of the folder.
         if tracks_dir is not None and world in _listed(tracks_dir):
             file = tracks_dir / world
-        return read_route(file), file
+        if _base(file.stem) not in known or str(file) != file.name or file.exists():
+            return read_route(file), file
+        world = file.stem  # people write reinvent_base.npy and mean reinvent_base
     if world in files:
         return _read(files[world]), files[world]
     if world in _SAME_ROUTE:
         track, file = _found(_SAME_ROUTE[world], tracks_dir)
         return replace(track, name=world), file
-    base, underscore, ending = world.rpartition("_")
-    clockwise = _CLOCKWISE.get(underscore + ending)
-    if clockwise is None or base not in {*files, *_SAME_ROUTE}:
+    base = _base(world)
+    if base == world or base not in known:
         raise TrackError(_unknown(world, tracks_dir))
     track, file = _found(base, tracks_dir)
+    clockwise = _CLOCKWISE[world.removeprefix(base)]
     return replace(directed(track, clockwise=clockwise), name=world), file
+
+
+def _base(world: str) -> str:
+    """Name of a world without the ending that chooses its driving direction."""
+    base, underscore, ending = world.rpartition("_")
+    return base if underscore + ending in _CLOCKWISE else world
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:

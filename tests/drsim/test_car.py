@@ -165,3 +165,17 @@ def test_violent_actions_keep_the_car_on_its_wheels():
 
     assert tallest < 0.17
     assert (cars.lens_mat[:, 2, 2] > 0.9).all()
+
+
+def test_a_car_drives_alike_whichever_way_it_looks():
+    cars = CarBatch(4, 1)
+    yaw_rad = np.radians([0.0, 30.0, 45.0, 100.0])
+    cars.place(np.arange(4), np.stack([np.zeros(4), np.zeros(4), yaw_rad], axis=1))
+
+    for _ in range(30):
+        cars.drive(np.full(4, 25.0), np.full(4, 2.0))
+
+    cos, sin = np.cos(-yaw_rad), np.sin(-yaw_rad)
+    x, y = cars.origin_xy.T
+    seen = np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
+    np.testing.assert_allclose(seen, seen[[0, 0, 0, 0]], atol=2e-3)

@@ -1,4 +1,4 @@
-"""Waypoints and progress, derived again from positions that the reference simulator recorded."""
+"""Track columns, derived again from the poses that the reference simulator recorded."""
 
 import csv
 from pathlib import Path
@@ -7,43 +7,80 @@ import numpy as np
 import pytest
 
 from drsim.progress import advance_progress
+from drsim.recordings import load_recordings
+from drsim.rederive import all_wheels_on, rederive
 from drsim.worlds import load_track
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
+
+RUNS = [("drfc-time-trial", "reinvent_base"), ("simapp6-continuous", "reInvent2019_wide_cw")]
 
 START_ADVANCE = 0.05
 """Share of a lap that the start moves on after an episode. Source: the reference simulator."""
 
 
-def recording(run: str) -> list[dict[str, str]]:
-    file = SHARED / "reference-runs" / run / "training-simtrace" / "0-iteration.csv"
-    if not file.is_file():
+def traces(run: str) -> Path:
+    folder = SHARED / "reference-runs" / run
+    if not folder.is_dir():
         pytest.skip(f"there is no recorded reference run {run} beside the repository")
-    with file.open(newline="", encoding="utf-8") as lines:
-        return list(csv.DictReader(lines))
+    return folder
 
 
-def numbers(rows: list[dict[str, str]], *columns: str) -> np.ndarray:
-    return np.array([[float(row[column]) for column in columns] for row in rows])
+def route(world: str):
+    return load_track(str(SHARED / "tracks" / f"{world}.npy"))
 
 
-@pytest.mark.parametrize(
-    ("run", "world"),
-    [("drfc-time-trial", "reinvent_base"), ("simapp6-continuous", "reInvent2019_wide_cw")],
-)
-def test_every_recorded_row_gets_its_recorded_waypoint_and_progress(run, world):
-    rows = recording(run)
-    track = load_track(str(SHARED / "tracks" / f"{world}.npy"))
-    episode = numbers(rows, "episode")[:, 0]
+@pytest.mark.parametrize(("run", "world"), RUNS)
+def test_all_recorded_rows_get_their_recorded_columns(run, world):
+    drives = load_recordings(traces(run)).drives
 
-    where = track.locate(numbers(rows, "X", "Y"))
+    found = rederive(drives, route(world))
 
-    np.testing.assert_array_equal(where.nearest, numbers(rows, "closest_waypoint")[:, 0])
+    assert found.fits
+    assert not found.reverse
+    assert found.rows > 10_000
+    assert found.closest_waypoint == 1.0
+    assert found.progress == 1.0
+    assert found.all_wheels_on_track > 0.999
+    assert found.length_m == pytest.approx(found.recorded_length_m, abs=1e-9)
+
+
+@pytest.mark.parametrize(("run", "world"), RUNS)
+def test_only_within_4_mm_of_a_border_or_while_the_car_is_put_are_wheels_judged_otherwise(
+    run, world
+):
+    track = route(world)
+    drives = load_recordings(traces(run)).drives
+    poses = np.concatenate([drive.poses for drive in drives])
+    recorded = np.concatenate([drive.wheels_on for drive in drives])
+    held = np.concatenate([np.arange(len(d.poses)) < d.held for d in drives])
+
+    wrong = np.flatnonzero((all_wheels_on(poses, track) != recorded) & ~held)
+
+    assert 0 < len(wrong) < 10
+    shifts_m = 0.004 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    for pose, was_on in zip(poses[wrong], recorded[wrong], strict=True):
+        nearby = np.column_stack([pose[:2] + shifts_m, np.full(4, pose[2])])
+        assert (all_wheels_on(nearby, track) == was_on).any()
+
+
+@pytest.mark.parametrize(("run", "world"), RUNS)
+def test_progress_follows_from_the_position_and_the_turn_of_the_start_alone(run, world):
+    with (traces(run) / "training-simtrace" / "0-iteration.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    points, recorded, episode = (
+        np.array([[float(row[name]) for name in names] for row in rows])
+        for names in (("X", "Y"), ("progress",), ("episode",))
+    )
+    track = route(world)
+    fractions = track.locate(points).distance_m / track.length_m
+
     progress, previous = np.empty(len(rows)), 0.0
-    for k, fraction in enumerate(where.distance_m / track.length_m):
+    for k, fraction in enumerate(fractions):
         if k == 0 or episode[k] != episode[k - 1] or previous == 100.0:
             previous = 0.0
-        start = np.array([episode[k] * START_ADVANCE % 1.0])
+        start = episode[k] * START_ADVANCE % 1.0
         previous = advance_progress(np.array([previous]), np.array([fraction]), start)[0]
         progress[k] = previous
-    np.testing.assert_allclose(progress, numbers(rows, "progress")[:, 0], atol=1e-9)
+
+    np.testing.assert_allclose(progress, recorded[:, 0], atol=1e-9)

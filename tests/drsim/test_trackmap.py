@@ -6,6 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
+from drsim import trackmap
 from drsim.png import png_bytes
 from drsim.track import Track
 from drsim.trackmap import picture_map, text_map
@@ -61,6 +62,19 @@ def test_a_picture_shows_road_field_and_start(wide):
     assert picture[int(rows * 4.15 / 4.8), columns * 6 // 10].mean() < 120  # road below
     below = picture[rows // 2 :, columns // 2]
     assert (below.min(axis=1) == 255).any()  # the white bar
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_picture_shows_the_road_exactly_where_it_is(closed):
+    base = load_track("reinvent_base")
+    end = None if closed else 60
+    track = Track("part", base.center[:end], base.inner[:end], base.outer[:end], closed)
+    x, y = np.linspace(-1, 8, 331), np.linspace(6, -1, 277)
+
+    answers = trackmap._on_road(track, x, y)
+
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    np.testing.assert_array_equal(answers, track.on_road(points))
 
 
 @pytest.mark.parametrize("shape", [(3, 5), (3, 5, 3)])

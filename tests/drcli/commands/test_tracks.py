@@ -2,13 +2,16 @@
 
 import http.server
 import json
+import socket
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drcli.cli import main
+from drcli.tracks import fetch
 from drsim.worlds import load_track
 
 CSV = "x,y\n" + "\n".join(
@@ -39,22 +42,23 @@ def route(working_folder: Path) -> Path:
 
 
 @pytest.fixture
-def web():
-    """A server on this machine, and what it has to offer by path."""
-    offers: dict[str, bytes] = {}
+def web(monkeypatch):
+    """A server on this machine, and what it has to offer by path: content, or an error code."""
+    offers: dict[str, bytes | int] = {}
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            content = offers.get(self.path)
-            self.send_response(404 if content is None else 200)
+            content = offers.get(self.path, 404)
+            self.send_response(content if isinstance(content, int) else 200)
             self.end_headers()
-            self.wfile.write(content or b"")
+            self.wfile.write(b"" if isinstance(content, int) else content)
 
         def log_message(self, *_: object) -> None:
             pass
 
+    monkeypatch.setenv("no_proxy", "*")
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     yield offers, f"http://127.0.0.1:{server.server_address[1]}/routes"
     server.shutdown()
@@ -87,6 +91,14 @@ def test_a_track_is_shown_with_its_map_and_picture(working_folder, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("name", ["reinvent_base.npy", "reinvent_base_cw.npy"])
+def test_a_track_that_is_built_in_may_be_called_by_a_file_name(working_folder, capsys, name):
+    code, out, _ = run(capsys, "show", name, "--json")
+
+    assert code == 0
+    assert report(out)["facts"]["name"] == name.removesuffix(".npy")
+
+
 def test_an_added_track_can_be_raced_on_by_its_name(route, working_folder, capsys):
     code, out, _ = run(capsys, "add", str(route), "--width", "0.8", "--json")
 
@@ -110,6 +122,9 @@ def test_a_track_is_replaced_only_when_told(route, capsys):
     ("arguments", "sentence"),
     [
         (["show", "nowhere"], "No world is called 'nowhere'"),
+        (["show", "reinvent_bsae"], "the closest names are reinvent_base"),
+        (["show", "nowhere.npy"], "nowhere.npy"),
+        (["add", "loop.csv", "--length", "0"], "give --length"),
         (["add", "nothing.npy"], "nothing.npy"),
         (["add", "run.env"], "run.env"),
         (["add", "loop.csv", "--name", "a b"], "'a b' is no name for a track"),
@@ -118,6 +133,12 @@ def test_a_track_is_replaced_only_when_told(route, capsys):
         (["add", "loop.csv", "--width", "-1"], "loop.csv"),
         (["show", "reinvent_base", "--png", "no/such/map.png"], "no/such/map.png cannot be"),
         (["fetch", "Oval_track", "--from", "ftp://x"], "ftp://x"),
+        (["fetch", "Oval_track", "--from", "http://x:y"], "http://x:y"),
+        (["fetch", "Oval_track", "--from", "http://[x"], "http://[x"),
+        (["fetch", "Oval_track", "--from", "http://x y/"], "http://x y/"),
+        (["fetch", "Oval_track", "--from", "https://"], "https://"),
+        (["fetch", "../Oval_track"], "'../Oval_track' is no name for a track"),
+        (["fetch", "reinvent_base"], "reinvent_base is built in"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence_with_a_remedy(route, capsys, arguments, sentence):
@@ -161,8 +182,113 @@ def test_what_is_no_route_is_not_stored(web, working_folder, capsys, content, co
     assert not (working_folder / "tracks").exists()
 
 
-def test_a_server_that_is_not_there_is_named(working_folder, capsys):
+def test_a_server_that_is_not_there_is_named(working_folder, capsys, monkeypatch):
+    monkeypatch.setenv("no_proxy", "*")
+
     code, _, words = run(capsys, "fetch", "Far_track", "--from", "http://127.0.0.1:9/routes")
 
     assert code == 4
     assert "http://127.0.0.1:9/routes/Far_track.npy cannot be reached" in words
+
+
+def test_a_fetched_route_can_get_another_name(web, route, working_folder, capsys):
+    offers, address = web
+    run(capsys, "add", str(route), "--name", "made")
+    offers["/routes/reinvent_base.npy"] = (working_folder / "tracks" / "made.npy").read_bytes()
+
+    code, out, _ = run(
+        capsys, "fetch", "reinvent_base", "--from", address + "/", "--name", "theirs", "--json"
+    )
+
+    assert code == 0
+    assert report(out)["name"] == "theirs"
+    assert not (working_folder / "tracks" / "reinvent_base.npy").exists()
+
+
+def test_the_address_can_be_set_once_for_all(web, working_folder, capsys, monkeypatch):
+    _, address = web
+    monkeypatch.setenv("DR_TRACKS_URL", address)
+
+    code, _, words = run(capsys, "fetch", "Far_track")
+
+    assert code == 4
+    assert f"{address}/Far_track.npy" in words
+
+
+@pytest.mark.parametrize(
+    "listing",
+    [
+        b'<li><a href="Far_track.npy">Far_track.npy</a></li><a href="Near_loop.npy">',
+        b'[{"name": "Far_track.npy", "type": "file"}, {"name": "Near_loop.npy"}]',
+    ],
+)
+def test_a_misspelt_name_is_told_the_close_ones_that_the_server_lists(
+    web, working_folder, capsys, listing
+):
+    offers, address = web
+    offers["/routes/"] = listing
+
+    code, _, words = run(capsys, "fetch", "far_trakc", "--from", address)
+
+    assert code == 4
+    assert "The closest names there are Far_track;" in words
+
+
+def test_a_folder_of_a_repository_on_github_is_listed_where_github_lists_it(monkeypatch):
+    asked: list[str] = []
+
+    def download(address: str) -> bytes:
+        asked.append(address)
+        return b'[{"name": "Far_track.npy"}]'
+
+    monkeypatch.setattr(fetch, "_download", download)
+
+    remedy = fetch._similar("far_track", "https://raw.githubusercontent.com/some/one/HEAD/a/b")
+
+    assert asked == ["https://api.github.com/repos/some/one/contents/a/b?ref=HEAD"]
+    assert "Far_track" in remedy
+
+
+def test_an_answer_that_says_no_is_repeated_to_the_racer(web, working_folder, capsys):
+    offers, address = web
+    offers["/routes/Far_track.npy"] = 503
+
+    code, _, words = run(capsys, "fetch", "Far_track", "--from", address)
+
+    assert code == 4
+    assert "answered 503 Service Unavailable" in words
+    assert "Try:" in words
+
+
+def test_a_server_that_sends_drop_by_drop_is_given_up(web, working_folder, capsys, monkeypatch):
+    offers, address = web
+    offers["/routes/Far_track.npy"] = b"x" * 100
+    clock = iter([0.0, 2 * fetch.PATIENCE_S])
+    monkeypatch.setattr(fetch, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+
+    code, _, words = run(capsys, "fetch", "Far_track", "--from", address)
+
+    assert code == 4
+    assert "cannot be reached: it takes longer than 20 s" in words
+
+
+def test_a_server_that_does_not_speak_http_is_named(working_folder, capsys, monkeypatch):
+    monkeypatch.setenv("no_proxy", "*")
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer() -> None:
+            caller, _ = listener.accept()
+            with caller:
+                caller.recv(65_536)
+                caller.sendall(b"SSH-2.0-none\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        port = listener.getsockname()[1]
+
+        code, _, words = run(capsys, "fetch", "Far_track", "--from", f"http://127.0.0.1:{port}")
+
+        thread.join()
+    assert code == 4
+    assert "cannot be reached" in words
+    assert "Traceback" not in words

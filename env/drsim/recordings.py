@@ -1,0 +1,280 @@
+"""Recorded drives: simtrace CSV files of the reference simulator, or ours, read as they come.
+
+A file may have been cut off in the middle of a line, hold nothing but its header, or come from an
+older simulator that knew fewer columns. Lines that cannot be read are left out and counted, and the
+drive is cut in two where they are missing.
+"""
+
+import csv
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_NEEDED = ("X", "Y", "yaw", "tstamp")
+
+_STANDING = ("prepare", "pause", "manual_pause", "park")
+"""What `episode_status` says while the reference holds the car where it put it."""
+
+_GOING_ON = (*_STANDING, "in_progress")
+"""After a row of any other status the car is put elsewhere, or the episode is over."""
+
+_LONGEST_STEP_S = 0.5
+"""A longer row is a break in the drive: the simulator stood still, and the car drove on. A host
+that is too slow for its camera makes steps of 0.2 s."""
+
+_FASTEST_MPS = 5.0
+_JUMP_M = 0.15
+"""A car that got further in one row than at this speed, and this much on top, was put there."""
+
+_ACTION = re.compile(r"\s*\[\s*(\S+?)[\s,]+(\S+?)\s*\]\s*")
+"""A continuous action in the column `action`: degrees and m/s."""
+
+
+class RecordingError(ValueError):
+    """Recordings that are missing or cannot be used; the sentence says what to do."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A stretch of an episode that was driven without a break.
+
+    The pose of a row is the one that its action starts from. The last four attributes are what the
+    recording simulator made of that pose.
+
+    Attributes:
+        episode: Number of the episode in its file.
+        poses: x, y (metres, the point 0.14 m ahead of the car's origin) and yaw (radians, without
+            jumps). Shape (t, 3).
+        actions: Steering in degrees and speed in m/s. Shape (t, 2).
+        starts_s: Simulation time at which each row's action began; NaN in the first row where that
+            is unknown. Shape (t,).
+        ends_s: Simulation time at which each row's action ended. Shape (t,).
+        held: The car was held in the first row, so that its action did not act.
+        from_rest: The car stood at the pose of the first row. If not, how it moved is unknown.
+        progress: Percent of the lap; NaN where the file does not tell. Shape (t,).
+        waypoint: Closest waypoint; -1 where the file does not tell. Shape (t,).
+        wheels_on: 1 if all wheels were on the track, 0 if not, -1 where the file does not tell.
+            Shape (t,).
+        track_length_m: Length of the track; NaN where the file does not tell.
+    """
+
+    episode: int
+    poses: Floats
+    actions: Floats
+    starts_s: Floats
+    ends_s: Floats
+    held: bool
+    from_rest: bool
+    progress: Floats
+    waypoint: Ints
+    wheels_on: Ints
+    track_length_m: float
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """What a folder held.
+
+    Attributes:
+        drives: All stretches, in the order of files and rows.
+        left_out: How many lines could not be read.
+    """
+
+    drives: list[Recording]
+    left_out: int
+
+
+def load_recordings(folder: Path) -> Recordings:
+    """Read every simtrace file in a folder and in the folders below it.
+
+    Args:
+        folder: Where `*-iteration.csv` files lie, or one such file.
+
+    Returns:
+        Every stretch that was driven without a break.
+
+    Raises:
+        RecordingError: Nothing can be read there. The sentence says what to do.
+    """
+    drives: list[Recording] = []
+    left_out = 0
+    for file in _trace_files(folder):
+        steps, lost = _read(file)
+        drives += _drives(steps)
+        left_out += lost
+    if not drives:
+        raise RecordingError(
+            f"No simtrace in {folder} holds a row that can be read. Name the folder of a training "
+            "or evaluation that drove."
+        )
+    return Recordings(drives, left_out)
+
+
+def _trace_files(folder: Path) -> list[Path]:
+    if folder.is_file():
+        return [folder]
+    if not folder.is_dir():
+        raise RecordingError(f"There is no folder {folder}. Correct the path.")
+    files = folder.rglob("*-iteration.csv")
+    found = sorted(files, key=lambda file: (file.parent, len(file.name), file.name))
+    if not found:
+        raise RecordingError(
+            f"{folder} holds no *-iteration.csv file, nor does a folder below it. Name the folder "
+            "of a training-simtrace or an evaluation-simtrace."
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One readable row. `line` counts rows, readable or not."""
+
+    line: int
+    episode: int
+    count: float
+    pose: tuple[float, float, float]
+    action: tuple[float, float]
+    end_s: float
+    status: str
+    progress: float
+    waypoint: int
+    wheels_on: int
+    track_length_m: float
+
+
+def _read(file: Path) -> tuple[list[_Step], int]:
+    """The readable rows of a file, and how many lines were not."""
+    try:
+        text = file.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise RecordingError(
+            f"{file} cannot be read ({error.strerror}). Correct its rights, or name another folder."
+        ) from None
+    lines = text.splitlines()
+    if not lines:
+        return [], 0
+    # A number that was cut off still looks like a number, so an unfinished line is not trusted.
+    unfinished = len(lines) > 1 and not text.endswith("\n")
+    reader = csv.DictReader(lines[:-1] if unfinished else lines)
+    try:
+        _check_columns(file, reader.fieldnames or ())
+        rows = [_step(row, line) for line, row in enumerate(reader)]
+    except csv.Error as error:
+        raise RecordingError(f"{file} is no table ({error}). Take it out of the folder.") from None
+    steps = [row for row in rows if row is not None]
+    return steps, len(rows) - len(steps) + unfinished
+
+
+def _check_columns(file: Path, names: Sequence[str]) -> None:
+    missing = [name for name in _NEEDED if name not in names]
+    if "action" not in names:
+        missing += [name for name in ("steer", "throttle") if name not in names]
+    if missing:
+        raise RecordingError(
+            f"{file} has no column {', '.join(missing)}. Its first line must name the columns as "
+            "the reference simulator does: episode, steps, X, Y, yaw, steer, throttle and so on."
+        )
+
+
+def _step(row: dict[str, str], line: int) -> _Step | None:
+    """One row as numbers; None if one that is needed is missing."""
+    x, y, yaw_deg, end_s = (_number(row.get(name)) for name in _NEEDED)
+    steering_deg, speed_mps = _number(row.get("steer")), _number(row.get("throttle"))
+    pair = _ACTION.fullmatch(row.get("action") or "")
+    if pair and not np.isfinite(steering_deg + speed_mps):
+        steering_deg, speed_mps = (_number(text) for text in pair.groups())
+    if not np.isfinite([x, y, yaw_deg, end_s, steering_deg, speed_mps]).all():
+        return None
+    count, progress = _number(row.get("steps")), _number(row.get("progress"))
+    # A simulator that knew no status began its episodes with the same standing row.
+    unknown = "prepare" if count == 1.0 else "in_progress"
+    return _Step(
+        line=line,
+        episode=_whole(row.get("episode"), otherwise=0),
+        count=count,
+        pose=(x, y, float(np.radians(yaw_deg))),
+        action=(steering_deg, speed_mps),
+        end_s=end_s,
+        status=row.get("episode_status") or unknown,
+        progress=progress,
+        waypoint=_whole(row.get("closest_waypoint"), otherwise=-1),
+        wheels_on={"True": 1, "False": 0}.get(row.get("all_wheels_on_track") or "", -1),
+        track_length_m=_number(row.get("track_len")),
+    )
+
+
+def _number(text: str | None) -> float:
+    """The number in a field; NaN where there is none."""
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")
+
+
+def _whole(text: str | None, *, otherwise: int) -> int:
+    """The whole number in a field."""
+    number = _number(text)
+    return int(number) if np.isfinite(number) else otherwise
+
+
+def _drives(steps: list[_Step]) -> Iterator[Recording]:
+    """Cut the rows of a file where the drive was broken."""
+    cuts = [k for k in range(1, len(steps)) if _broken(steps[k - 1], steps[k])]
+    for first, end in itertools.pairwise([0, *cuts, len(steps)]):
+        part = steps[first:end]
+        if not part:
+            continue
+        poses = np.array([step.pose for step in part])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        ends_s = np.array([step.end_s for step in part])
+        held = part[0].status in _STANDING
+        # In some episodes the first row still shows where the last one ended, the second the start.
+        freed = first > 0 and not held and _freed(steps[first - 1], part[0])
+        yield Recording(
+            episode=part[0].episode,
+            poses=poses,
+            actions=np.array([step.action for step in part]),
+            starts_s=np.array([steps[first - 1].end_s if freed else np.nan, *ends_s[:-1]]),
+            ends_s=ends_s,
+            held=held,
+            from_rest=held or freed,
+            progress=np.array([step.progress for step in part]),
+            waypoint=np.array([step.waypoint for step in part], np.int64),
+            wheels_on=np.array([step.wheels_on for step in part], np.int64),
+            track_length_m=part[0].track_length_m,
+        )
+
+
+def _freed(before: _Step, now: _Step) -> bool:
+    """Whether a row is the first one after its car was held."""
+    return before.status in _STANDING and _next(before, now)
+
+
+def _next(before: _Step, now: _Step) -> bool:
+    """Whether a row is the next one of the same episode, with nothing lost between them."""
+    counted = now.count - before.count
+    return (
+        now.line == before.line + 1
+        and now.episode == before.episode
+        and 0.0 < now.end_s - before.end_s <= _LONGEST_STEP_S
+        and (counted == 1.0 or not np.isfinite(counted))
+    )
+
+
+def _broken(before: _Step, now: _Step) -> bool:
+    """Whether the motion from one row to the next cannot be replayed from the actions."""
+    moved_m = np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1])
+    return bool(
+        not _next(before, now)
+        or now.status in _STANDING
+        or before.status not in _GOING_ON
+        or moved_m > _JUMP_M + _FASTEST_MPS * (now.end_s - before.end_s)
+    )
