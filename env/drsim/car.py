@@ -71,7 +71,7 @@ class CarParameters:
     """Grip of the wheels across their plane (the reference names 0.5, its engine's mixing is
     unknown)."""
     traction: float = 2.5
-    """Grip along it. The recorded car reaches 1.4 m/s within two steps, so its wheels hardly spin."""
+    """Grip along it. The recorded car reaches 1.4 m/s in two steps, so its wheels hardly spin."""
     twist_friction_m: float = 0.02628
     """Grip of a wheel against turning on the spot, metres: torque over load."""
     speed_scale: float = 1.0067
