@@ -168,7 +168,7 @@ def track_list(found: "TrackList") -> RenderableType:
             f"{track.length_m:.1f} m",
             f"{track.width_m:.2f} m",
             track.direction,
-            Path(track.source).name if track.source != "own" else _origin(track),
+            f"{Path(track.source).suffix} file" if track.source != "own" else _origin(track),
         )
     return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {found.folder}."))
 

@@ -19,6 +19,17 @@ PATIENCE_S = 20.0
 _MOST_BYTES = 1_000_000
 _PIECE = 65_536
 
+_HANDLERS = (
+    urllib.request.ProxyHandler,
+    urllib.request.HTTPHandler,
+    urllib.request.HTTPSHandler,
+    urllib.request.HTTPRedirectHandler,
+    urllib.request.HTTPDefaultErrorHandler,
+    urllib.request.HTTPErrorProcessor,
+    urllib.request.UnknownHandler,
+)
+"""Those of `urlopen` that speak HTTP: a redirect must not lead to ftp, files or data."""
+
 _GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
 """A folder of a repository on GitHub, which lists its files at another address."""
 
@@ -55,8 +66,9 @@ def fetch_track(
             raise StorageError(
                 f"There is no track {name} at {address}.", remedy=_similar(name, url)
             ) from None
+        reason = " ".join(str(error.reason).split())  # three lines for redirects in a circle
         raise StorageError(
-            f"{address} answered {error.code} {error.reason}.",
+            f"{address} answered {error.code} {reason}.",
             remedy="Try again later, or fetch it from another address with --from.",
         ) from None
     except (OSError, ValueError, http.client.HTTPException) as error:
@@ -107,7 +119,10 @@ def _download(address: str) -> bytes:
     """
     deadline = time.monotonic() + PATIENCE_S
     pieces, size = [], 0
-    with urllib.request.urlopen(address, timeout=PATIENCE_S) as answer:
+    opener = urllib.request.OpenerDirector()
+    for handler in _HANDLERS:
+        opener.add_handler(handler())
+    with opener.open(address, timeout=PATIENCE_S) as answer:
         while size <= _MOST_BYTES and (piece := answer.read1(_PIECE)):
             pieces.append(piece)
             size += len(piece)

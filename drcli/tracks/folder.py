@@ -1,5 +1,6 @@
 """The racer's tracks: what is there, and files that are added to them."""
 
+import contextlib
 import os
 import re
 from dataclasses import dataclass
@@ -146,12 +147,16 @@ def add_track(
         folder.mkdir(parents=True, exist_ok=True)
         write_route(track, unfinished)
         unfinished.replace(target)
+    except TrackError as error:
+        raise _refused(error) from None
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
         raise SettingsError(
             f"{target} cannot be written: {error.strerror}.",
             remedy="Make room or correct the rights, or set DR_TRACKS_DIR to another folder.",
         ) from None
+    finally:
+        with contextlib.suppress(OSError):  # it is still there only if something went wrong
+            unfinished.unlink()
     return _facts(describe(str(target)))
 
 

@@ -102,7 +102,8 @@ def picture_map(track: Track, width_px: int = 800) -> Picture:
     across = np.array([-math.sin(start[2]), math.cos(start[2])])
     paint(start[:2] + bar_m[:, None] * across, max(0.05, 1.5 * pixel_m), _START)
     size_m = max(0.16, 7 * pixel_m)
-    for fraction in (0.02, *_ARROWS_AT):
+    first = max(0.02, 2.5 * size_m / track.length_m)  # clear of the bar
+    for fraction in (first, *_ARROWS_AT):
         paint(_arrow(track, fraction, size_m), max(0.02, pixel_m), _START)
     small = np.round(picture.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)))
     whole: Picture = small.astype(np.uint8)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from drcli.cli import main
-from drcli.tracks import fetch
+from drcli.tracks import fetch, folder
+from drsim.errors import TrackError
 from drsim.worlds import load_track
 
 CSV = "x,y\n" + "\n".join(
@@ -43,15 +44,19 @@ def route(working_folder: Path) -> Path:
 
 @pytest.fixture
 def web(monkeypatch):
-    """A server on this machine, and what it has to offer by path: content, or an error code."""
-    offers: dict[str, bytes | int] = {}
+    """A server on this machine, and what it offers by path: content, error code or redirect."""
+    offers: dict[str, bytes | int | str] = {}
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             content = offers.get(self.path, 404)
-            self.send_response(content if isinstance(content, int) else 200)
+            if isinstance(content, str):
+                self.send_response(302)
+                self.send_header("Location", content)
+            else:
+                self.send_response(content if isinstance(content, int) else 200)
             self.end_headers()
-            self.wfile.write(b"" if isinstance(content, int) else content)
+            self.wfile.write(content if isinstance(content, bytes) else b"")
 
         def log_message(self, *_: object) -> None:
             pass
@@ -118,6 +123,39 @@ def test_a_track_is_replaced_only_when_told(route, capsys):
     assert "--force" in words
 
 
+def test_a_folder_that_cannot_be_written_is_named(route, working_folder, capsys, monkeypatch):
+    monkeypatch.setenv("DR_TRACKS_DIR", str(route))
+
+    code, _, words = run(capsys, "add", str(route))
+
+    assert code == 3
+    assert f"{route / 'loop.npy'} cannot be written" in words
+    assert "DR_TRACKS_DIR" in words
+
+
+def test_a_route_that_cannot_be_written_leaves_nothing_behind(route, working_folder, capsys):
+    (working_folder / "tracks" / "loop.npy").mkdir(parents=True)
+
+    code, _, words = run(capsys, "add", str(route), "--force")
+
+    assert code == 3
+    assert "cannot be written" in words
+    assert [file.name for file in (working_folder / "tracks").iterdir()] == ["loop.npy"]
+
+
+def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkeypatch):
+    def refuse(track: object, file: Path) -> None:
+        raise TrackError(f"{file}: it cannot be written (no space left). Make room.")
+
+    monkeypatch.setattr(folder, "write_route", refuse)
+
+    code, _, words = run(capsys, "add", str(route))
+
+    assert code == 3
+    assert "it cannot be written (no space left)." in words
+    assert "Try: Make room." in words
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -180,6 +218,41 @@ def test_what_is_no_route_is_not_stored(web, working_folder, capsys, content, co
     assert ended == code
     assert sentence in words
     assert not (working_folder / "tracks").exists()
+
+
+def test_a_redirect_is_followed_on_the_web(web, route, working_folder, capsys):
+    offers, address = web
+    run(capsys, "add", str(route), "--name", "made")
+    offers["/routes/Far_track.npy"] = "/elsewhere/made.npy"
+    offers["/elsewhere/made.npy"] = (working_folder / "tracks" / "made.npy").read_bytes()
+
+    code, _, _ = run(capsys, "fetch", "Far_track", "--from", address)
+
+    assert code == 0
+    assert (working_folder / "tracks" / "Far_track.npy").is_file()
+
+
+@pytest.mark.parametrize("target", ["ftp://127.0.0.1:9/made.npy", "file:///etc/hostname"])
+def test_a_redirect_away_from_the_web_is_refused(web, working_folder, capsys, target):
+    offers, address = web
+    offers["/routes/Far_track.npy"] = target
+
+    code, _, words = run(capsys, "fetch", "Far_track", "--from", address)
+
+    assert code == 4
+    assert "unknown url type: ftp" in words or "is not allowed" in words
+    assert not (working_folder / "tracks").exists()
+
+
+def test_a_redirect_in_a_circle_is_told_in_one_line(web, working_folder, capsys):
+    offers, address = web
+    offers["/routes/Far_track.npy"] = "/routes/Far_track.npy"
+
+    code, _, words = run(capsys, "fetch", "Far_track", "--from", address)
+
+    assert code == 4
+    assert len(words.splitlines()) == 2
+    assert "infinite loop" in words
 
 
 def test_a_server_that_is_not_there_is_named(working_folder, capsys, monkeypatch):
