@@ -14,7 +14,8 @@ LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
 """Lanes by their index."""
 
 _PARKED_BESIDE_M = 0.3
-"""How far outside the border a racer stands that is done while the others go on."""
+"""How far outside the rectangle around the road a racer stands that is done while the others go on.
+Right beside its border it could stand on a neighbouring stretch of the track."""
 
 
 class Placing:
@@ -70,11 +71,12 @@ class Placing:
         return np.where(to_inner_m <= to_outer_m, 1, 2)
 
     def aside(self, cars: Ints, fraction: Floats) -> Floats:
-        """Poses just outside the outer border, where nobody drives. Shape (k, 3)."""
+        """Poses outside the rectangle around the road, where nobody drives. Shape (k, 3)."""
         poses = self.on(cars, fraction)
-        outer = self.tracks[0].outer
+        x_min, y_min, x_max, y_max = self.tracks[0].bounds
+        low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
         for pose in poses:
-            away_m = np.hypot(*(outer - pose[:2]).T)
-            border = outer[np.argmin(away_m)]
-            pose[:2] = border + _PARKED_BESIDE_M * (border - pose[:2]) / max(away_m.min(), 1e-9)
+            outwards_m = np.stack([pose[:2] - low, high - pose[:2]])
+            side, axis = np.unravel_index(outwards_m.argmin(), outwards_m.shape)
+            pose[axis] = (low - _PARKED_BESIDE_M, high + _PARKED_BESIDE_M)[side][axis]
         return poses

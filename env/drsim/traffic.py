@@ -204,8 +204,11 @@ class Traffic:
         origin_m = along_m - REFERENCE_POINT_AHEAD_M
         there_m = self.distance_m.copy()
         if self._rivals:
-            # The rival's own count, so that exactly one of two is behind.
-            there_m[:, 0] = origin_m[np.arange(len(active)) ^ 1]
+            # The rival's own count, so that exactly one of two is behind. Where they drive towards
+            # each other it says nothing, and both meet what is ahead of them.
+            rival = np.arange(len(active)) ^ 1
+            same_way = self._backward == self._backward[rival]
+            there_m[same_way, 0] = origin_m[rival[same_way]]
         behind = self._gap_m(there_m, origin_m[:, None]) > 0
         behind[:, self._standing] = True
         into = touching & behind
