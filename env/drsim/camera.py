@@ -1,6 +1,7 @@
 """The computed camera: where a car's lens is and what it sees of a scene, as grey frames.
 
-No OpenGL is involved: `drsim.raycast` follows each pixel's ray to the ground, a wall or the sky.
+No OpenGL is involved: `drsim.raycast` follows each pixel's ray to the ground, a wall or the sky,
+then `drsim.cuboids` draws what stands on the ground.
 """
 
 import math
@@ -9,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim import raycast
+from drsim import cuboids, raycast
 from drsim.look import AMBIENT, LUMA, SUN
 from drsim.scene import Scene
-from drsim.solids import BOX_COLUMNS
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -128,6 +128,9 @@ def render(
         )
     if boxes is not None and len(boxes) != cars:
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
+    if light is not None and len(light.palettes) != cars:
+        raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
+    bias = 0.5 if rounding else _WHOLE
     raycast.draw(
         scene.texels,
         scene.levels,
@@ -137,22 +140,21 @@ def render(
         scene.wall_greys[None] if light is None else light.wall_greys,
         np.array([scene.sky_grey], np.float32) if light is None else light.sky_greys,
         _NO_PALETTES if light is None else light.palettes,
-        _NO_BOXES if boxes is None else boxes,
-        _NO_LIGHT if boxes is None else _on_solids(light, cars),
         camera.focal_px,
-        0.5 if rounding else _WHOLE,
+        bias,
         lens_pos,
         lens_mat,
         out,
     )
+    if boxes is not None:
+        on_solids = _on_solids(light, cars)
+        cuboids.draw(boxes, on_solids, camera.focal_px, bias, lens_pos, lens_mat, out)
 
 
 _WHOLE = 1e-3
 """The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
 
 _NO_PALETTES = np.empty((0, 256), np.uint8)
-_NO_BOXES = np.empty((0, 0, BOX_COLUMNS), np.float32)
-_NO_LIGHT = np.empty((0, 6), np.float32)
 
 
 def _on_solids(light: Light | None, cars: int) -> Singles:

@@ -4,9 +4,9 @@ The reference simulator renders 640 x 480 and shrinks the frame to 160 x 120 wit
 output pixels wide. Each pixel of ours therefore is an average over its own tent: sideways by the
 choice of the copy of the ground picture, downwards by several sample lines between two pixel rows.
 
-A frame is made in layers, back to front: sky and walls, the ground, then the cuboids that stand on
-it (boxes, other cars), the furthest first. All loops that call each other stay in this one file,
-because numba's cache of a compiled loop does not notice that a loop of another file has changed.
+All loops that call each other stay in this one file, because numba's cache of a compiled loop does
+not notice that a loop of another file has changed. What stands on the ground comes later, in
+`drsim.cuboids`.
 """
 
 import math
@@ -44,17 +44,7 @@ _LEAST_FALL = 0.004
 _FURTHEST = 1e9
 """Limit of coordinates in 256ths of a texel: they must fit 32 bits however far a car is thrown."""
 
-
-_SUN = (0.4846, -0.0969, 0.8693)
-"""Direction to the sun. Source: the reference simulator's worlds, 121 of which share one sun."""
-
 _NO_PALETTE = np.empty(0, np.uint8)
-
-_NEAR_M = 0.02
-"""Nothing nearer to the lens is drawn. Source: the reference simulator's camera."""
-
-_LINES_PER_PIXEL = 3
-"""Lines across a pixel row at which the outline of a cuboid is taken."""
 
 
 @kernel
@@ -67,8 +57,6 @@ def draw(
     wall_greys: Singles,
     sky_greys: Singles,
     palettes: Pixels,
-    boxes: Singles,
-    box_light: Singles,
     focal_px: float,
     bias: float,
     lens_pos: Floats,
@@ -120,8 +108,6 @@ def draw(
                 clear,
                 frame,
             )
-        if boxes.shape[1] > 0:
-            _cuboids(boxes[car], box_light[car], focal_px, bias, pos, mat, behind, share, frame)
 
 
 @kernel
@@ -408,231 +394,3 @@ def _store_before(
     for column in range(len(pixels)):
         grey = behind[column] + share[column] * (greys[column] - behind[column])
         pixels[column] = np.uint8(np.int32(grey + more))
-
-
-@kernel
-def _cuboids(
-    boxes: Singles,
-    light: Singles,
-    focal_px: float,
-    bias: float,
-    pos: Floats,
-    mat: Floats,
-    glow: Singles,
-    share: Singles,
-    frame: Pixels,
-) -> None:
-    """Draw cuboids over a frame, the furthest first; rows as in `solids.BOX_COLUMNS`.
-
-    The visible sides of one cuboid are summed up in `glow` and `share` before they cover the frame,
-    so that nothing shines through where two of them meet.
-    """
-    away_m = np.hypot(boxes[:, 0] - pos[0], boxes[:, 1] - pos[1])
-    corners, polygon = np.empty((4, 3)), np.empty((5, 2))
-    for k in np.argsort(-away_m):
-        box = boxes[k]
-        first, last, left, right = _extent(box, focal_px, pos, mat, frame.shape)
-        if first >= last or left >= right:
-            continue
-        for row in range(first, last):
-            glow[row, left:right] = Single(0.0)
-            share[row, left:right] = Single(0.0)
-        for side in range(5):
-            lambert = _side_of(box, side, pos, corners)
-            if lambert < 0.0:
-                continue
-            count = _project(corners, focal_px, pos, mat, frame.shape, polygon)
-            grey = 0.0
-            for c in range(3):
-                grey += box[8 + c] * (light[c] + light[3 + c] * lambert)
-            _fill(polygon[:count], min(grey, 255.0), first, last, glow, share)
-        for row in range(first, last):
-            _cover(glow[row, left:right], share[row, left:right], bias, frame[row, left:right])
-
-
-@kernel
-def _extent(
-    box: Singles, focal_px: float, pos: Floats, mat: Floats, shape: tuple[int, int]
-) -> tuple[int, int, int, int]:
-    """First and past the last row, then column, that a cuboid can touch: none behind the lens."""
-    rows, columns = shape
-    top, bottom, left, right, before = np.inf, -np.inf, np.inf, -np.inf, 0
-    for corner in range(8):
-        along = box[4] if corner & 1 else -box[4]
-        across = box[5] if corner & 2 else -box[5]
-        x = box[0] + box[2] * along - box[3] * across - pos[0]
-        y = box[1] + box[3] * along + box[2] * across - pos[1]
-        z = (box[7] if corner & 4 else box[6]) - pos[2]
-        depth = x * mat[0, 0] + y * mat[1, 0] + z * mat[2, 0]
-        if depth > _NEAR_M:
-            row = 0.5 * rows - focal_px * (x * mat[0, 2] + y * mat[1, 2] + z * mat[2, 2]) / depth
-            aside = x * mat[0, 1] + y * mat[1, 1] + z * mat[2, 1]
-            column = 0.5 * columns - focal_px * aside / depth
-            top, bottom, before = min(top, row), max(bottom, row), before + 1
-            left, right = min(left, column), max(right, column)
-    if before == 0:
-        return 0, 0, 0, 0
-    if before < 8:  # it reaches behind the lens: how far to the edges cannot be told from corners
-        return 0, rows, 0, columns
-    return (
-        max(int(min(max(top, 0.0), float(rows))) - 1, 0),
-        min(int(max(min(bottom, float(rows)), -2.0)) + 2, rows),
-        max(int(min(max(left, 0.0), float(columns))) - 2, 0),
-        min(int(max(min(right, float(columns)), -3.0)) + 3, columns),
-    )
-
-
-@kernel
-def _side_of(box: Singles, side: int, pos: Floats, corners: Floats) -> float:
-    """Corners of one of the five sides, bottom left out, and how directly the sun meets it.
-
-    Returns:
-        Cosine of the angle to the sun, 0 in the shade; -1 for a side that the lens cannot see.
-    """
-    cos, sin = box[2], box[3]
-    half_x, half_y = box[4], box[5]
-    if side == 4:
-        if pos[2] <= box[7]:
-            return -1.0
-        for corner in range(4):
-            along = half_x if corner == 1 or corner == 2 else -half_x
-            across = half_y if corner >= 2 else -half_y
-            corners[corner, 0] = box[0] + cos * along - sin * across
-            corners[corner, 1] = box[1] + sin * along + cos * across
-            corners[corner, 2] = box[7]
-        return _SUN[2]
-    # Sides 0 and 1 look forward and back, 2 and 3 to the left and right.
-    sign = 1.0 if side % 2 == 0 else -1.0
-    if side < 2:
-        normal_x, normal_y, out, half = sign * cos, sign * sin, half_x, half_y
-    else:
-        normal_x, normal_y, out, half = -sign * sin, sign * cos, half_y, half_x
-    middle_x, middle_y = box[0] + normal_x * out, box[1] + normal_y * out
-    if (pos[0] - middle_x) * normal_x + (pos[1] - middle_y) * normal_y <= 0.0:
-        return -1.0
-    for corner in range(4):
-        shift = half if corner == 1 or corner == 2 else -half
-        corners[corner, 0] = middle_x - normal_y * shift
-        corners[corner, 1] = middle_y + normal_x * shift
-        corners[corner, 2] = box[7] if corner >= 2 else box[6]
-    facing: float = normal_x * _SUN[0] + normal_y * _SUN[1]
-    return max(facing, 0.0)
-
-
-@kernel
-def _project(
-    corners: Floats,
-    focal_px: float,
-    pos: Floats,
-    mat: Floats,
-    shape: tuple[int, int],
-    polygon: Floats,
-) -> int:
-    """The image of a side, columns and rows in pixels, cut off at the near plane of the lens.
-
-    Returns:
-        How many corners it has, at most 5; 0 where nothing is left of it.
-    """
-    seen = np.empty((4, 3))
-    for k in range(4):
-        x, y, z = corners[k, 0] - pos[0], corners[k, 1] - pos[1], corners[k, 2] - pos[2]
-        for axis in range(3):
-            seen[k, axis] = x * mat[0, axis] + y * mat[1, axis] + z * mat[2, axis]
-    count = 0
-    for k in range(4):
-        here, following = seen[k], seen[(k + 1) % 4]
-        if here[0] >= _NEAR_M:
-            polygon[count, 0] = 0.5 * shape[1] - focal_px * here[1] / here[0]
-            polygon[count, 1] = 0.5 * shape[0] - focal_px * here[2] / here[0]
-            count += 1
-        if (here[0] >= _NEAR_M) != (following[0] >= _NEAR_M):
-            part = (_NEAR_M - here[0]) / (following[0] - here[0])
-            left = here[1] + part * (following[1] - here[1])
-            up = here[2] + part * (following[2] - here[2])
-            polygon[count, 0] = 0.5 * shape[1] - focal_px * left / _NEAR_M
-            polygon[count, 1] = 0.5 * shape[0] - focal_px * up / _NEAR_M
-            count += 1
-    return count
-
-
-@kernel
-def _fill(
-    polygon: Floats, grey: float, first: int, last: int, glow: Singles, share: Singles
-) -> None:
-    """Add a convex polygon to the sums of rows `first` to `last`, with the tent filter."""
-    count = len(polygon)
-    if count < 3:
-        return
-    columns = glow.shape[1]
-    top, bottom = polygon[:, 1].min(), polygon[:, 1].max()
-    begin = max(
-        int(np.floor(max(top, first - 1.0) * _LINES_PER_PIXEL)), (first - 1) * _LINES_PER_PIXEL
-    )
-    end = min(
-        int(np.ceil(min(bottom, last + 1.0) * _LINES_PER_PIXEL)), (last + 1) * _LINES_PER_PIXEL
-    )
-    for line in range(begin, end):
-        y = (line + 0.5) / _LINES_PER_PIXEL
-        left, right = np.inf, -np.inf
-        for k in range(count):
-            ax, ay = polygon[k]
-            bx, by = polygon[(k + 1) % count]
-            if (ay <= y) != (by <= y):
-                x = ax + (y - ay) / (by - ay) * (bx - ax)
-                left, right = min(left, x), max(right, x)
-        if left >= right or right < -1.0 or left > columns + 1.0:
-            continue
-        row = int(np.floor(y - 0.5))
-        part = y - 0.5 - row
-        low = max(int(max(left, 0.0) - 1.5), 0)
-        high = min(int(min(right, float(columns)) + 2.5), columns)
-        for near, weight in ((row, 1.0 - part), (row + 1, part)):
-            if first <= near < last:
-                _add_span(
-                    Single(left),
-                    Single(right),
-                    Single(weight / _LINES_PER_PIXEL),
-                    Single(grey),
-                    low,
-                    high,
-                    glow[near],
-                    share[near],
-                )
-
-
-@kernel
-def _add_span(
-    left: Single,
-    right: Single,
-    weight: Single,
-    grey: Single,
-    low: int,
-    high: int,
-    glow: Singles,
-    share: Singles,
-) -> None:
-    """Add what the tent filter makes of a line between two columns."""
-    half, one = Single(0.5), Single(1.0)
-    for column in range(low, high):
-        middle = Single(np.int32(column)) + half
-        in_left = min(max(middle - left, -one), one)
-        in_right = min(max(middle - right, -one), one)
-        # The integral of a tent from one end up to the middle of the pixel, at both ends.
-        part = weight * (
-            in_left - half * in_left * abs(in_left) - in_right + half * in_right * abs(in_right)
-        )
-        share[column] += part
-        glow[column] += grey * part
-
-
-@kernel
-def _cover(glow: Singles, share: Singles, bias: float, pixels: Pixels) -> None:
-    """Put the sums of a cuboid over a row of the frame."""
-    one, more, little = Single(1.0), Single(bias), Single(1e-4)
-    for column in range(len(pixels)):
-        covered = share[column]
-        if covered > little:
-            whole = max(covered, one)
-            open_share = one - min(covered, one)
-            grey = Single(pixels[column]) * open_share + glow[column] / whole
-            pixels[column] = np.uint8(np.int32(min(grey + more, Single(255.0))))

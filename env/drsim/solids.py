@@ -72,7 +72,7 @@ def _car(name: str, color: RGB) -> Shape:
         for y in (-0.0805, 0.0805)
     )
     body = Box((0.004, 0.0), (0.324, 0.12), 0.03, 0.13, color)
-    cabin = Box((-0.03, 0.0), (0.16, 0.11), 0.13, 0.2, color)
+    cabin = Box((-0.03, 0.0), (0.16, 0.11), 0.13, 0.218, color)
     return Shape(name, (*wheels, body, cabin), _CAR_FOOTPRINT_M)
 
 
