@@ -33,6 +33,10 @@ _HUE = 0.25
 _GRAIN_ROOM = 3.0
 """Standard deviations of grain to either side in which a material keeps its own contrast."""
 
+_LEAST_GAP = 1.5
+"""Standard deviations of grain below which two materials change together, as a concrete road and
+its field do: a palette cannot tell their texels apart."""
+
 
 class Lighting:
     """The light in each car's world."""
@@ -96,13 +100,14 @@ class Lighting:
 
 
 def _paints(look: Look) -> list[Paint]:
-    """Materials of the ground, from dark to light; of equal greys the one with most grain."""
+    """Materials of the ground that greys can tell apart, from dark to light."""
     paints = [look.road, look.line, look.dash, look.field, look.chequer]
     if look.kerb_width_m > 0.0:
         paints += [look.kerb, look.kerb_light or look.kerb]
     different: list[Paint] = []
     for paint in sorted(paints, key=lambda paint: (paint.grey, -paint.grain)):
-        if not different or paint.grey - different[-1].grey > 1.0:
+        grain = different[-1].grain + paint.grain if different else 0.0
+        if not different or paint.grey - different[-1].grey > max(1.0, _LEAST_GAP * grain):
             different.append(paint)
     return different
 
