@@ -11,7 +11,15 @@ from typing import Annotated
 import typer
 
 from drcli import __version__
-from drcli.commands import evaluate, logs, start_training, status, stop_training, tracks
+from drcli.commands import (
+    evaluate,
+    increment_training,
+    logs,
+    start_training,
+    status,
+    stop_training,
+    tracks,
+)
 from drcli.commands.folder import working_folder
 from drcli.errors import DrError
 
@@ -45,6 +53,7 @@ app.command("status")(status.status)
 app.command("logs")(logs.logs)
 app.command("evaluate")(evaluate.evaluate)
 app.command("start-evaluation", hidden=True)(evaluate.evaluate)
+app.command("increment-training")(increment_training.increment_training)
 app.add_typer(tracks.app, name="tracks")
 
 

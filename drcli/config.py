@@ -15,7 +15,7 @@ from drcli.errors import SettingsError
 from drcli.findings import Finding, closest, one_of, settings_error, shown
 from drcli.settings.checks import contradictions, misfits, without_effect
 from drcli.settings.layers import Layers, references
-from drcli.settings.model import Settings, catalogue
+from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue
 
 __all__ = ["Settings", "catalogue", "load_settings"]
 
@@ -63,7 +63,13 @@ class _Loader:
         self._findings: list[Finding] = []
         self._warnings: list[str] = []
 
-    def load(self, upper: list[dict[str, Entry]]) -> Settings:
+    def load(self, upper: list[dict[str, Entry]], worker: int | None = None) -> Settings:
+        """Read everything.
+
+        Args:
+            upper: Layers above the files.
+            worker: Number of the worker whose own file goes on top of all, counted from 1.
+        """
         system: dict[str, Entry] = {}
         if (self._directory / "system.env").exists():
             system = self._file("system.env")
@@ -73,7 +79,9 @@ class _Loader:
         run = self._file(f"experiments/{experiment}/run.env" if experiment else "run.env")
         self._refuse_late_experiment(run, experiment)
 
-        entries = [*upper, run, system]
+        folder = f"experiments/{experiment}/" if experiment else ""
+        own = self._worker_file(folder, worker) if worker is not None else {}
+        entries = [own, *upper, run, system]
         for layer in entries:
             _drop_empty(layer)
         self._rename(entries)
@@ -95,7 +103,48 @@ class _Loader:
         if clashes := list(contradictions(settings)):
             raise settings_error(clashes)
         warnings = (*self._warnings, *without_effect(settings))
-        return settings.model_copy(update={"warnings": warnings})
+        overrides: tuple[Override, ...] = ()
+        if worker is None and settings.train_multi_config:
+            overrides, more = self._overrides(settings, upper)
+            warnings = (*warnings, *more)
+        elif worker is not None:
+            overrides = (_override(layers, own, values),)
+        return settings.model_copy(update={"warnings": warnings, "overrides": overrides})
+
+    def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
+        """The entries of a worker's own file that may differ from worker to worker."""
+        name = f"{folder}worker-{worker}.env"
+        if not (self._directory / name).is_file():
+            raise SettingsError(
+                f"{name}: there is no such file in {self._directory}, but DR_TRAIN_MULTI_CONFIG "
+                f"is True and there is a worker {worker}.",
+                remedy=f"Write the track and race of that worker into {name}, or set DR_WORKERS to "
+                f"{worker - 1}.",
+            )
+        entries = self._file(name)
+        for key in [key for key in entries if not _is_of_worker(key)]:
+            entry = entries.pop(key)
+            self._warnings.append(
+                f"{entry.where}: {shown(key)} is the same for all workers and ignored here."
+            )
+        return entries
+
+    def _overrides(
+        self, settings: Settings, upper: list[dict[str, Entry]]
+    ) -> tuple[tuple[Override, ...], list[str]]:
+        """What the files of the second and all further workers change, and what is odd in them."""
+        loaded = [
+            _Loader(self._directory).load([dict(layer) for layer in upper], worker)
+            for worker in range(2, settings.workers + 1)
+        ]
+        said = set(self._warnings)
+        warnings = dict.fromkeys(
+            text
+            for other in loaded
+            for text in other.warnings
+            if text not in said and "worker-" in text
+        )
+        return tuple(other.overrides[0] for other in loaded), list(warnings)
 
     def _file(self, name: str) -> dict[str, Entry]:
         """The entries of a file; a repeated name counts as last written, as in a shell."""
@@ -231,6 +280,22 @@ class _Loader:
                         f"{entry.where}: {shown(name)} is no setting and has no effect.{hint}"
                     )
         return extra
+
+
+def _is_of_worker(name: str) -> bool:
+    """Whether a setting may differ from worker to worker; old names count as the present ones."""
+    present = next((s.name for s in catalogue().values() if name in s.old_names), name)
+    return present in WORKER_NAMES or present.startswith(WORKER_STEMS)
+
+
+def _override(layers: Layers, own: dict[str, Entry], values: dict[str, Any]) -> Override:
+    """What a worker's own file says, with everything filled in."""
+    known = [name for name in own if name in catalogue() and layers.find(name) is own[name]]
+    fields = {catalogue()[name].field for name in known}
+    return Override(
+        values={field: values[field] for field in fields if field in values},
+        sources={name: own[name].where for name in known},
+    )
 
 
 def _position(finding: Finding) -> tuple[str, int]:

@@ -57,6 +57,12 @@ def warn(text: str) -> None:
     err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
 
 
+def confirm(question: str) -> bool:
+    """Ask for a yes; anything else is a no, and so is an input that has ended."""
+    err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
+    return sys.stdin.readline().strip().casefold() in ("y", "yes")
+
+
 def suggest(commands: list[tuple[str, str]]) -> None:
     """Commands to paste next, each with what it does."""
     err.print("Next:")

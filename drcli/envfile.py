@@ -1,11 +1,13 @@
-"""Reads run.env and system.env: NAME=value lines together with the place each one stands at.
+"""Reads and edits run.env and system.env: NAME=value lines, each with the place it stands at.
 
 The lines are read, never executed. Values may hold spaces and `=`, may stand in quotes, and `#`
 after a space starts a comment. `$NAME` is left in place here; `drcli.settings.layers` fills it in.
 """
 
+import codecs
 import io
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +22,11 @@ LARGEST_BYTES = 256 * 1024
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LINE_END = re.compile(r"\r\n|\n|\r")
+_QUOTED = re.compile(r"""([^\S\r\n]*)(['"])((?:\\.|(?!\2)[^\\])*)\2(.*)""", re.DOTALL)
+_BARE = re.compile(
+    r"([^\S\r\n]*?)((?:\S[^\r\n]*?)?)((?:[^\S\r\n]+#[^\r\n]*)?[^\S\r\n]*(?:\r\n|\n|\r)?)"
+)
+"""What follows the =: space, value, and all that is behind it."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +97,50 @@ def parse_env(data: bytes, name: str) -> EnvFile:
             quoted = written.partition("=")[2].lstrip().startswith("'")
             entries.append(Entry(binding.key, binding.value, where, expands=not quoted))
     return EnvFile(tuple(entries), tuple(findings))
+
+
+def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
+    """The content of a settings file with other values for some names.
+
+    Everything else stays as it is: comments, also those behind the values, order, quotes, line
+    ends, byte order mark. Where a name stands twice the last line is changed, which is the one
+    that counts; a name that is missing gets a line at the end.
+
+    Args:
+        data: Content that `parse_env` finds nothing wrong with.
+        values: New values by name, without quotes or line breaks in them.
+        name: What to call the file in messages.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    text = _text(data, name)
+    bindings = list(parse_stream(io.StringIO(text, newline="")))
+    lines = [binding.original.string for binding in bindings]
+    places = {binding.key: index for index, binding in enumerate(bindings) if binding.key}
+    ends = _LINE_END.search(text)
+    end = ends[0] if ends is not None else "\n"
+    for key, value in values.items():
+        if key in places:
+            lines[places[key]] = _with_value(lines[places[key]], value)
+            continue
+        if lines and not lines[-1].endswith(("\n", "\r")):
+            lines[-1] += end
+        lines.append(f"{key}={value}{end}")
+    mark = codecs.BOM_UTF8 if data.startswith(codecs.BOM_UTF8) else b""
+    return mark + "".join(lines).encode()
+
+
+def _with_value(line: str, value: str) -> str:
+    """A NAME=value line with another value, in the quotes that it had."""
+    head, equals, rest = line.partition("=")
+    quoted = _QUOTED.fullmatch(rest)
+    if quoted is not None:
+        space, quote, _, behind = quoted.groups()
+        return f"{head}{equals}{space}{quote}{value}{quote}{behind}"
+    bare = _BARE.fullmatch(rest)
+    space, behind = (bare[1], bare[3]) if bare is not None else ("", "")
+    return f"{head}{equals}{space}{value}{behind}"
 
 
 def _text(data: bytes, name: str) -> str:

@@ -11,6 +11,8 @@ from drcli.jsonfile import JsonFile, read_json_object
 
 Exploration = Literal["categorical", "e-greedy", "additive_noise"]
 Loss = Literal["huber", "mean squared error"]
+Schedule = Literal["constant", "linear"]
+Critic = Literal["camera", "state"]
 
 PASSED_THROUGH = (
     "preset_s3_key",
@@ -44,6 +46,24 @@ class Hyperparameters(BaseModel):
     term_cond_avg_score: float = 100_000.0
     sac_alpha: float = Field(0.2, ge=0, le=1)
 
+    # Beyond the reference. Left out of the file, each is as in the reference, or off.
+    clip_range: float = Field(0.2, ge=0.01, le=1)
+    gae_lambda: float = Field(0.95, ge=0, le=1)
+    clip_value: float | None = Field(None, ge=0.001)
+    clip_advantage: float | None = Field(None, ge=0.1)
+    target_kl: float | None = Field(None, ge=1e-6)
+    max_grad_norm: float | None = Field(None, ge=1e-6)
+    lr_schedule: Schedule = "constant"
+    entropy_schedule: Schedule = "constant"
+    schedule_steps: int = Field(500_000, ge=1)
+    critic: Critic = "camera"
+    bootstrap_cut: bool = False
+    sac_auto_alpha: bool = False
+    sac_tau: float | None = Field(None, ge=1e-5, le=1)
+    sac_updates_per_step: float | None = Field(None, ge=0.001, le=16)
+    sac_replay_steps: int = Field(100_000, ge=1_000)
+    sac_learning_starts: int = Field(1_000, ge=1)
+
     extra: Mapping[str, Any] = Field(default={}, exclude=True)
     """Keys of the reference's trainer process, with their values."""
     warnings: tuple[str, ...] = Field(default=(), exclude=True)
@@ -71,26 +91,48 @@ class Hyperparameters(BaseModel):
         """All values filled in, in the layout of the copy that lies beside a model.
 
         Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
-        12 for sac.
+        12 for sac, and those beyond the reference that differ from its behaviour.
         """
         foreign = {"sac_alpha"}
         if training_algorithm == "sac":
             foreign = {"beta_entropy", "num_epochs"}
-        values = self.model_dump(exclude=foreign)
+        ours = self.model_dump(include=set(OWN_KEYS), exclude_defaults=True)
+        values = self.model_dump(include=set(REFERENCE_KEYS) - foreign) | ours
         return json.dumps(values, indent=2, sort_keys=True)
 
-    def unsupported(self) -> str | None:
-        """Why this cannot be trained yet, as one sentence; None when it can."""
-        if self.exploration_type != "categorical":
+    def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
+        """Why this does not fit a model, as one sentence; None when it does.
+
+        Args:
+            algorithm: `training_algorithm` of model_metadata.json.
+            continuous: Whether its actions are ranges.
+        """
+        if algorithm == "sac":
+            if self.exploration_type == "e-greedy":
+                return (
+                    "exploration_type=e-greedy chooses from a list of actions; sac draws from "
+                    "ranges, which is additive_noise."
+                )
+            return None
+        if self.exploration_type == "additive_noise":
             return (
-                f"exploration_type={self.exploration_type} cannot be trained yet, "
-                "only categorical can."
+                "exploration_type=additive_noise belongs to sac; clipped_ppo explores with "
+                "categorical."
+            )
+        if self.exploration_type == "e-greedy" and continuous:
+            return (
+                "exploration_type=e-greedy chooses from a list of actions; this model has ranges, "
+                "which clipped_ppo explores with categorical."
             )
         return None
 
 
 KEYS = tuple(name for name in Hyperparameters.model_fields if name not in ("extra", "warnings"))
 """Every key of the file."""
+
+REFERENCE_KEYS = KEYS[: KEYS.index("clip_range")]
+OWN_KEYS = KEYS[KEYS.index("clip_range") :]
+"""The keys that the reference knows too, and those beyond it."""
 
 _SPELLINGS = {
     "loss_type": {"mean_squared_error": "mean squared error", "mse": "mean squared error"},
@@ -133,15 +175,23 @@ def _unknown(where: str, key: str, written: Any) -> Finding:
 def _value(key: str, written: Any) -> tuple[Any, tuple[str, str] | None]:
     """The value to use, or the reason and remedy why there is none."""
     info = Hyperparameters.model_fields[key]
-    if info.annotation not in (int, float):
-        return _word(key, written, get_args(info.annotation))
-    whole = info.annotation is int
+    kinds = get_args(info.annotation) or (info.annotation,)
+    if type(None) in kinds and written is None:
+        return None, None
+    if info.annotation is bool:
+        if isinstance(written, bool):
+            return written, None
+        return None, ("is neither true nor false", f'Write "{key}": true, without quotes.')
+    if isinstance(kinds[0], str):
+        return _word(key, written, kinds)
+    whole = kinds[0] is int
     low = next((rule.ge for rule in info.metadata if hasattr(rule, "ge")), None)
     high = next((rule.le for rule in info.metadata if hasattr(rule, "le")), None)
     expected = "a whole number" if whole else "a number"
     if low is not None:
         expected += f" from {low} to {high}" if high is not None else f", {low} or more"
-    remedy = f"Write {expected}, without quotes, as in {json.dumps(key)}: {info.default}."
+    example = low if info.default is None else info.default
+    remedy = f"Write {expected}, without quotes, as in {json.dumps(key)}: {example}."
     if isinstance(written, bool) or not isinstance(written, int | float):
         return None, ("is no number", remedy)
     if abs(written) > 1e15:
@@ -161,7 +211,7 @@ def _word(
     if not isinstance(written, str):
         return None, ("is no text", f"Write one of {', '.join(words)} in double quotes.")
     word = written.strip().casefold()
-    word = _SPELLINGS[key].get(word, word)
+    word = _SPELLINGS.get(key, {}).get(word, word)
     if word not in words:
         return None, (f"is none of {', '.join(words)}", one_of(words, written))
     return word, None
@@ -188,7 +238,20 @@ def _unusual(values: Hyperparameters) -> Iterator[tuple[str, str]]:
     if not 35_000 <= v.term_cond_avg_score <= 100_000:
         yield (
             "term_cond_avg_score",
-            f"term_cond_avg_score={v.term_cond_avg_score:g} is outside 35000 to 100000.",
+            f"term_cond_avg_score={v.term_cond_avg_score:g} ends the training once the mean reward "
+            "of the last 100 episodes reaches it; other trainers ignored it. Usual is 100000.",
+        )
+    if v.term_cond_max_episodes < 10_000:
+        yield (
+            "term_cond_max_episodes",
+            f"term_cond_max_episodes={v.term_cond_max_episodes} ends the training after so many "
+            "episodes; other trainers counted iterations. Usual is 100000.",
         )
     if v.stack_size > 1:
-        yield "stack_size", f"stack_size={v.stack_size} has no effect: one frame is seen at a time."
+        yield (
+            "stack_size",
+            f"stack_size={v.stack_size}: the network sees {v.stack_size} frames at a time; other "
+            "trainers ignored this key, and the physical car drives with a single frame only.",
+        )
+    if v.discount_factor >= 1.0:
+        yield "discount_factor", "discount_factor=1 looks ahead without end; 0.999 is usual."

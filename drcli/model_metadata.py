@@ -14,7 +14,9 @@ NETWORKS = (
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
     "DEEP_CONVOLUTIONAL_NETWORK",
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP",
+    "COMPACT_CONVOLUTIONAL_NETWORK",
 )
+"""The reference's three, and a small one of our own that learns faster."""
 SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
 """Three names of one grey picture."""
 CAMERAS = (*SINGLE_CAMERAS, "STEREO_CAMERAS")
@@ -33,6 +35,17 @@ KEYS = (
 )
 
 
+class LidarConfig(BaseModel):
+    """`lidar_config`: what DISCRETIZED_SECTOR_LIDAR makes of the rays."""
+
+    model_config = ConfigDict(frozen=True)
+
+    num_sectors: int = 8
+    num_values_per_sector: int = 8
+    clipping_dist: float = 2.0
+    """Metres."""
+
+
 class ModelMetadata(BaseModel):
     """What a model is made of; missing keys have the reference simulator's defaults.
 
@@ -42,6 +55,7 @@ class ModelMetadata(BaseModel):
         neural_network: Name of the network's body.
         sensor: What the car sees with.
         version: Version of the car, `1` to `6`, as text.
+        lidar: Sectors of a lidar.
         original: The file's content, byte by byte, to be copied into the bucket.
         action_space_json: The file's `action_space`, for readers of its own layout.
         warnings: Sentences about what is legal but odd.
@@ -54,6 +68,7 @@ class ModelMetadata(BaseModel):
     neural_network: str
     sensor: tuple[str, ...]
     version: str
+    lidar: LidarConfig = LidarConfig()
     original: bytes
     action_space_json: str
     warnings: tuple[str, ...]
@@ -76,25 +91,6 @@ class ModelMetadata(BaseModel):
         """The kind of actions: discrete or continuous."""
         return "continuous" if self.action_space.continuous else "discrete"
 
-    def unsupported(self) -> str | None:
-        """Why this model cannot be trained yet, as one sentence; None when it can."""
-        if self.training_algorithm != "clipped_ppo":
-            return (
-                f"training_algorithm={self.training_algorithm} cannot be trained yet, "
-                "only clipped_ppo can."
-            )
-        if len(self.sensor) != 1 or self.sensor[0] not in SINGLE_CAMERAS:
-            return (
-                f"sensor={list(self.sensor)} cannot be simulated yet, only one of "
-                f"{', '.join(SINGLE_CAMERAS)} can."
-            )
-        if self.neural_network != NETWORKS[0]:
-            return (
-                f"neural_network={self.neural_network} cannot be trained yet, "
-                f"only {NETWORKS[0]} can."
-            )
-        return None
-
 
 class _Reader:
     """One file: gathers findings and warnings until it can raise or return."""
@@ -113,8 +109,9 @@ class _Reader:
         space = self._action_space(space_type)
         version = self._version()
         sensor = self._sensor(float(version))
+        lidar = LidarConfig()
         if "DISCRETIZED_SECTOR_LIDAR" in sensor:
-            self._lidar_config()
+            lidar = self._lidar_config()
         if algorithm == "sac" and space_type == "discrete":
             self._reject(
                 "training_algorithm",
@@ -130,6 +127,7 @@ class _Reader:
             neural_network=network,
             sensor=sensor,
             version=version,
+            lidar=lidar,
             original=self._original,
             action_space_json=json.dumps(self._file.values["action_space"]),
             warnings=tuple(self._warnings),
@@ -212,14 +210,17 @@ class _Reader:
             return ("observation",)
         return tuple(names)
 
-    def _lidar_config(self) -> None:
+    def _lidar_config(self) -> LidarConfig:
         config = self._file.values.get("lidar_config", {})
         if not isinstance(config, dict):
             remedy = 'Write {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}.'
             self._reject("lidar_config", "is no object", remedy)
-            return
+            return LidarConfig()
         rules: dict[str, tuple[Callable[[float], bool], str]] = {
-            "num_sectors": (lambda n: n > 0 and 64 % n == 0, "Write a divisor of 64, such as 8."),
+            "num_sectors": (
+                lambda n: n > 0 and n % 1 == 0 and 64 % n == 0,
+                "Write a divisor of 64, such as 8.",
+            ),
             "num_values_per_sector": (lambda n: n >= 1 and n % 1 == 0, "Write a whole number."),
             "clipping_dist": (lambda n: 0.15 <= n <= 12.0, "Write metres from 0.15 to 12."),
         }
@@ -230,6 +231,9 @@ class _Reader:
                 what = f"lidar_config.{key}={shown(json.dumps(number))} does not fit"
                 where = self._file.where("lidar_config", key)
                 self._findings.append(Finding(where, what, remedy))
+        if self._findings:
+            return LidarConfig()
+        return LidarConfig(**{key: config[key] for key in rules if key in config})
 
     def _reject(self, key: str, problem: str, remedy: str) -> None:
         written: Any = self._file.values.get(key)

@@ -10,8 +10,10 @@ from rich.text import Text
 from drcli import sparkline
 
 if TYPE_CHECKING:
+    from drcli.runs.increment import Increment
+    from drcli.runs.plan import RunPlan
+    from drcli.runs.pretrained import Pretrained
     from drcli.runs.report import EvaluationReport, IterationRecord, RunReport
-    from drcli.runs.training import RunPlan
     from drcli.tracks.folder import TrackFacts, TrackList, TrackView
 
 CURVE_WIDTH = 54
@@ -228,6 +230,8 @@ def start_text(plan: "RunPlan") -> str:
     settings, inputs = plan.job.settings, plan.inputs
     workers = "1 worker" if settings.workers == 1 else f"{settings.workers} workers"
     begin = f", resuming from {plan.resumes}" if plan.resumes else ""
+    if plan.pretrained is not None:
+        begin = f", with the weights of {_source(plan.pretrained)}"
     files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
     return "\n".join(
         [
@@ -237,6 +241,15 @@ def start_text(plan: "RunPlan") -> str:
             *(f"   {file.origin}" for file in files),
         ]
     )
+
+
+def increment(step: "Increment") -> RenderableType:
+    """From which weights the new model will start."""
+    return Text(f"{step.after} starts with the weights of {_source(step.pretrained)}.")
+
+
+def _source(pretrained: "Pretrained") -> str:
+    return f"{pretrained.prefix} ({pretrained.checkpoint} checkpoint {pretrained.name})"
 
 
 def end_text(report: "RunReport") -> str:

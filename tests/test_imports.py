@@ -44,6 +44,7 @@ OURS = {
         "drcli.store",
         "drcli.config",
         "drcli.errors",
+        "drcli.envfile",
         "drcli.job",
         "drcli.hyperparameters",
         "drcli.model_metadata",

@@ -71,18 +71,18 @@ def start_training(
     """
     from drcli import console, views
     from drcli.commands import watching
-    from drcli.runs import training
+    from drcli.runs import plan, training
     from drcli.runs.logs import log_file
     from drcli.runs.status import inspect
 
     loaded, folder = settings(), working_folder()
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
-    options = training.StartOptions(wipe, resume, max_minutes, until_laps, seed)
-    plan = training.prepare(loaded, options, folder)
+    options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
+    planned = plan.prepare(loaded, options, folder)
     if not quiet:
-        for warning in plan.warnings:
+        for warning in planned.warnings:
             console.warn(warning)
-        console.say(views.start_text(plan))
+        console.say(views.start_text(planned))
 
     if quiet:
         display = watching.nothing()
@@ -95,10 +95,10 @@ def start_training(
 
     if foreground:
         with watching.meanwhile(loaded, folder, display):
-            training.supervise(plan)
+            training.supervise(planned)
         code = _end(inspect(loaded, folder), as_json=as_json)
     else:
-        pid = training.launch(plan)
+        pid = training.launch(planned)
         if inspect(loaded, folder).pid != pid:
             raise WorkerDied(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."

@@ -1,13 +1,41 @@
-"""The policy at the wheel: pictures in, actions out, nothing to learn."""
+"""The policy at the wheel: what the car perceives in, actions out, nothing to learn."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from drcli.learn import distributions
-from drcli.learn.policy import ActorCritic
+from drcli.learn.observation import Observation
+from drcli.learn.spec import PolicySpec
+
+Singles = NDArray[np.float32]
+
+
+class Policy(Protocol):
+    """A network that can drive."""
+
+    @property
+    def spec(self) -> PolicySpec:
+        """What it perceives and chooses from."""
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Choose an action for each of n cars.
+
+        Args:
+            seen: What each car perceives.
+            noise: Random numbers. Shape (n, noise_dims).
+            deterministic: Which cars take the most likely action. Shape (n,).
+            epsilon: Share of the other actions that are drawn blindly, where the rest are the most
+                likely ones; None where they are drawn from the policy.
+
+        Returns:
+            Actions, their log-probabilities, and the critic's estimates. Each of length n.
+        """
 
 
 @dataclass(frozen=True)
@@ -20,31 +48,41 @@ class Decision:
         values: The critic's estimate. Shape (n,).
     """
 
-    actions: NDArray[np.int64] | NDArray[np.float32]
-    log_probs: NDArray[np.float32]
-    values: NDArray[np.float32]
+    actions: NDArray[np.int64] | Singles
+    log_probs: Singles
+    values: Singles
+
+
+def noise_dims(policy: Policy) -> int:
+    """Random numbers that one choice takes.
+
+    Standard normal ones for each continuous dimension; else two uniform ones in [0, 1): the first
+    decides what is drawn, the second whether it is drawn blindly.
+    """
+    return policy.spec.num_actions if policy.spec.continuous else 2
+
+
+def observation(frames: NDArray[np.uint8], scans: Singles, states: Singles) -> Observation:
+    """What n cars perceive, as tensors that share the arrays' memory."""
+    return Observation(*(torch.from_numpy(array) for array in (frames, scans, states)))
 
 
 def decide(
-    model: ActorCritic,
-    frames: NDArray[np.uint8],
-    noise: NDArray[np.float32],
+    policy: Policy,
+    seen: Observation,
+    noise: Singles,
     deterministic: NDArray[np.bool_],
+    epsilon: float | None = None,
 ) -> Decision:
     """Choose an action for each car.
 
     Args:
-        model: The network, on the CPU.
-        frames: What each car sees. Shape (n, 120, 160).
-        noise: Random numbers as `distributions.sample` wants them.
+        policy: The network, on the CPU.
+        seen: What each car perceives.
+        noise: Random numbers. Shape (n, noise_dims).
         deterministic: Which cars take the most likely action instead. Shape (n,).
+        epsilon: As in `Policy.act`.
     """
     with torch.inference_mode():
-        policy, values = model(torch.from_numpy(frames))
-        sampled = distributions.sample(model, policy, torch.from_numpy(noise))
-        mask = torch.from_numpy(deterministic)
-        if model.spec.continuous:
-            mask = mask.unsqueeze(-1)
-        actions = torch.where(mask, distributions.most_likely(model, policy), sampled)
-        log_probs = distributions.log_prob(model, policy, actions)
-    return Decision(actions.numpy(), log_probs.numpy(), values.numpy())
+        chosen = policy.act(seen, torch.from_numpy(noise), torch.from_numpy(deterministic), epsilon)
+    return Decision(*(tensor.numpy() for tensor in chosen))

@@ -1,53 +1,67 @@
-"""Chances of actions: sampling, log-probability, entropy and divergence, discrete and Gaussian."""
+"""Chances of actions: sampling, log-probability and entropy, discrete and Gaussian."""
 
 import math
 
 import torch
 from torch import Tensor
 
-from drcli.learn.policy import ActorCritic
-
 HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
-def sample(model: ActorCritic, policy: Tensor, noise: Tensor) -> Tensor:
+def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
     """Draw actions with the caller's random numbers, so that an episode can be repeated.
 
     Args:
-        model: The network that produced `policy`.
-        policy: Its policy output. Shape (n, num_actions).
-        noise: Discrete: uniform in [0, 1), shape (n,). Continuous: standard normal, shape
-            (n, num_actions).
+        logits: Shape (n, num_actions).
+        noise: Uniform in [0, 1). Shape (n,).
 
     Returns:
-        Discrete: int64 indices, shape (n,). Continuous: unclipped values, shape (n, num_actions).
+        int64 indices. Shape (n,).
     """
-    if model.spec.continuous:
-        return policy + model.log_std_bounded().exp() * noise
-    cumulative = policy.softmax(-1).cumsum(-1)
+    cumulative = logits.softmax(-1).cumsum(-1)
     chosen = torch.searchsorted(cumulative, noise.unsqueeze(-1).to(cumulative.dtype), right=True)
     # Rounding can leave the last sum a hair below one, and a draw above it.
-    return chosen.squeeze(-1).clamp_(max=model.spec.num_actions - 1)
+    return chosen.squeeze(-1).clamp_(max=logits.shape[-1] - 1)
 
 
-def most_likely(model: ActorCritic, policy: Tensor) -> Tensor:
-    """The deterministic action: argmax, or the mean of the Gaussian."""
-    return policy if model.spec.continuous else policy.argmax(-1)
+def sample_e_greedy(logits: Tensor, noise: Tensor, epsilon: float) -> Tensor:
+    """Draw blindly with probability epsilon, else take the most likely action.
+
+    Args:
+        logits: Shape (n, num_actions).
+        noise: Uniform in [0, 1): which action is drawn, and whether it counts. Shape (n, 2).
+        epsilon: Share of blind actions.
+
+    Returns:
+        int64 indices. Shape (n,).
+    """
+    count = logits.shape[-1]
+    blind = (noise[:, 0] * count).long().clamp_(max=count - 1)
+    return torch.where(noise[:, 1] < epsilon, blind, logits.argmax(-1))
 
 
-def log_prob(model: ActorCritic, policy: Tensor, actions: Tensor) -> Tensor:
-    """Log-probability (density) of actions. Shape (n,)."""
-    if model.spec.continuous:
-        log_std = model.log_std_bounded()
-        scaled = (actions - policy) / log_std.exp()
-        return (-0.5 * scaled.square() - log_std - HALF_LOG_2PI).sum(-1)
-    return policy.log_softmax(-1).gather(-1, actions.unsqueeze(-1)).squeeze(-1)
+def sample_gaussian(mean: Tensor, log_std: Tensor, noise: Tensor) -> Tensor:
+    """Draw unclipped values from standard normal `noise`, all of shape (n, dims)."""
+    return mean + log_std.exp() * noise
 
 
-def entropy(model: ActorCritic, policy: Tensor) -> Tensor:
-    """Entropy of the policy at each state, in nats. Shape (n,)."""
-    if model.spec.continuous:
-        one = (model.log_std_bounded() + 0.5 + HALF_LOG_2PI).sum()
-        return one.expand(policy.shape[0])
-    log_p = policy.log_softmax(-1)
+def log_prob_categorical(logits: Tensor, actions: Tensor) -> Tensor:
+    """Log-probability of action indices. Shape (n,)."""
+    return logits.log_softmax(-1).gather(-1, actions.unsqueeze(-1)).squeeze(-1)
+
+
+def log_prob_gaussian(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
+    """Log-density of values of shape (n, dims). Shape (n,)."""
+    scaled = (actions - mean) / log_std.exp()
+    return (-0.5 * scaled.square() - log_std - HALF_LOG_2PI).sum(-1)
+
+
+def entropy_categorical(logits: Tensor) -> Tensor:
+    """Entropy of the choice at each step, nats. Shape (n,)."""
+    log_p = logits.log_softmax(-1)
     return -(log_p.exp() * log_p).sum(-1)
+
+
+def entropy_gaussian(log_std: Tensor) -> Tensor:
+    """Entropy of the Gaussian, nats: the same at every step. A single value."""
+    return (log_std + 0.5 + HALF_LOG_2PI).sum()

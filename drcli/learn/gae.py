@@ -7,12 +7,14 @@ Floats = NDArray[np.float32]
 
 
 def gae(
-    rewards: Floats, values: Floats, lengths: NDArray[np.int64], gamma: float, lam: float
+    rewards: Floats,
+    values: Floats,
+    lengths: NDArray[np.int64],
+    gamma: float,
+    lam: float,
+    last_values: Floats | None = None,
 ) -> Floats:
     """Advantages of every step of several episodes laid end to end.
-
-    The value after an episode's last step is 0, for laps completed as well as for failures: this
-    is the reference's rule, and hyperparameters tuned there depend on it.
 
     Args:
         rewards: Shape (t,).
@@ -20,6 +22,9 @@ def gae(
         lengths: Steps of each episode, summing to t. Shape (episodes,).
         gamma: Discount factor.
         lam: Weight of longer returns: 0 trusts the critic, 1 the rewards.
+        last_values: The value after each episode's last step. 0 when left out, for laps completed
+            as well as for failures and cuts: this is the reference's rule, and hyperparameters
+            tuned there depend on it. Shape (episodes,).
 
     Returns:
         A(t) = delta(t) + gamma * lam * A(t + 1), with
@@ -27,8 +32,9 @@ def gae(
     """
     advantages = np.empty(len(rewards), dtype=np.float64)
     end = len(rewards)
-    for length in lengths[::-1].tolist():
-        next_value = next_advantage = 0.0
+    after = np.zeros(len(lengths)) if last_values is None else last_values
+    for length, last_value in zip(lengths[::-1].tolist(), after[::-1].tolist(), strict=True):
+        next_value, next_advantage = last_value, 0.0
         for t in range(end - 1, end - length - 1, -1):
             value = float(values[t])
             delta = float(rewards[t]) + gamma * next_value - value

@@ -8,11 +8,15 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from drcli.learn import distributions
 from drcli.learn.buffer import Rollout
 from drcli.learn.gae import gae
+from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.precision import Compute
+from drcli.learn.state import optimizer_tensors, restore_optimizer
+
+SCHEDULE_END = 0.05
+"""Share of a knob that is left at the end of its schedule: a training that runs on still learns."""
 
 
 class NonFiniteLossError(ArithmeticError):
@@ -25,9 +29,30 @@ class UpdateInterruptedError(RuntimeError):
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Knobs of the update, under the names of hyperparameters.json where it has them.
+    """Knobs of the update, under the names of hyperparameters.json.
 
-    The clip range, lambda and Adam's epsilon are constants of the reference.
+    Clip range, lambda and Adam's epsilon are the reference's constants unless set otherwise.
+
+    Attributes:
+        batch_size: Steps in a minibatch.
+        num_epochs: Passes over a rollout.
+        lr: Adam's learning rate.
+        discount_factor: Weight of a reward one step later.
+        beta_entropy: Weight of the entropy in the loss.
+        huber: Huber's loss for the value, with delta 1, instead of the squared error.
+        clip_range: How far the ratio of new to old probabilities may leave 1 with profit.
+        gae_lambda: Weight of longer returns in the advantage.
+        adam_eps: Added to the root of Adam's second moment.
+        clip_value: How far the value may move from what it was, with profit; None: any.
+        clip_advantage: Largest normalised advantage; None: any.
+        target_kl: The update ends after the epoch whose mean divergence from the policy that
+            drove exceeds this; None: never.
+        max_grad_norm: Largest norm of the gradient of a minibatch; None: any.
+        lr_linear: Let `lr` fall over `schedule_steps`.
+        entropy_linear: Let `beta_entropy` fall likewise.
+        schedule_steps: Environment steps after which such a knob has reached `SCHEDULE_END`.
+        bootstrap_cut: Count the critic's estimate as the rest of an episode that the step limit
+            cut off; the reference counts nothing.
     """
 
     batch_size: int = 64
@@ -39,6 +64,25 @@ class PPOConfig:
     clip_range: float = 0.2
     gae_lambda: float = 0.95
     adam_eps: float = 1e-5
+    clip_value: float | None = None
+    clip_advantage: float | None = None
+    target_kl: float | None = None
+    max_grad_norm: float | None = None
+    lr_linear: bool = False
+    entropy_linear: bool = False
+    schedule_steps: int = 500_000
+    bootstrap_cut: bool = False
+
+    def lr_at(self, steps: int) -> float:
+        """The learning rate after so many environment steps."""
+        return self.lr * (self._falling(steps) if self.lr_linear else 1.0)
+
+    def beta_entropy_at(self, steps: int) -> float:
+        """The weight of the entropy after so many environment steps."""
+        return self.beta_entropy * (self._falling(steps) if self.entropy_linear else 1.0)
+
+    def _falling(self, steps: int) -> float:
+        return max(SCHEDULE_END, 1.0 - steps / self.schedule_steps)
 
 
 @dataclass(frozen=True)
@@ -51,10 +95,18 @@ class EpochStats:
     entropy: float
     kl: float
     clip_fraction: float
+    lr: float
 
 
 class PPO:
-    """The learner: a network, its optimizer, and the update that improves the former."""
+    """The learner: a network, its optimizer, and the update that improves the former.
+
+    Attributes:
+        model: The network.
+        memory_steps: Steps of earlier rollouts that it learns from again: none.
+    """
+
+    memory_steps = 0
 
     def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
         self.model = model.to(compute.device)
@@ -64,12 +116,24 @@ class PPO:
             model.parameters(), lr=config.lr, eps=config.adam_eps, fused=True
         )
 
+    def optimizer_tensors(self) -> dict[str, Tensor]:
+        """The optimizer's memory, to go on with."""
+        return optimizer_tensors(self.optimizer)
+
+    def restore(self, tensors: dict[str, Tensor]) -> None:
+        """Take up the memory of another optimizer."""
+        restore_optimizer(self.optimizer, tensors)
+
+    def remember(self, rollout: Rollout) -> None:
+        """Nothing: what other weights drove teaches this algorithm nothing."""
+
     def update(
         self,
         rollout: Rollout,
         seed: int,
         on_epoch: Callable[[EpochStats], None] = lambda stats: None,
         should_stop: Callable[[], bool] = lambda: False,
+        steps_before: int = 0,
     ) -> list[EpochStats]:
         """Improve the policy on one iteration of driving.
 
@@ -78,13 +142,18 @@ class PPO:
             seed: Decides the order of the minibatches.
             on_epoch: Called after each epoch.
             should_stop: Asked before each minibatch.
+            steps_before: Environment steps learned from until now, for the schedules.
 
         Raises:
-            NonFiniteLossError: At the first loss that is NaN or infinite.
+            NonFiniteLossError: At the first loss, and at weights, that are NaN or infinite.
             UpdateInterruptedError: When `should_stop` said so.
         """
-        batch = _Batch.prepare(rollout, self.config, self.compute.device)
+        batch = _Batch.prepare(rollout, self.config, self.model.spec.stack, self.compute.device)
         order = torch.Generator().manual_seed(seed)
+        lr = self.config.lr_at(steps_before)
+        for group in self.optimizer.param_groups:
+            group["lr"] = lr
+        beta = self.config.beta_entropy_at(steps_before)
         history = []
         self.model.train()
         for epoch in range(self.config.num_epochs):
@@ -93,13 +162,18 @@ class PPO:
             for rows in _minibatches(rollout.steps, self.config.batch_size, order):
                 if should_stop():
                     raise UpdateInterruptedError
-                sums += self._step(batch, rows.to(self.compute.device))
+                sums += self._step(batch, rows.to(self.compute.device), beta)
                 count += 1
-            history.append(EpochStats(epoch, *(sums / count).tolist()))
+            surrogate, value, entropy, kl, clipped = (sums / count).tolist()
+            history.append(EpochStats(epoch, surrogate, value, entropy, kl, clipped, lr))
             on_epoch(history[-1])
+            if self.config.target_kl is not None and history[-1].kl > self.config.target_kl:
+                break
+        if not all(bool(torch.isfinite(p).all()) for p in self.model.parameters()):
+            raise NonFiniteLossError("The weights are no numbers any more.")
         return history
 
-    def _step(self, batch: "_Batch", rows: Tensor) -> Tensor:
+    def _step(self, batch: "_Batch", rows: Tensor, beta_entropy: float) -> Tensor:
         """One gradient step.
 
         Returns:
@@ -107,16 +181,16 @@ class PPO:
         """
         advantages = batch.advantages[rows]
         with self.compute.autocast():
-            policy, value = self.model(batch.frames[rows])
-        log_probs = distributions.log_prob(self.model, policy, batch.actions[rows])
+            policy, value = self.model(batch.observation(rows))
+        log_probs = self.model.log_prob(policy, batch.actions[rows])
         log_ratio = log_probs - batch.log_probs[rows]
         ratio = log_ratio.exp()
         low, high = 1.0 - self.config.clip_range, 1.0 + self.config.clip_range
         surrogate = torch.minimum(ratio * advantages, ratio.clamp(low, high) * advantages)
-        value_loss = self._value_loss(value, batch.targets[rows])
-        entropy = distributions.entropy(self.model, policy).mean()
+        value_loss = self._value_loss(value, batch.values[rows], batch.targets[rows])
+        entropy = self.model.entropy(policy).mean()
         surrogate_loss = -surrogate.mean()
-        loss = surrogate_loss + value_loss - self.config.beta_entropy * entropy
+        loss = surrogate_loss + value_loss - beta_entropy * entropy
 
         if not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
@@ -125,6 +199,8 @@ class PPO:
             )
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
+        if self.config.max_grad_norm is not None:
+            torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
         self.optimizer.step()
 
         with torch.no_grad():
@@ -133,10 +209,15 @@ class PPO:
             clipped = ((ratio - 1.0).abs() > self.config.clip_range).float().mean()
             return torch.stack([surrogate_loss, value_loss, entropy, kl, clipped]).cpu()
 
-    def _value_loss(self, value: Tensor, target: Tensor) -> Tensor:
-        if self.config.huber:
-            return functional.huber_loss(value, target)
-        return functional.mse_loss(value, target)
+    def _value_loss(self, value: Tensor, before: Tensor, target: Tensor) -> Tensor:
+        loss = functional.huber_loss if self.config.huber else functional.mse_loss
+        if self.config.clip_value is None:
+            return loss(value, target)
+        bound = self.config.clip_value
+        near = before + (value - before).clamp(-bound, bound)
+        return torch.maximum(
+            loss(value, target, reduction="none"), loss(near, target, reduction="none")
+        ).mean()
 
 
 @dataclass(frozen=True)
@@ -144,24 +225,48 @@ class _Batch:
     """A rollout with its advantages, as tensors on the learner's device."""
 
     frames: Tensor
+    frame_rows: Tensor
+    scans: Tensor
+    states: Tensor
     actions: Tensor
     log_probs: Tensor
+    values: Tensor
     advantages: Tensor
     targets: Tensor
 
     @staticmethod
-    def prepare(rollout: Rollout, config: PPOConfig, device: torch.device) -> "_Batch":
+    def prepare(rollout: Rollout, config: PPOConfig, stack: int, device: torch.device) -> "_Batch":
         advantages = gae(
             rollout.rewards,
             rollout.values,
             rollout.lengths,
             config.discount_factor,
             config.gae_lambda,
+            rollout.last_values if config.bootstrap_cut else None,
         )
         targets = advantages + rollout.values
         normalized = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        columns = (rollout.frames, rollout.actions, rollout.log_probs, normalized, targets)
+        if config.clip_advantage is not None:
+            normalized = normalized.clip(-config.clip_advantage, config.clip_advantage)
+        columns = (
+            rollout.frames,
+            rollout.stacked_rows(stack),
+            rollout.scans,
+            rollout.states,
+            rollout.actions,
+            rollout.log_probs,
+            rollout.values,
+            normalized,
+            targets,
+        )
         return _Batch(*(torch.from_numpy(np.ascontiguousarray(c)).to(device) for c in columns))
+
+    def observation(self, rows: Tensor) -> Observation:
+        """What was seen at some steps."""
+        # index_select copies whole frames; indexing with two dimensions is several times slower.
+        frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
+        frames = frames.view(len(rows), -1, *self.frames.shape[2:])
+        return Observation(frames, self.scans[rows], self.states[rows])
 
 
 def _minibatches(steps: int, batch_size: int, order: torch.Generator) -> Iterator[Tensor]:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import torch
 
-from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, ActorCritic, PolicySpec
+from drcli.learn.observation import Observation
+from drcli.learn.policy import ActorCritic
+from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 
 TRIAL_S = 0.25
 """How long each format is tried, seconds."""
@@ -81,13 +83,16 @@ def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int)
 def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int, seconds: float) -> float:
     """Forward and backward passes of a throw-away network, timed for so long, at least once."""
     model = ActorCritic(spec).to(compute.device)
-    frames = torch.zeros(
-        (batch_size, FRAME_HEIGHT, FRAME_WIDTH), dtype=torch.uint8, device=compute.device
+    shape = (batch_size, spec.channels, FRAME_HEIGHT, FRAME_WIDTH)
+    seen = Observation(
+        torch.zeros(shape, dtype=torch.uint8, device=compute.device),
+        torch.zeros((batch_size, spec.scan_dims), device=compute.device),
+        torch.zeros((batch_size, spec.state_dims), device=compute.device),
     )
 
     def once() -> None:
         with compute.autocast():
-            policy, value = model(frames)
+            policy, value = model(seen)
         (policy.square().mean() + value.square().mean()).backward()
         if compute.device.type == "cuda":
             torch.cuda.synchronize()

@@ -16,8 +16,8 @@ from drcli.errors import SettingsError, WorkerDied
 from drcli.job import Job, LastWords
 from drcli.runs.logs import log_file
 from drcli.runs.parameters import evaluation_parameters
+from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.runs.report import EvaluationReport, TrialReport
-from drcli.runs.training import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, get_json
 from drcli.store.connect import open_bucket

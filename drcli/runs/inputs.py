@@ -1,5 +1,7 @@
 """The racer's three files: found, checked, and frozen below the model prefix."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -7,9 +9,14 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
+from drcli.job import Job, LastWords
 from drcli.model_metadata import ModelMetadata
+from drcli.runs.design import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+
+TRIAL_TIMEOUT_S = 60.0
+"""How long the trial of world and reward function may take, endless loops included."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,7 @@ class Inputs:
     hyperparameters: InputFile
     metadata: InputFile
 
-    def check(self) -> tuple[Hyperparameters, ModelMetadata]:
+    def check(self) -> Design:
         """Read the two parameter files; the reward function needs a track to be tried on.
 
         Raises:
@@ -45,7 +52,15 @@ class Inputs:
             self.hyperparameters.data, self.hyperparameters.origin
         )
         metadata = ModelMetadata.from_bytes(self.metadata.data, self.metadata.origin)
-        return parameters, metadata
+        conflict = parameters.conflict(
+            metadata.training_algorithm, continuous=metadata.action_space.continuous
+        )
+        if conflict is not None:
+            origin = self.hyperparameters.origin
+            raise SettingsError(
+                f"{origin}: {conflict}", remedy=f"Change {self.hyperparameters.name}."
+            )
+        return Design(metadata, parameters, self.metadata.origin, self.hyperparameters.origin)
 
 
 def gather(settings: Settings, directory: Path, bucket: Bucket) -> Inputs:
@@ -99,6 +114,42 @@ def upload_custom_files(
     for file, key in places:
         if Path(file.origin).parent == local:
             bucket.put(key, file.data)
+
+
+def try_inputs(job: Job, inputs: Inputs) -> None:
+    """Load the world and try the reward function on it, in a process that can be given up.
+
+    The launcher itself never imports a racer's code.
+
+    Raises:
+        SettingsError: The world or the reward function does not work; the sentence says how.
+    """
+    job.folder.mkdir(parents=True, exist_ok=True)
+    path = job.folder / keys.REWARD_FUNCTION_FILE
+    path.write_bytes(inputs.reward.data)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "drcli.worker.trial", str(path), inputs.reward.origin],
+            env=job.to_environment(),
+            cwd=job.directory,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=TRIAL_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise SettingsError(
+            f"{inputs.reward.origin}: trying the reward function took longer than "
+            f"{TRIAL_TIMEOUT_S:.0f} seconds.",
+            remedy="Look for an endless loop in it.",
+        ) from None
+    if done.returncode == 0:
+        return
+    words = LastWords.find(job.folder, "trial")
+    if words is not None and words.code == SettingsError.code:
+        raise SettingsError(words.message, remedy=words.remedy)
+    raise RuntimeError(f"The trial of the reward function failed:\n{done.stdout}{done.stderr}")
 
 
 def custom_files_folder(settings: Settings, directory: Path) -> Path:

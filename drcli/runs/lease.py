@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 
 import psutil
 
+from drcli.errors import SettingsError
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -43,6 +44,23 @@ def holder(bucket: Bucket, prefix: str) -> Lease | None:
     except ObjectMissing:
         return None
     return lease if time.time() - lease.renewed < STALE_S else None
+
+
+def refuse_other_owner(bucket: Bucket, prefix: str) -> None:
+    """Refuse a prefix that is trained on from another folder or machine.
+
+    Raises:
+        SettingsError: It is.
+    """
+    held = holder(bucket, prefix)
+    if held is None or not is_owner_alive(held):
+        return
+    raise SettingsError(
+        f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
+        f"{held.host} (last heard of {time.time() - held.renewed:.0f} s ago).",
+        remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
+        f"is gone, try again in {STALE_S:.0f} seconds.",
+    )
 
 
 def is_owner_alive(lease: Lease) -> bool:

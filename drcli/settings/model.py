@@ -5,6 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
+from pydantic import BaseModel, ConfigDict
+
 from drcli.settings.fields import Setting, declared
 from drcli.settings.racing import EvaluationSettings, RaceSettings, TrainSettings
 from drcli.settings.realism import RealismSettings
@@ -16,6 +18,42 @@ from drcli.settings.system import (
     ScreenSettings,
     ServiceSettings,
 )
+
+
+class Override(BaseModel):
+    """What the file of one worker changes.
+
+    Attributes:
+        values: Texts by the name of the field.
+        sources: Places by DR_ name.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    values: Mapping[str, str]
+    sources: Mapping[str, str]
+
+
+WORKER_NAMES = (
+    "DR_WORLD_NAME",
+    "DR_RACE_TYPE",
+    "DR_CAR_COLOR",
+    "DR_CAR_BODY_SHELL_TYPE",
+    "DR_ENABLE_DOMAIN_RANDOMIZATION",
+    "DR_RANDOMIZE_TEXTURES",
+    "DR_TRAIN_CHANGE_START_POSITION",
+    "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
+    "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
+    "DR_TRAIN_START_POSITION_OFFSET",
+    "DR_TRAIN_REVERSE_DIRECTION",
+    "DR_TRAIN_LANES",
+    "DR_CAMERA_MAIN_ENABLE",
+    "DR_CAMERA_SUB_ENABLE",
+    "DR_ENABLE_EXTRA_KVS_OVERLAY",
+)
+"""Settings that worker-N.env may change, beside all that begin with one of the following."""
+
+WORKER_STEMS = ("DR_OA_", "DR_H2B_", "DR_SIM_")
 
 
 class Settings(
@@ -40,12 +78,14 @@ class Settings(
         extra: Names in the files that are no settings, with their values.
         sources: Place at which each setting was given, by DR_ name; defaults are absent.
         warnings: Sentences about what was accepted but looks odd.
+        overrides: What worker-N.env changes, for the second worker first.
     """
 
     directory: Path
     extra: Mapping[str, str]
     sources: Mapping[str, str]
     warnings: tuple[str, ...]
+    overrides: tuple[Override, ...] = ()
 
     @property
     def custom_files_dir(self) -> Path:
@@ -65,17 +105,25 @@ class Settings(
 
     def unsupported(self, job: Literal["training", "evaluation"] = "training") -> str | None:
         """Why these settings cannot be run, as one sentence; None when they can."""
-        if self.race_type == "HEAD_TO_MODEL" and job == "training":
-            return (
-                f"{self.source('DR_RACE_TYPE')}: DR_RACE_TYPE=HEAD_TO_MODEL races two finished "
-                "models and is there for evaluations only, no model can be trained in it."
-            )
-        if self.pretrained and job == "training":
-            return (
-                f"{self.source('DR_LOCAL_S3_PRETRAINED')}: DR_LOCAL_S3_PRETRAINED=True cannot be "
-                "done yet, a training starts with fresh weights."
-            )
+        if job == "evaluation":
+            return None
+        for worker in range(len(self.overrides) + 1):
+            own = self.for_worker(worker)
+            if own.race_type == "HEAD_TO_MODEL":
+                return (
+                    f"{own.source('DR_RACE_TYPE')}: DR_RACE_TYPE=HEAD_TO_MODEL races two finished "
+                    "models and is there for evaluations only, no model can be trained in it."
+                )
         return None
+
+    def for_worker(self, worker: int) -> "Settings":
+        """The settings of one simulation worker, counted from 0; the first one has these."""
+        if not 1 <= worker <= len(self.overrides):
+            return self
+        own = self.overrides[worker - 1]
+        changed = self.model_dump() | dict(own.values)
+        changed["sources"] = {**self.sources, **own.sources}
+        return Settings.model_validate(changed)
 
     def dump(self) -> str:
         """All of it as JSON text for `restore`."""

@@ -107,17 +107,38 @@ class TrainSettings(Group):
     train_multi_config: bool = setting(
         "DR_TRAIN_MULTI_CONFIG",
         False,
-        "Give worker N the track and race of worker-N.env.",
-        planned="all workers drive the race of run.env",
+        "Give worker N, from the second on, the track and race of worker-N.env.",
     )
     train_min_eval_trials: int = setting(
         "DR_TRAIN_MIN_EVAL_TRIALS",
         5,
-        "Least number of evaluation episodes between two updates of the policy.",
+        "Evaluation episodes of a checkpoint that is evaluated while training goes on.",
         low=0,
     )
+    train_eval_share: float = setting(
+        "DR_TRAIN_EVAL_SHARE",
+        0.1,
+        "Largest share of the time that evaluations may take; others are passed over.",
+        low=0.001,
+        high=1,
+    )
+    train_max_iterations: int = setting(
+        "DR_TRAIN_MAX_ITERATIONS", 0, "Finish after so many updates of the policy; 0 never.", low=0
+    )
+    train_stop_progress: float = setting(
+        "DR_TRAIN_STOP_PROGRESS",
+        0.0,
+        "Finish once evaluations in a row reach this mean progress, percent; 0 never.",
+        low=0,
+        high=100,
+    )
+    train_stop_evaluations: int = setting(
+        "DR_TRAIN_STOP_EVALUATIONS", 3, "How many evaluations in a row must reach it.", low=1
+    )
     train_best_model_metric: Literal["progress", "reward", "laptime"] = setting(
-        "DR_TRAIN_BEST_MODEL_METRIC", "progress", "What makes a checkpoint the best one."
+        "DR_TRAIN_BEST_MODEL_METRIC",
+        "progress",
+        "What makes a checkpoint the best one; equal progress is decided by lap time.",
     )
     train_max_steps_per_iteration: int = setting(
         "DR_TRAIN_MAX_STEPS_PER_ITERATION",

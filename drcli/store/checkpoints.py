@@ -231,21 +231,29 @@ class CheckpointStore:
         return None if scores is None else scores.best_checkpoint.name
 
     def record_evaluation(
-        self, name: str, average: float, *, lower_is_better: bool = False
+        self,
+        name: str,
+        average: float,
+        *,
+        lower_is_better: bool = False,
+        tie_break: float | None = None,
     ) -> bool:
         """Note how a checkpoint was evaluated; True when it is now the best.
 
-        A tie goes to the newer one; anything beats a checkpoint that was never evaluated. One that
-        was pruned meanwhile cannot become the best any more.
+        Equal means are told apart by the tie-break, and go to the newer one if that is equal too;
+        anything beats a checkpoint that was never evaluated. One that was pruned meanwhile cannot
+        become the best any more.
 
         Args:
             name: Checkpoint that was driven.
             average: Mean of its evaluation episodes, in the unit the settings chose.
             lower_is_better: Whether that unit is a lap time.
+            tie_break: What decides between equal means, the lower the better:
+                `drcli.store.scores.tie_break_of`.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
-            score = Score(name, average, self.record(name).sim_time_s)
+            score = Score(name, average, self.record(name).sim_time_s, tie_break)
         except ObjectMissing:
             return False
         if scores is None:
@@ -253,6 +261,14 @@ class CheckpointStore:
         after = scores.with_evaluation(score, lower_is_better=lower_is_better)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
+
+    def forget_scores(self) -> None:
+        """Keep the best checkpoint, but not how good it was: the next evaluation beats it."""
+        known = read_scores(self._bucket, self._prefix)
+        if known is not None:
+            best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
+            last = replace(known.last_checkpoint, avg_eval_metric=None)
+            write_scores(self._bucket, self._prefix, Scores(best, last))
 
     def _optimizer(self, record: Record) -> bytes | None:
         """The optimizer state where it is there and whole: weights alone can go on, too."""

@@ -1,15 +1,15 @@
 """The trainer's side of the rollouts: waits for the workers, takes what they played, sweeps up."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from drcli.store import keys
 from drcli.store.backoff import SLOW_GROWTH, delays_s
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
-from drcli.store.episodes import Episodes, unpack_episodes
-from drcli.store.rollouts import Manifest, find_manifest
+from drcli.store.episodes import Episodes, unpack_together
+from drcli.store.rollouts import Manifest, Part, find_manifest
 
 PREFETCH_BYTES = 512 << 20
 """Most that is held in memory on the mere hope that a manifest confirms it."""
@@ -66,11 +66,13 @@ class RolloutReader:
         workers: Iterable[int],
         *,
         patience_s: float,
+        enough: int | None = None,
+        arrived: Mapping[int, Manifest] | None = None,
         on_wait: Callable[[Waiting], None] = lambda waiting: None,
         report_every_s: float = 10.0,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> dict[int, Manifest]:
-        """Wait until every worker has handed in its rollouts; fetch parts that lie there already.
+        """Wait until the workers have handed in their rollouts; fetch parts that lie there already.
 
         Args:
             iteration: Which rollouts.
@@ -78,6 +80,8 @@ class RolloutReader:
                 was stopped or went back, and count as missing.
             workers: Who plays.
             patience_s: After that long, go on with what is there.
+            enough: Wait for no more than so many of them; for all when left out.
+            arrived: Manifests that have come already.
             on_wait: Told who is missing, every `report_every_s` and when the patience ends.
             report_every_s: Seconds between two reports.
             should_stop: Asked at every look; ends the wait early.
@@ -86,12 +90,13 @@ class RolloutReader:
             The manifests that came, by worker; all of them unless the wait was cut short.
         """
         wanted = sorted(workers)
-        arrived: dict[int, Manifest] = {}
+        enough = len(wanted) if enough is None else enough
+        known = dict(arrived or {})
         started_s = reported_s = self._clock()
         for delay_s in delays_s(growth=SLOW_GROWTH):
-            self._look(iteration, checkpoint, wanted, arrived)
-            missing = tuple(worker for worker in wanted if worker not in arrived)
-            if not missing or should_stop():
+            self._look(iteration, checkpoint, wanted, known)
+            missing = tuple(worker for worker in wanted if worker not in known)
+            if len(known) >= enough or should_stop():
                 break
             now_s = self._clock()
             waited_s = now_s - started_s
@@ -102,33 +107,47 @@ class RolloutReader:
                 on_wait(Waiting(iteration, missing, waited_s))
                 reported_s = now_s
             self._pause(min(delay_s, patience_s - waited_s))
-        return dict(sorted(arrived.items()))
+        return dict(sorted(known.items()))
 
-    def read(self, manifest: Manifest) -> list[Episodes]:
-        """The episodes of a worker, part by part, each checked against the manifest.
+    def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
+        """What some workers handed in for an iteration, whichever checkpoint drove it."""
+        found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
+        return [manifest for manifest in found if manifest is not None]
+
+    def iterations(self) -> list[int]:
+        """Iterations of which there are rollouts, in order."""
+        listing = self._bucket.list(keys.rollouts_folder(self._prefix))
+        found = (keys.rollout_key(self._prefix, info.key) for info in listing)
+        return sorted({key.iteration for key in found if key is not None})
+
+    def read(self, manifests: Iterable[Manifest]) -> Episodes:
+        """The episodes of some workers in one piece, each part checked against its manifest.
 
         Raises:
             ObjectMissing: A part is gone.
             ObjectDamaged: A part is not what the worker wrote.
         """
-        for part in manifest.parts:
+        wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
+        for _, part in wanted:
             self._prefetch(part.key, part.fingerprint.size_bytes)
-        found = []
-        for part in manifest.parts:
-            where = f"{self._bucket.name}/{part.key}"
-            data = self._take(part.key)
+        return unpack_together(
+            [self._checked(manifest, part) for manifest, part in wanted],
+            where=[f"{self._bucket.name}/{part.key}" for _, part in wanted],
+        )
+
+    def _checked(self, manifest: Manifest, part: Part) -> bytes:
+        data = self._take(part.key)
+        fault = part.fingerprint.fault(data)
+        if fault is not None:
+            data = self._bucket.get(part.key)  # fetched too early, perhaps
             fault = part.fingerprint.fault(data)
-            if fault is not None:
-                data = self._bucket.get(part.key)  # fetched too early, perhaps
-                fault = part.fingerprint.fault(data)
-            if fault is not None:
-                raise ObjectDamaged(
-                    f"{where} is damaged: {fault}.",
-                    remedy=f"Simulation worker {manifest.worker} must play iteration "
-                    f"{manifest.iteration} again.",
-                )
-            found.append(unpack_episodes(data, where=where))
-        return found
+        if fault is not None:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{part.key} is damaged: {fault}.",
+                remedy=f"Simulation worker {manifest.worker} must play iteration "
+                f"{manifest.iteration} again.",
+            )
+        return data
 
     def delete_learned(self, iteration: int) -> None:
         """Delete the rollouts of this iteration and of all before it."""

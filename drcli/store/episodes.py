@@ -6,8 +6,9 @@ pixels shrink noisy frames a quarter more, but undoing them costs more time (300
 smaller object saves on the way through the local bucket.
 """
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +20,7 @@ from safetensors.numpy import load, save
 
 from drcli.store.bucket import ObjectDamaged
 
-SCHEMA = "1"
+SCHEMA = "2"
 """Raised when a reader of the old form would misread the new one."""
 
 _LEVEL = 1
@@ -34,7 +35,7 @@ class Episodes:
     """Whole episodes, one after the other, T steps in E episodes.
 
     Args:
-        frames: What the camera saw before each action, uint8. Shape (T, height, width).
+        frames: What the camera saw before each action, uint8. Shape (T, eyes, height, width).
         actions: Shape (T,) int64 for a list of actions, (T, A) float32 for ranges.
         log_probs: Log-probability of each action when it was chosen. Shape (T,).
         values: What the critic expected at each step. Shape (T,).
@@ -61,8 +62,10 @@ class Episodes:
     def __post_init__(self) -> None:
         if not self.steps:
             raise ValueError("Episodes without a single step are none.")
-        if self.frames.dtype != np.uint8 or self.frames.ndim != 3:
-            raise ValueError(f"frames are (T, height, width) uint8, not {_shape(self.frames)}.")
+        if self.frames.dtype != np.uint8 or self.frames.ndim != 4:
+            raise ValueError(
+                f"frames are (T, eyes, height, width) uint8, not {_shape(self.frames)}."
+            )
         if self.actions.dtype not in (np.int64, np.float32):
             raise ValueError(f"actions are int64 or float32, not {self.actions.dtype}.")
         for name in ("actions", "log_probs", "values", "rewards"):
@@ -88,6 +91,27 @@ class Episodes:
         """Number of episodes."""
         return len(self.episode_lengths)
 
+    def chosen(self, which: NDArray[np.int64]) -> "Episodes":
+        """Some of the episodes; this copies their frames.
+
+        Args:
+            which: Indices of episodes. Shape (k,).
+        """
+        ends = np.cumsum(self.episode_lengths)
+        begins = ends - self.episode_lengths
+        rows = np.concatenate([np.arange(begins[i], ends[i]) for i in which])
+        per_step = ("frames", "actions", "log_probs", "values", "rewards")
+        per_episode = ("episode_numbers", "episode_lengths")
+        return Episodes(
+            **{name: getattr(self, name)[rows] for name in per_step},
+            **{name: getattr(self, name)[which] for name in per_episode},
+            extras={
+                name: column[rows if len(column) == self.steps else which]
+                for name, column in self.extras.items()
+            },
+            notes=self.notes,
+        )
+
 
 def pack_episodes(episodes: Episodes) -> bytes:
     """Turn episodes into bytes; the arrays may be used again afterwards."""
@@ -105,7 +129,7 @@ def pack_episodes(episodes: Episodes) -> bytes:
 
 
 def unpack_episodes(data: bytes, *, where: str = "a rollout") -> Episodes:
-    """Turn bytes back into episodes, whose frames are read-only until joined with others.
+    """Turn bytes back into episodes.
 
     Args:
         data: What `pack_episodes` gave.
@@ -114,45 +138,90 @@ def unpack_episodes(data: bytes, *, where: str = "a rollout") -> Episodes:
     Raises:
         ObjectDamaged: The bytes are something else.
     """
-    try:
+    return unpack_together([data], where=[where])
+
+
+def unpack_together(parts: Sequence[bytes], *, where: Sequence[str]) -> Episodes:
+    """Turn several objects into episodes, one after the other; notes are those of the first.
+
+    Frames are by far the most of it. They unfold straight into their place in one array.
+
+    Args:
+        parts: What `pack_episodes` gave, at least one.
+        where: Names of the objects for errors.
+
+    Raises:
+        ObjectDamaged: One of the objects is something else, or not like the first.
+    """
+    folded = []
+    for data, name in zip(parts, where, strict=True):
+        with _explained(name):
+            folded.append(_Folded.of(data))
+    first = folded[0]
+    frames = np.empty((sum(part.steps for part in folded), *first.frames_shape[1:]), np.uint8)
+    begin = 0
+    for part, name in zip(folded, where, strict=True):
+        with _explained(name):
+            part.unfold_into(frames[begin : begin + part.steps])
+        begin += part.steps
+    with _explained(where[0]):
+        columns = {
+            key: np.concatenate([part.columns[key] for part in folded]) for key in first.columns
+        }
+        extras = {key: columns.pop(key) for key in first.columns if key not in _COLUMNS}
+        return Episodes(
+            frames=frames,
+            **columns,
+            extras={key.removeprefix(_EXTRA): column for key, column in extras.items()},
+            notes=first.notes,
+        )
+
+
+@dataclass(frozen=True)
+class _Folded:
+    """An object whose frames are still folded."""
+
+    columns: dict[str, NDArray[Any]]
+    frames: NDArray[np.uint8]
+    frames_shape: tuple[int, ...]
+    notes: dict[str, Any]
+
+    @staticmethod
+    def of(data: bytes) -> "_Folded":
         header = _header(data)
         if header.get("schema") != SCHEMA:
             raise ValueError(f"schema {header.get('schema')} instead of {SCHEMA}")
-        tensors = load(data)
-        shape = json.loads(header["frames_shape"])
-        size_bytes = int(np.prod(shape))
-        raw = zstandard.ZstdDecompressor().decompress(tensors["frames"].data, size_bytes)
-        return Episodes(
-            frames=np.frombuffer(raw, np.uint8).reshape(shape),
-            **{name: tensors[name] for name in _COLUMNS},
-            extras={k.removeprefix(_EXTRA): v for k, v in tensors.items() if k.startswith(_EXTRA)},
+        columns = load(data)
+        return _Folded(
+            frames=columns.pop("frames"),
+            columns=columns,
+            frames_shape=tuple(json.loads(header["frames_shape"])),
             notes=json.loads(header["notes"]),
         )
+
+    @property
+    def steps(self) -> int:
+        return self.frames_shape[0]
+
+    def unfold_into(self, room: NDArray[np.uint8]) -> None:
+        if self.frames_shape != room.shape:
+            raise ValueError(f"frames of shape {self.frames_shape} instead of {room.shape}")
+        reader = zstandard.ZstdDecompressor().stream_reader(self.frames.data)
+        if reader.readinto(room.data.cast("B")) != room.nbytes or reader.read(1):
+            raise ValueError("more or fewer frames than it says")
+
+
+@contextlib.contextmanager
+def _explained(where: str) -> Iterator[None]:
+    """Say of whatever goes wrong with an object that it is damaged."""
+    try:
+        yield
     except (KeyError, TypeError, ValueError, SafetensorError, zstandard.ZstdError) as e:
         raise ObjectDamaged(
             f"{where} holds no episodes: {e}.",
             remedy="Let the worker play the iteration again; if it repeats, all machines need the "
             "same version of this program.",
         ) from e
-
-
-def join_episodes(parts: Sequence[Episodes]) -> Episodes:
-    """Put parts one after the other; notes are taken from the first.
-
-    Raises:
-        ValueError: There are none, or they have different columns.
-    """
-    if not parts:
-        raise ValueError("There are no episodes to join.")
-    first = parts[0]
-    if any(set(part.extras) != set(first.extras) for part in parts):
-        raise ValueError("All parts need the same extra columns.")
-    return Episodes(
-        frames=np.concatenate([part.frames for part in parts]),
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS},
-        extras={name: np.concatenate([p.extras[name] for p in parts]) for name in first.extras},
-        notes=first.notes,
-    )
 
 
 def _header(data: bytes) -> dict[str, str]:

@@ -1,11 +1,16 @@
 """The best and the last checkpoint of a model: `deepracer_checkpoints.json`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+
+UNFINISHED_MS = 999_999.0
+"""Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
+
+_TIE_BREAK = "best_tie_break"
 
 
 @dataclass(frozen=True)
@@ -16,18 +21,22 @@ class Score:
         name: Checkpoint.
         avg_eval_metric: Mean of its evaluation episodes, None before it was evaluated.
         time_stamp: Simulated seconds when the checkpoint was made.
+        tie_break: What decides between equal means, the lower the better; None where unknown.
     """
 
     name: str
     avg_eval_metric: float | None
     time_stamp: float
+    tie_break: float | None = None
 
 
 @dataclass(frozen=True)
 class Scores:
     """The best checkpoint and the newest one, which is not evaluated yet when it is new.
 
-    Field names are those of the file, which upload and evaluation tools read.
+    Field names are those of the file, which upload and evaluation tools read. Some of them split
+    its text instead of reading JSON, so what is ours alone, the tie-break of the best, follows
+    after everything they know.
     """
 
     best_checkpoint: Score
@@ -39,7 +48,11 @@ class Scores:
         return next((score.avg_eval_metric for score in known if score.name == name), None)
 
     def with_evaluation(self, score: Score, *, lower_is_better: bool) -> "Scores":
-        """The scores once a checkpoint was evaluated; a tie goes to the newer one."""
+        """The scores once a checkpoint was evaluated.
+
+        Equal means are told apart by their tie-breaks; what is equal in both, or has no tie-break
+        to compare, goes to the one evaluated later.
+        """
         best, last = self.best_checkpoint, self.last_checkpoint
         is_best = score.name == best.name or _beats(score, best, lower_is_better)
         return replace(
@@ -58,7 +71,8 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
     key = keys.deepracer_checkpoints(prefix)
     try:
         found = get_json(bucket, key)
-        return Scores(_score(found["best_checkpoint"]), _score(found["last_checkpoint"]))
+        best, last = _score(found["best_checkpoint"]), _score(found["last_checkpoint"])
+        return Scores(replace(best, tie_break=found.get(_TIE_BREAK)), last)
     except ObjectMissing:
         return None
     except (AttributeError, KeyError, TypeError) as e:
@@ -70,7 +84,28 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
 
 def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
     """Write the scores on one line."""
-    put_json(bucket, keys.deepracer_checkpoints(prefix), asdict(scores))
+    written = asdict(scores)
+    for entry in written.values():
+        entry.pop("tie_break")
+    if scores.best_checkpoint.tie_break is not None:
+        written[_TIE_BREAK] = scores.best_checkpoint.tie_break
+    put_json(bucket, keys.deepracer_checkpoints(prefix), written)
+
+
+def tie_break_of(metric: str, progress: Sequence[float], lap_s: Sequence[float]) -> float:
+    """What decides between checkpoints whose means are equal, the lower the better.
+
+    That is the lap time for progress and reward, and the progress for lap times.
+
+    Args:
+        metric: DR_TRAIN_BEST_MODEL_METRIC: progress, reward or laptime.
+        progress: Percent that each evaluation episode completed.
+        lap_s: Duration of each of them that completed its lap, seconds.
+    """
+    if metric == "laptime":
+        return -sum(progress) / max(1, len(progress))
+    unfinished = len(progress) - len(lap_s)
+    return (1000.0 * sum(lap_s) + UNFINISHED_MS * unfinished) / max(1, len(progress))
 
 
 def _score(item: Mapping[str, Any]) -> Score:
@@ -82,6 +117,8 @@ def _beats(score: Score, best: Score, lower_is_better: bool) -> bool:
         return True
     if score.avg_eval_metric is None:
         return False
-    if lower_is_better:
-        return score.avg_eval_metric <= best.avg_eval_metric
-    return score.avg_eval_metric >= best.avg_eval_metric
+    if score.avg_eval_metric == best.avg_eval_metric:
+        if score.tie_break is None or best.tie_break is None:
+            return True
+        return score.tie_break <= best.tie_break
+    return (score.avg_eval_metric < best.avg_eval_metric) == lower_is_better

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.learn.acting import Decision, decide
-from drcli.learn.policy import ActorCritic
+from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
+from drcli.learn.observation import Observation
 from drcli.worker.process import StopRequested
 from drcli.worker.trace import STEP_S, Episode, Phase, Row
 from drsim.actions import Actions, ContinuousActions
@@ -53,25 +53,40 @@ class Driven(Episode):
     """An episode with what the learner wants to know of each step but the first.
 
     Attributes:
-        frames: What the car saw. Each of shape (120, 160).
+        frames: What the car saw. Each of shape (eyes, 120, 160).
+        scans: What its lidar told. Each of shape (scan_dims,).
+        states: What only the critic was told. Each of shape (state_dims,).
         actions: What was chosen: an index, or unclipped values of shape (dims,).
         log_probs: Log-probability of the choice.
         values: The critic's estimate.
         racer: Which pilot drove it.
+        cut: Whether the step limit ended it.
+        last_value: What the critic still expected when it was cut; else 0.
     """
 
     racer: int = 0
     frames: list[NDArray[np.uint8]] = field(default_factory=list)
+    scans: list[NDArray[np.float32]] = field(default_factory=list)
+    states: list[NDArray[np.float32]] = field(default_factory=list)
     actions: list[NDArray[np.float32] | int] = field(default_factory=list)
     log_probs: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
+    cut: bool = False
+    last_value: float = 0.0
 
 
 class _Lane:
-    """A car and the episode it is driving."""
+    """A car and the episode it is driving.
 
-    def __init__(self, plan: Plan, seed: int, num_noise: int, first: "_Columns", car: int) -> None:
+    Attributes:
+        plan: What was planned.
+        episode: What has been driven.
+        seen: The frames the policy sees together, oldest first. Each of shape (eyes, 120, 160).
+    """
+
+    def __init__(self, plan: Plan, seed: int, pilot: "Pilot", first: "_Columns", car: int) -> None:
         self.plan = plan
+        self.seen: deque[NDArray[np.uint8]] = deque(maxlen=pilot.model.spec.stack)
         self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
         # The clock of the car has taken the first step already; the episode began before it.
         self._began_s = first.sim_time_s[car] - STEP_S
@@ -81,9 +96,15 @@ class _Lane:
         self._draw = np.random.Generator(
             np.random.Philox(key=np.array([seed, plan.number], np.uint64))
         )
-        self._num_noise = num_noise
-        self._block = np.empty((0, num_noise), dtype=np.float32)
+        self._noise_dims = noise_dims(pilot.model)
+        self._block = np.empty((0, self._noise_dims), dtype=np.float32)
+        self._normal = pilot.model.spec.continuous
         self._used = 0
+
+    def look(self, frame: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+        """Take in a frame; before the beginning of an episode its first frame repeats."""
+        self.seen.extend([frame] * (1 if self.seen else self.seen.maxlen or 1))
+        return list(self.seen)
 
     def record(self, columns: "_Columns", car: int, request: Sequence[float], label: str) -> None:
         """Add a row; the first step of an episode carries the first action that was chosen."""
@@ -94,10 +115,10 @@ class _Lane:
 
     def noise(self) -> NDArray[np.float32]:
         if self._used == len(self._block):
-            shape = (DRAWS, self._num_noise)
+            shape = (DRAWS, self._noise_dims)
             self._block = (
                 self._draw.standard_normal(shape, dtype=np.float32)
-                if self._num_noise > 1
+                if self._normal
                 else self._draw.random(shape, dtype=np.float32)
             )
             self._used = 0
@@ -110,18 +131,13 @@ class _Lane:
 class Pilot:
     """A policy and what its choices mean."""
 
-    model: ActorCritic
+    model: Policy
     actions: Actions
 
     @property
     def continuous(self) -> bool:
         """Whether it chooses values rather than one of a list."""
         return isinstance(self.actions, ContinuousActions)
-
-    @property
-    def num_noise(self) -> int:
-        """Random numbers that one choice takes."""
-        return self.model.spec.num_actions if self.continuous else 1
 
 
 class Driver:
@@ -139,12 +155,15 @@ class Driver:
         self._simulation = simulation
         self._pilots = pilots
         self._seed = seed
+        self._epsilon: Callable[[int], float] | None = None
+        self._trained = 0
 
     def drive(
         self,
         plans: Sequence[Plan],
         on_episode: Callable[[Driven], None],
         should_stop: Callable[[], bool] = lambda: False,
+        epsilon: Callable[[int], float] | None = None,
     ) -> None:
         """Drive all planned episodes, as many at a time as there are cars.
 
@@ -153,10 +172,15 @@ class Driver:
                 side by side, and never more plans than cars: races are not begun by halves.
             on_episode: Called with each episode as soon as it is over.
             should_stop: Asked at every step.
+            epsilon: The share of training actions that are drawn blindly, by the training steps
+                driven in this call, where the others are the most likely ones; None where all are
+                drawn from the policy.
 
         Raises:
             StopRequested: When `should_stop` said so.
         """
+        self._epsilon = epsilon
+        self._trained = 0
         waiting = deque(plans)
         lanes: list[_Lane | None] = [None] * self._simulation.num_cars
         self._fill(lanes, waiting)
@@ -186,8 +210,7 @@ class Driver:
         )
         columns = _Columns.of(first)
         for car, plan in zip(free, plans, strict=True):
-            num_noise = self._pilots[plan.racer].num_noise
-            lanes[car] = _Lane(plan, self._seed, num_noise, columns, car)
+            lanes[car] = _Lane(plan, self._seed, self._pilots[plan.racer], columns, car)
 
     def _step(self, lanes: list[_Lane | None]) -> list[int]:
         """One step of all cars that drive.
@@ -203,8 +226,12 @@ class Driver:
             if seats:
                 chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
         columns = _Columns.of(self._simulation.step(steering, speed))
-        for pilot, seats, frames, decision in chosen:
-            _record(pilot, seats, frames, decision, steering, speed, columns)
+        for pilot, seats, observed, decision in chosen:
+            _record(pilot, seats, observed, decision, (steering, speed), columns)
+            cut = [(car, lane) for car, lane in seats if columns.truncated[car]]
+            if cut:
+                self._expect(pilot, cut)
+        self._trained += sum(lane.plan.phase == "training" for _, lane in driving)
         return [car for car, _ in driving if columns.done[car]]
 
     def _decide(
@@ -213,49 +240,88 @@ class Driver:
         seats: list[tuple[int, "_Lane"]],
         steering: NDArray[np.float64],
         speed: NDArray[np.float64],
-    ) -> tuple[NDArray[np.uint8], Decision]:
+    ) -> tuple["_Observed", Decision]:
         """Let a pilot choose for all its cars, and write its requests down.
 
         Returns:
-            What the cars saw, and what was chosen.
+            What the cars perceived, and what was chosen.
         """
         cars = np.array([car for car, _ in seats])
-        frames = self._simulation.observations[cars]
+        observed = self._observe(pilot, seats)
         noise = np.stack([lane.noise() for _, lane in seats])
         deterministic = np.array([lane.plan.phase == "evaluation" for _, lane in seats])
-        decision = decide(
-            pilot.model, frames, noise if pilot.continuous else noise[:, 0], deterministic
-        )
+        epsilon = None if self._epsilon is None else self._epsilon(self._trained)
+        decision = decide(pilot.model, observed.together, noise, deterministic, epsilon)
         steering[cars], speed[cars] = pilot.actions.requests(decision.actions)
-        return frames, decision
+        return observed, decision
+
+    def _observe(self, pilot: Pilot, seats: list[tuple[int, "_Lane"]]) -> "_Observed":
+        """What the cars of a pilot perceive now."""
+        cars = np.array([car for car, _ in seats])
+        spec = pilot.model.spec
+        frames = self._simulation.frames[cars]
+        scans = self._simulation.scans[cars]
+        states = (
+            self._simulation.privileged(cars)
+            if spec.state_dims
+            else np.empty((len(cars), 0), np.float32)
+        )
+        stacked = frames
+        if spec.stack > 1:
+            looks = zip(seats, frames, strict=True)
+            stacked = np.stack([np.concatenate(lane.look(frame)) for (_, lane), frame in looks])
+        return _Observed(frames, scans, states, observation(stacked, scans, states))
+
+    def _expect(self, pilot: Pilot, cut: list[tuple[int, "_Lane"]]) -> None:
+        """Ask the critic what the rest of episodes would have brought that were cut off."""
+        noise = np.zeros((len(cut), noise_dims(pilot.model)), np.float32)
+        observed = self._observe(pilot, cut)
+        decision = decide(pilot.model, observed.together, noise, np.ones(len(cut), np.bool_))
+        for (_, lane), value in zip(cut, decision.values.tolist(), strict=True):
+            lane.episode.cut = True
+            lane.episode.last_value = value
+
+
+@dataclass(frozen=True)
+class _Observed:
+    """What some cars perceive: each frame by itself, and everything as the policy takes it."""
+
+    frames: NDArray[np.uint8]
+    scans: NDArray[np.float32]
+    states: NDArray[np.float32]
+    together: Observation
 
 
 def _record(
     pilot: Pilot,
     seats: list[tuple[int, _Lane]],
-    frames: NDArray[np.uint8],
+    observed: _Observed,
     decision: Decision,
-    steering: NDArray[np.float64],
-    speed: NDArray[np.float64],
+    requests: tuple[NDArray[np.float64], NDArray[np.float64]],
     columns: "_Columns",
 ) -> None:
     """Add a step to the episodes of a pilot's cars."""
     cars = [car for car, _ in seats]
+    steering, speed = requests
     choices = zip(
         seats,
-        frames,
+        observed.frames,
+        observed.scans,
+        observed.states,
         decision.actions if pilot.continuous else decision.actions.tolist(),
         zip(steering[cars].tolist(), speed[cars].tolist(), strict=True),
         decision.log_probs.tolist(),
         decision.values.tolist(),
         strict=True,
     )
-    for (car, lane), frame, action, request, log_prob, value in choices:
+    for (car, lane), frame, scan, state, action, request, log_prob, value in choices:
         label = f"[{request[0]} {request[1]}]" if pilot.continuous else str(action)
         lane.record(columns, car, request, label)
         if lane.plan.phase == "training":
             episode = lane.episode
             episode.frames.append(frame)
+            episode.scans.append(scan)
+            episode.states.append(state)
             episode.actions.append(action)
             episode.log_probs.append(log_prob)
             episode.values.append(value)
@@ -271,6 +337,7 @@ class _Columns:
     yaw_deg: list[float]
     reward: list[float]
     done: list[bool]
+    truncated: list[bool]
     all_wheels_on_track: list[bool]
     progress: list[float]
     closest_waypoint: list[int]

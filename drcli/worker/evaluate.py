@@ -17,9 +17,9 @@ import torch
 from safetensors.torch import load as load_tensors
 
 from drcli.config import Settings
+from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
-from drcli.learn.policy import ActorCritic
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -27,7 +27,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.worker import announce, process
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import policy_spec
+from drcli.worker.learning import build_policy
 from drcli.worker.process import Lifeline
 from drcli.worker.trace import STATUS_LABELS, Episode, csv_text, log_lines, schedule
 from drcli.worker.world import (
@@ -37,10 +37,12 @@ from drcli.worker.world import (
     load_world,
     randomize_of,
     realism_of,
+    sensors_of_model,
 )
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules
 from drsim.reward import centre_line_reward
+from drsim.sensors import Sensors
 from drsim.simulation import Simulation
 from drsim.worlds import directed
 
@@ -113,7 +115,15 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     bucket = open_bucket(s, job.directory)
     threads = os.cpu_count() or 1
     torch.set_num_threads(threads)
-    pilots = [_pilot(job, bucket, racer) for racer in racers]
+    crews = [_pilot(job, bucket, racer) for racer in racers]
+    pilots = [pilot for pilot, _ in crews]
+    sensors = crews[0][1]
+    if any(carried != sensors for _, carried in crews):
+        raise SettingsError(
+            f"{racers[0].prefix} and {racers[1].prefix} have different sensors and cannot race "
+            "each other.",
+            remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
+        )
     track = directed(load_world(s), reverse=s.eval_reverse_direction)
     reward = (
         load_reward(bucket, s.model_prefix, job.folder)
@@ -129,6 +139,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
         num_threads=threads,
         seed=job.seed,
         race=load_race(s, track),
+        sensors=sensors,
         realism=realism_of(s, "evaluation"),
         randomize=randomize_of(s),
     )
@@ -155,8 +166,8 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     return results
 
 
-def _pilot(job: Job, bucket: Bucket, racer: Entry) -> Pilot:
-    """The policy of a racer, with its weights."""
+def _pilot(job: Job, bucket: Bucket, racer: Entry) -> tuple[Pilot, Sensors]:
+    """The policy of a racer, with its weights, and what its car carries."""
     metadata = ModelMetadata.from_bytes(
         bucket.get(keys.model_metadata(racer.prefix)), "model_metadata.json"
     )
@@ -164,10 +175,10 @@ def _pilot(job: Job, bucket: Bucket, racer: Entry) -> Pilot:
         bucket.get(keys.hyperparameters(racer.prefix)), "hyperparameters.json"
     )
     print(announce.start_lines(job.settings, metadata, parameters, "EVALUATION"))
-    model = ActorCritic(policy_spec(metadata)).eval()
+    model = build_policy(metadata, parameters)
     loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
     model.load_state_dict(load_tensors(loaded.tensors))
-    return Pilot(model, actions_of(metadata))
+    return Pilot(model, actions_of(metadata)), sensors_of_model(metadata)
 
 
 def _rules(s: Settings) -> EpisodeRules:

@@ -1,24 +1,122 @@
 """The network and the learner's knobs, from the run's parameter files."""
 
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from torch import Tensor, nn
+
 from drcli.hyperparameters import Hyperparameters
-from drcli.learn.policy import PolicySpec
-from drcli.learn.ppo import PPOConfig
+from drcli.learn.buffer import Rollout
+from drcli.learn.policy import ActorCritic
+from drcli.learn.ppo import PPO, EpochStats, PPOConfig
+from drcli.learn.precision import Compute
+from drcli.learn.sac import SAC, SACAgent, SACConfig
+from drcli.learn.spec import PolicySpec
 from drcli.model_metadata import ModelMetadata
+from drcli.worker.world import sensors_of_model
+from drsim.privileged import PRIVILEGED_DIMS
 
 
-def policy_spec(metadata: ModelMetadata) -> PolicySpec:
-    """The network that model_metadata.json asks for."""
+def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
+    """The network that model_metadata.json and hyperparameters.json ask for."""
     space = metadata.action_space
-    return PolicySpec(space.num_actions, space.continuous, metadata.neural_network)
+    sensors = sensors_of_model(metadata)
+    return PolicySpec(
+        num_actions=space.num_actions,
+        continuous=space.continuous,
+        network=metadata.neural_network,
+        eyes=sensors.eyes,
+        stack=parameters.stack_size,
+        scan_dims=sensors.num_values,
+        state_dims=PRIVILEGED_DIMS if parameters.critic == "state" else 0,
+    )
+
+
+def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
+    """A network to drive with, its weights still to come."""
+    spec = policy_spec(metadata, parameters)
+    model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
+    return model.eval()
+
+
+class Learner(Protocol):
+    """What the trainer needs of an algorithm."""
+
+    @property
+    def model(self) -> nn.Module:
+        """All weights; checkpoints hold them."""
+
+    @property
+    def memory_steps(self) -> int:
+        """Steps of earlier rollouts that it still learns from."""
+
+    def remember(self, rollout: Rollout) -> None:
+        """Take up a rollout of an earlier iteration without learning from it now."""
+
+    def update(
+        self,
+        rollout: Rollout,
+        seed: int,
+        on_epoch: Callable[[EpochStats], None] = ...,
+        should_stop: Callable[[], bool] = ...,
+        steps_before: int = ...,
+    ) -> Sequence[EpochStats]:
+        """Improve the policy; see `PPO.update`."""
+
+    def optimizer_tensors(self) -> dict[str, Tensor]:
+        """The optimizer's memory, to go on with."""
+
+    def restore(self, tensors: dict[str, Tensor]) -> None:
+        """Take up the memory of another optimizer."""
+
+
+def build_learner(
+    metadata: ModelMetadata, parameters: Hyperparameters, compute: Compute
+) -> Learner:
+    """The algorithm that model_metadata.json asks for, with fresh weights."""
+    spec = policy_spec(metadata, parameters)
+    if metadata.training_algorithm == "sac":
+        config = sac_config(parameters, on_gpu=compute.device.type == "cuda")
+        return SAC(SACAgent(spec, parameters.sac_alpha), config, compute)
+    return PPO(ActorCritic(spec), ppo_config(parameters), compute)
+
+
+def sac_config(parameters: Hyperparameters, *, on_gpu: bool) -> SACConfig:
+    """SAC's knobs from hyperparameters.json; those left out depend on the device."""
+    p, usual = parameters, SACConfig()
+    updates = 1.0 if on_gpu else usual.updates_per_step
+    return SACConfig(
+        batch_size=p.batch_size,
+        lr=p.lr,
+        discount_factor=p.discount_factor,
+        sac_alpha=p.sac_alpha,
+        auto_alpha=p.sac_auto_alpha,
+        huber=p.huber,
+        tau=usual.tau if p.sac_tau is None else p.sac_tau,
+        updates_per_step=(updates if p.sac_updates_per_step is None else p.sac_updates_per_step),
+        learning_starts=p.sac_learning_starts,
+        replay_steps=p.sac_replay_steps,
+    )
 
 
 def ppo_config(parameters: Hyperparameters) -> PPOConfig:
     """The learner's knobs from hyperparameters.json."""
+    p = parameters
     return PPOConfig(
-        batch_size=parameters.batch_size,
-        num_epochs=parameters.num_epochs,
-        lr=parameters.lr,
-        discount_factor=parameters.discount_factor,
-        beta_entropy=parameters.beta_entropy,
-        huber=parameters.loss_type == "huber",
+        batch_size=p.batch_size,
+        num_epochs=p.num_epochs,
+        lr=p.lr,
+        discount_factor=p.discount_factor,
+        beta_entropy=p.beta_entropy,
+        huber=p.huber,
+        clip_range=p.clip_range,
+        gae_lambda=p.gae_lambda,
+        clip_value=p.clip_value,
+        clip_advantage=p.clip_advantage,
+        target_kl=p.target_kl,
+        max_grad_norm=p.max_grad_norm,
+        lr_linear=p.lr_schedule == "linear",
+        entropy_linear=p.entropy_schedule == "linear",
+        schedule_steps=p.schedule_steps,
+        bootstrap_cut=p.bootstrap_cut,
     )

@@ -17,7 +17,6 @@ from safetensors.torch import load as load_tensors
 
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
-from drcli.learn.policy import ActorCritic
 from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -28,7 +27,7 @@ from drcli.store.episodes import Episodes
 from drcli.store.rollouts import RolloutWriter
 from drcli.worker import announce, process
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import policy_spec
+from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.trace import csv_text, log_lines, schedule
@@ -41,6 +40,7 @@ from drcli.worker.world import (
     randomize_of,
     realism_of,
     reward_failure,
+    sensors_of_model,
 )
 from drsim.episode import EpisodeRules
 from drsim.errors import RewardError
@@ -88,11 +88,29 @@ class Share:
         return number * self.workers + self.worker
 
 
+class EvaluationBudget:
+    """Sees to it that evaluations take no more than a share of a training's time."""
+
+    def __init__(self, share: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._share = share
+        self._clock = clock
+        self._began_s = clock()
+        self._spent_s = 0.0
+
+    def allows_another(self) -> bool:
+        """Whether the evaluations so far took less than their share; true before the first."""
+        return self._spent_s <= self._share * (self._clock() - self._began_s)
+
+    def spend(self, seconds: float) -> None:
+        """Note how long an evaluation took."""
+        self._spent_s += seconds
+
+
 class SimWorker:
     """One simulation worker, from its first checkpoint to the end of the training."""
 
     def __init__(self, job: Job, lifeline: Lifeline, worker: int) -> None:
-        s = job.settings
+        s = job.settings.for_worker(worker)
         self._job = job
         self._settings = s
         self._lifeline = lifeline
@@ -112,7 +130,8 @@ class SimWorker:
 
         threads = max(1, (os.cpu_count() or 1) // s.workers)
         torch.set_num_threads(threads)
-        self._model = ActorCritic(policy_spec(metadata)).eval()
+        self._parameters = parameters
+        self._model = build_policy(metadata, parameters)
         self._trials = _evaluation_trials(job) if worker == 0 else 0
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
         track = load_world(s)
@@ -127,6 +146,7 @@ class SimWorker:
             num_threads=threads,
             seed=seed,
             race=load_race(s, self._track),
+            sensors=sensors_of_model(metadata),
             realism=realism_of(s, "training"),
             randomize=randomize_of(s),
         )
@@ -137,6 +157,7 @@ class SimWorker:
             s.train_best_model_metric,
         )
         self._total_steps = 0
+        self._budget = EvaluationBudget(s.train_eval_share)
 
     def run(self) -> None:
         """Drive with one checkpoint after the other until the training is over."""
@@ -202,6 +223,10 @@ class SimWorker:
             session=f"{self._job.session}-{os.getpid()}",
         )
         shard: list[Driven] = []
+        evaluates = self._trials > 0 and (
+            self._job.until_laps is not None or self._budget.allows_another()
+        )
+        trials = self._trials if evaluates else 0
         begin = time.time()
 
         def collect(episode: Driven) -> None:
@@ -215,12 +240,14 @@ class SimWorker:
                 writer.add(_packed(shard))
                 shard.clear()
             if last:
-                writer.finish({"drive_s": time.time() - begin})
+                writer.finish({"drive_s": time.time() - begin, "evaluates": evaluates})
                 self._publish_training(iteration, training, (begin, time.time()))
                 self._activity.say(f"evaluates checkpoint {iteration}")
 
         try:
-            self._driver.drive(self._plans(numbers), collect, self._lifeline.should_stop)
+            self._driver.drive(
+                self._plans(numbers, trials), collect, self._lifeline.should_stop, self._epsilon()
+            )
         except StopRequested:
             writer.abandon()
             raise
@@ -228,11 +255,27 @@ class SimWorker:
             writer.abandon()
             raise reward_failure(error) from None
         if evaluation:
+            steps = sum(len(e.rows) for e in evaluation)
+            share = steps / (steps + sum(len(e.rows) for e in training))
+            self._budget.spend(share * (time.time() - begin))
             evaluation.sort(key=lambda episode: episode.number)
             self._publish_evaluation(name, evaluation, numbers.stop)
 
-    def _plans(self, numbers: range) -> list[Plan]:
-        """The training episodes of an iteration, and the evaluation of its checkpoint."""
+    def _epsilon(self) -> Callable[[int], float] | None:
+        """The share of blind actions by the steps of this iteration; None without such."""
+        p = self._parameters
+        if p.exploration_type != "e-greedy":
+            return None
+        before, workers = self._total_steps, self._share.workers
+
+        def share(driven: int) -> float:
+            done = min(1.0, (before + driven * workers) / p.epsilon_steps)
+            return 1.0 + (p.e_greedy_value - 1.0) * done
+
+        return share
+
+    def _plans(self, numbers: range, trials: int) -> list[Plan]:
+        """The training episodes of an iteration, and trials of its checkpoint."""
         s = self._settings
         offset = s.train_start_position_offset
         advance = s.train_round_robin_advance_dist if s.train_change_start_position else 0.0
@@ -249,8 +292,7 @@ class SimWorker:
         # A deterministic policy drives every lap from one start alike, so trials start at
         # different places: together they say whether the car gets around from everywhere.
         return plans + [
-            Plan(trial, "evaluation", (offset + trial / self._trials) % 1.0)
-            for trial in range(self._trials)
+            Plan(trial, "evaluation", (offset + trial / trials) % 1.0) for trial in range(trials)
         ]
 
     def _publish_training(
@@ -301,7 +343,7 @@ def _evaluation_trials(job: Job) -> int:
 def _packed(episodes: list[Driven]) -> Episodes:
     """Finished episodes as the columns that travel; their frames are let go of."""
     packed = Episodes(
-        frames=np.concatenate([np.stack(e.frames) for e in episodes]),
+        frames=np.stack([frame for e in episodes for frame in e.frames]),
         actions=np.concatenate([_action_column(e.actions) for e in episodes]),
         log_probs=np.concatenate([np.array(e.log_probs, np.float32) for e in episodes]),
         values=np.concatenate([np.array(e.values, np.float32) for e in episodes]),
@@ -312,6 +354,10 @@ def _packed(episodes: list[Driven]) -> Episodes:
             "progress": np.array([e.progress for e in episodes]),
             "completed": np.array([e.completed for e in episodes]),
             "duration_s": np.array([e.duration_s for e in episodes]),
+            "cut": np.array([e.cut for e in episodes]),
+            "last_values": np.array([e.last_value for e in episodes], np.float32),
+            "scans": np.concatenate([np.stack(e.scans) for e in episodes]),
+            "states": np.concatenate([np.stack(e.states) for e in episodes]),
         },
     )
     for episode in episodes:

@@ -31,16 +31,18 @@ TRIAL_SPEED_MPS = 1.0
 
 
 def try_inputs(job: Job, path: Path, name: str) -> None:
-    """Load world and reward function and call it along the lap, on and beside the road.
+    """Load worlds and reward function and call it along the laps, on and beside the road.
 
     Raises:
         SettingsError: What the racer has to correct.
     """
-    track = load_world(job.settings)
-    race = load_race(job.settings, track)
+    settings = [job.settings.for_worker(k) for k in range(len(job.settings.overrides) + 1)]
+    tracks = [load_world(own) for own in settings]
+    races = [load_race(own, track) for own, track in zip(settings, tracks, strict=True)]
     try:
         function = load_reward_function(path)
-        checked_rewards(function, sample_params(track, race))
+        for track, race in zip(tracks, races, strict=True):
+            checked_rewards(function, sample_params(track, race))
     except RewardError as error:
         raise SettingsError(
             str(error).replace(str(path), name),

@@ -16,6 +16,7 @@ from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.realism import Realism
 from drsim.reward import RewardFunction, load_reward_function
 from drsim.senses import Randomize
+from drsim.sensors import Sensors
 from drsim.track import Track
 from drsim.traffic import Traffic
 from drsim.worlds import load_track
@@ -145,6 +146,16 @@ def actions_of(metadata: ModelMetadata) -> Actions:
         return DiscreteActions(space.values)
     steering_deg, speed_mps = zip(space.low, space.high, strict=True)
     return ContinuousActions(steering_deg, speed_mps)
+
+
+def sensors_of_model(metadata: ModelMetadata) -> Sensors:
+    """What the car perceives, by model_metadata.json."""
+    return Sensors(
+        metadata.sensor,
+        num_sectors=metadata.lidar.num_sectors,
+        values_per_sector=metadata.lidar.num_values_per_sector,
+        clipping_m=metadata.lidar.clipping_dist,
+    )
 
 
 def longest_episode(track: Track, actions: Actions) -> int:

@@ -9,6 +9,7 @@ from drsim.car import CONTROL_HZ, CarBatch, CarParameters
 from drsim.episode import EpisodeRules, Episodes, Status
 from drsim.params import Situation, params_of
 from drsim.placing import Placing
+from drsim.privileged import features
 from drsim.progress import JUMP_M, fraction_at, without_jump
 from drsim.race import TIME_TRIAL, Race
 from drsim.realism import Disturbances, Realism
@@ -219,6 +220,26 @@ class Simulation:
     def poses(self) -> Floats:
         """Origins of the cars, x and y in metres, and yaws in radians. Shape (n, 3)."""
         return np.column_stack([self._cars.origin_xy, self._cars.yaw_rad])
+
+    def privileged(self, cars: Ints) -> NDArray[np.float32]:
+        """What a critic may know beside what the cars perceive.
+
+        Args:
+            cars: Which cars. Shape (k,).
+
+        Returns:
+            As `privileged.features` tells. Shape (k, PRIVILEGED_DIMS).
+        """
+        here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
+        return features(
+            self._tracks,
+            cars,
+            self._backward[cars],
+            here,
+            self._cars.speed[cars],
+            self._along_m[cars],
+            self.traffic,
+        )
 
     def close(self) -> None:
         """Stop the threads that render."""

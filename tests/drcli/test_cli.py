@@ -36,6 +36,7 @@ def failing(working_folder, monkeypatch):
         ("dr-logs", "logs"),
         ("dr-evaluate", "evaluate"),
         ("dr-start-evaluation", "start-evaluation"),
+        ("dr-increment-training", "increment-training"),
         ("/usr/local/bin/dr-status.exe", "status"),
     ],
 )

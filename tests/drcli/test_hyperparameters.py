@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.errors import SettingsError
-from drcli.hyperparameters import KEYS, Hyperparameters
+from drcli.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()
@@ -26,15 +26,14 @@ def test_the_example_of_the_project_is_accepted_without_a_warning():
     values = Hyperparameters.from_bytes(EXAMPLE)
 
     assert values.warnings == ()
-    assert values.unsupported() is None
     assert values.huber
 
 
 @pytest.mark.parametrize(
     ("algorithm", "keys"),
     [
-        ("clipped_ppo", set(KEYS) - {"sac_alpha"}),
-        ("sac", set(KEYS) - {"beta_entropy", "num_epochs"}),
+        ("clipped_ppo", set(REFERENCE_KEYS) - {"sac_alpha"}),
+        ("sac", set(REFERENCE_KEYS) - {"beta_entropy", "num_epochs"}),
     ],
 )
 def test_the_normalised_copy_holds_the_sorted_keys_of_its_algorithm(algorithm, keys):
@@ -186,8 +185,22 @@ def test_everything_wrong_is_reported_at_once():
         ('"batch_size": 34', "batch_size=34 is used as it is; 32 is probably meant."),
         ('"batch_size": 100', "batch_size=100 is unusual; common are 32, 64, 128, 256, 512."),
         ('"num_epochs": 1', "num_epochs=1 is unusual; common are 3 to 10."),
-        ('"term_cond_avg_score": 350.0', "term_cond_avg_score=350 is outside 35000 to 100000."),
-        ('"stack_size": 2', "stack_size=2 has no effect: one frame is seen at a time."),
+        (
+            '"term_cond_avg_score": 350.0',
+            "term_cond_avg_score=350 ends the training once the mean reward of the last 100 "
+            "episodes reaches it; other trainers ignored it. Usual is 100000.",
+        ),
+        (
+            '"term_cond_max_episodes": 1000',
+            "term_cond_max_episodes=1000 ends the training after so many episodes; other trainers "
+            "counted iterations. Usual is 100000.",
+        ),
+        (
+            '"stack_size": 2',
+            "stack_size=2: the network sees 2 frames at a time; other trainers ignored this key, "
+            "and the physical car drives with a single frame only.",
+        ),
+        ('"discount_factor": 1', "discount_factor=1 looks ahead without end; 0.999 is usual."),
         (
             '"max_sample_count": 5',
             "max_sample_count steers the reference's trainer and does nothing here.",
@@ -200,13 +213,51 @@ def test_an_unusual_value_is_used_with_a_warning(line, warning):
     assert values.warnings == (f"h.json line 2: {warning}",)
 
 
-@pytest.mark.parametrize("kind", ["e-greedy", "additive_noise"])
-def test_an_exploration_that_cannot_be_trained_yet_says_so(kind):
+@pytest.mark.parametrize(
+    ("kind", "algorithm", "continuous", "fits"),
+    [
+        ("categorical", "clipped_ppo", False, True),
+        ("categorical", "clipped_ppo", True, True),
+        ("e-greedy", "clipped_ppo", False, True),
+        ("e-greedy", "clipped_ppo", True, False),
+        ("additive_noise", "clipped_ppo", True, False),
+        ("additive_noise", "sac", True, True),
+        ("categorical", "sac", True, True),
+        ("e-greedy", "sac", True, False),
+    ],
+)
+def test_an_exploration_that_does_not_fit_the_model_is_explained(kind, algorithm, continuous, fits):
     values = Hyperparameters.from_bytes(json.dumps({"exploration_type": kind}).encode())
 
-    assert values.unsupported() == (
-        f"exploration_type={kind} cannot be trained yet, only categorical can."
+    conflict = values.conflict(algorithm, continuous=continuous)
+
+    assert (conflict is None) is fits
+    assert fits or conflict.startswith(f"exploration_type={kind} ")
+
+
+def test_keys_of_our_own_are_copied_only_where_they_change_something():
+    values = Hyperparameters.from_bytes(
+        b'{"clip_range": 0.2, "target_kl": 0.02, "max_grad_norm": null, "bootstrap_cut": true}'
     )
+
+    copied = json.loads(values.canonical_json())
+
+    assert set(copied) - set(REFERENCE_KEYS) == {"target_kl", "bootstrap_cut"}
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ('"bootstrap_cut": 1', "is neither true nor false"),
+        ('"target_kl": 0', "is below 1e-06"),
+        ('"lr_schedule": "cosine"', "is none of constant, linear"),
+        ('"critic": true', "is no text"),
+        ('"sac_tau": "0.01"', "is no number"),
+    ],
+)
+def test_a_wrong_value_of_our_own_keys_is_refused(line, problem):
+    with pytest.raises(SettingsError, match=problem):
+        Hyperparameters.from_bytes(f"{{{line}}}".encode())
 
 
 def test_both_ends_of_the_fractions_are_legal():

@@ -26,7 +26,6 @@ def test_the_example_of_the_project_is_accepted_and_can_be_trained():
     read = ModelMetadata.from_bytes(EXAMPLE)
 
     assert read.warnings == ()
-    assert read.unsupported() is None
     assert read.action_space.num_actions == 7
     assert read.original == EXAMPLE
 
@@ -40,7 +39,7 @@ def test_the_file_of_a_reference_run_is_accepted():
 
     assert read.action_space.values[:2] == ((-30.0, 1.0), (-30.0, 2.0))
     assert read.action_space.num_actions == 14
-    assert (read.version, read.warnings, read.unsupported()) == ("4", (), None)
+    assert (read.version, read.warnings) == ("4", ())
 
 
 def test_discrete_actions_keep_their_order():
@@ -172,7 +171,7 @@ def test_the_action_space_is_kept_as_written_for_logs():
             {"neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALOW"},
             'neural_network="DEEP_CONVOLUTIONAL_NETWORK_SHALOW" is none of '
             "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW, DEEP_CONVOLUTIONAL_NETWORK, "
-            "DEEP_CONVOLUTIONAL_NETWORK_DEEP",
+            "DEEP_CONVOLUTIONAL_NETWORK_DEEP, COMPACT_CONVOLUTIONAL_NETWORK",
             "Did you mean DEEP_CONVOLUTIONAL_NETWORK_SHALLOW?",
             id="unknown-network",
         ),
@@ -291,36 +290,14 @@ def test_something_odd_is_used_with_a_warning(values, warning):
     assert metadata(**values).warnings == (f"model_metadata.json line 1: {warning}",)
 
 
-@pytest.mark.parametrize("camera", ["FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA"])
-def test_every_name_of_the_single_camera_can_be_trained(camera):
-    assert metadata(sensor=[camera]).unsupported() is None
+def test_sectors_of_a_lidar_are_read_and_missing_ones_have_the_reference_values():
+    read = metadata(
+        sensor=["FRONT_FACING_CAMERA", "DISCRETIZED_SECTOR_LIDAR"],
+        lidar_config={"num_sectors": 4, "clipping_dist": 1.5},
+    )
 
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        (
-            {
-                "training_algorithm": "sac",
-                "action_space": RANGES,
-                "action_space_type": "continuous",
-            },
-            "training_algorithm=sac cannot be trained yet, only clipped_ppo can.",
-        ),
-        (
-            {"sensor": ["STEREO_CAMERAS"]},
-            "sensor=['STEREO_CAMERAS'] cannot be simulated yet, only one of FRONT_FACING_CAMERA, "
-            "observation, LEFT_CAMERA can.",
-        ),
-        (
-            {"neural_network": "DEEP_CONVOLUTIONAL_NETWORK"},
-            "neural_network=DEEP_CONVOLUTIONAL_NETWORK cannot be trained yet, only "
-            "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW can.",
-        ),
-    ],
-)
-def test_what_cannot_be_trained_yet_is_valid_and_says_so(values, sentence):
-    assert metadata(**values).unsupported() == sentence
+    assert (read.lidar.num_sectors, read.lidar.num_values_per_sector) == (4, 8)
+    assert read.lidar.clipping_dist == 1.5
 
 
 @settings(max_examples=60)

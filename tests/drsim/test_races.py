@@ -189,7 +189,8 @@ def test_after_a_crash_into_a_bot_the_car_waits_where_it_is_and_the_bot_drives_o
     assert set(statuses(waiting)) == {Status.PAUSE}
     assert len({(row.x[0], row.y[0]) for row in waiting}) == 1
     assert (row.x[0], row.y[0]) == pytest.approx((crash.x[0], crash.y[0]), abs=0.005)
-    assert simulation.traffic.distance_m[0, 0] - bot_m == pytest.approx(33 * 0.5 / 15, abs=0.01)
+    # Along the centre line, whose corners shift a place beside it by up to 2 cm.
+    assert simulation.traffic.distance_m[0, 0] - bot_m == pytest.approx(33 * 0.5 / 15, abs=0.04)
     assert (frames[-1] != frames[0]).any(), "who waits sees the bot drive away"
     assert set(statuses(on)) == {Status.IN_PROGRESS}
 

@@ -63,7 +63,7 @@ class Workspace:
                     "action_space": actions,
                     "action_space_type": "discrete",
                     "sensor": ["FRONT_FACING_CAMERA"],
-                    "neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+                    "neural_network": "COMPACT_CONVOLUTIONAL_NETWORK",
                     "training_algorithm": "clipped_ppo",
                     "version": "5",
                 }

@@ -45,7 +45,7 @@ def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> Non
             assert mean == pytest.approx(record["mean_reward"], rel=1e-6)
         assert log.hyperparameters()["num_episodes_between_training"] == 4
         assert len(log.action_space()) == 3
-        assert log.agent_and_network()["network"] == "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+        assert log.agent_and_network()["network"] == "COMPACT_CONVOLUTIONAL_NETWORK"
         log.load_evaluation_trace(force=True)
         assert set(log.dataframe()["episode"]) == set(range(laps))
 

@@ -8,8 +8,8 @@ import pytest
 
 from drcli.job import Job
 from drcli.runs.inputs import InputFile, Inputs
+from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.report import RunReport
-from drcli.runs.training import RunPlan, StartOptions
 
 
 class PaperRun:
@@ -81,7 +81,8 @@ def run(
 ) -> PaperRun:
     """The run of the working folder, with nothing started yet."""
     paper = PaperRun(working_folder, make_report("none", pid=None))
-    for name in ("prepare", "launch", "supervise", "stop", "is_running"):
+    monkeypatch.setattr("drcli.runs.plan.prepare", paper.prepare)
+    for name in ("launch", "supervise", "stop", "is_running"):
         monkeypatch.setattr(f"drcli.runs.training.{name}", getattr(paper, name))
     monkeypatch.setattr("drcli.runs.status.inspect", paper.inspect)
     monkeypatch.setattr("drcli.commands.watching.POLL_S", 0.0)

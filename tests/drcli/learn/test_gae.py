@@ -33,3 +33,12 @@ def test_the_value_after_the_last_step_is_zero():
 
 def _f(*numbers: float) -> np.ndarray:
     return np.array(numbers, dtype=np.float32)
+
+
+def test_the_rest_of_a_cut_episode_counts_where_it_is_given():
+    rewards, values = np.array([1.0, 2.0], np.float32), np.array([0.5, 0.25], np.float32)
+
+    got = gae(rewards, values, np.array([2]), 0.9, 0.5, np.array([4.0], np.float32))
+
+    last = 2.0 + 0.9 * 4.0 - 0.25
+    np.testing.assert_allclose(got, [1.0 + 0.9 * 0.25 - 0.5 + 0.45 * last, last], rtol=1e-6)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drcli.envfile import LARGEST_BYTES, parse_env
+from drcli.envfile import LARGEST_BYTES, parse_env, with_values
 from drcli.errors import SettingsError
 
 
@@ -103,3 +103,44 @@ def test_any_bytes_are_read_or_refused(data):
         file = parse_env(data, "run.env")
 
         assert all(entry.where.startswith("run.env line ") for entry in file.entries)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        pytest.param(b"A=1", b"A=2", id="no-line-end"),
+        pytest.param(b"A=1  # once\r\nB=3\r\n", b"A=2  # once\r\nB=3\r\n", id="comment-behind"),
+        pytest.param(b"A= # nothing yet\n", b"A=2 # nothing yet\n", id="empty-with-comment"),
+        pytest.param(b"A=1#2 3\n", b"A=2\n", id="hash-inside"),
+        pytest.param(b"export A = 1\n", b"export A = 2\n", id="export-and-spaces"),
+        pytest.param(b"A='$B' # x\n", b"A='2' # x\n", id="single-quotes"),
+        pytest.param(b'A="a\nb"\nB=1\n', b'A="2"\nB=1\n', id="quotes-over-two-lines"),
+        pytest.param(b"A=1\nA=3\n", b"A=1\nA=2\n", id="the-line-that-counts"),
+        pytest.param(b"#A=1\n\n", b"#A=1\n\nA=2\n", id="missing"),
+        pytest.param(b"B=1\r\nC=1", b"B=1\r\nC=1\r\nA=2\r\n", id="missing-after-an-open-line"),
+        pytest.param(b"", b"A=2\n", id="nothing"),
+        pytest.param(b"\xef\xbb\xbfA=1\n", b"\xef\xbb\xbfA=2\n", id="byte-order-mark"),
+        pytest.param("# Grün\nA=1\n".encode(), "# Grün\nA=2\n".encode(), id="beyond-ascii"),
+    ],
+)
+def test_an_edit_changes_the_value_and_nothing_else(before, after):
+    assert with_values(before, {"A": "2"}, "run.env") == after
+
+
+@given(
+    st.lists(
+        st.sampled_from(
+            ["A=1", "B='x y' # z", 'export C="$A/b"', "# A=5", "", "  ", "A = q  #r", "D=", "B=#"]
+        )
+    ),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from(["A", "B", "C", "E"]),
+)
+def test_after_an_edit_every_other_name_reads_as_before(lines, end, name):
+    before = end.join(lines).encode()
+
+    after = parse_env(with_values(before, {name: "m-2/$X"}, "run.env"), "run.env")
+
+    values = {entry.name: entry.value for entry in parse_env(before, "run.env").entries}
+    assert {entry.name: entry.value for entry in after.entries} == {**values, name: "m-2/$X"}
+    assert after.findings == ()

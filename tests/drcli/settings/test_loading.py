@@ -230,19 +230,11 @@ def test_settings_cannot_be_changed(folder):
             "run.env line 1: DR_RACE_TYPE=HEAD_TO_MODEL races two finished models and is there "
             "for evaluations only, no model can be trained in it.",
         ),
-        (
-            "DR_LOCAL_S3_PRETRAINED=True",
-            "run.env line 1: DR_LOCAL_S3_PRETRAINED=True cannot be done yet, a training starts "
-            "with fresh weights.",
-        ),
+        ("DR_LOCAL_S3_PRETRAINED=True", None),
     ],
 )
 def test_what_cannot_be_run_yet_is_said_in_one_sentence(folder, line, sentence):
     assert folder.load(line).unsupported() == sentence
-
-
-def test_an_evaluation_does_not_mind_where_the_weights_came_from(folder):
-    assert folder.load("DR_LOCAL_S3_PRETRAINED=True").unsupported("evaluation") is None
 
 
 def test_two_models_can_be_evaluated_against_each_other(folder):

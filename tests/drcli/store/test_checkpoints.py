@@ -3,13 +3,15 @@
 import json
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drcli.errors import StorageError
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from drcli.store.memory import MemoryBucket
-from drcli.store.scores import Score, Scores
+from drcli.store.scores import Score, Scores, tie_break_of
 
 PREFIX = "team/model-1"
 
@@ -240,6 +242,87 @@ def test_the_best_is_the_highest_mean_and_a_tie_goes_to_the_newer(store):
 
     assert became_best == [True, True, False, True]
     assert store.best_name() == "3_Step-3.ckpt"
+
+
+def test_between_equal_means_the_tie_break_decides_and_then_the_newer(store):
+    for number in range(4):
+        store.save(number, number, b"weights")
+
+    became_best = [
+        store.record_evaluation(f"{number}_Step-{number}.ckpt", 100.0, tie_break=mean_lap_ms)
+        for number, mean_lap_ms in enumerate([15_000.0, 14_000.0, 14_500.0, 14_000.0])
+    ]
+
+    assert became_best == [True, True, False, True]
+
+
+def test_a_better_mean_wins_whatever_the_tie_break(store):
+    store.save(0, 0, b"weights")
+    store.save(1, 1, b"weights")
+    store.record_evaluation("0_Step-0.ckpt", 90.0, tie_break=1.0)
+
+    assert store.record_evaluation("1_Step-1.ckpt", 91.0, tie_break=2.0)
+
+
+def test_the_tie_break_is_still_known_to_the_next_trainer_and_stands_behind_all_else(store, memory):
+    store.save(0, 0, b"weights")
+    store.record_evaluation("0_Step-0.ckpt", 100.0, tie_break=14_000.0)
+
+    store.save(1, 1, b"weights")
+
+    assert not store.record_evaluation("1_Step-1.ckpt", 100.0, tie_break=15_000.0)
+    written = json.loads(memory.get(keys.deepracer_checkpoints(PREFIX)))
+    assert list(written) == ["best_checkpoint", "last_checkpoint", "best_tie_break"]
+    fields = ["name", "avg_eval_metric", "time_stamp"]
+    assert list(written["best_checkpoint"]) == list(written["last_checkpoint"]) == fields
+
+
+@pytest.mark.parametrize(
+    ("metric", "better", "worse"),
+    [
+        ("progress", ([100.0, 100.0], [14.0, 15.0]), ([100.0, 100.0], [14.0, 16.0])),
+        ("progress", ([100.0, 40.0], [20.0]), ([70.0, 70.0], [])),
+        ("reward", ([100.0, 90.0], [14.0]), ([90.0, 100.0], [15.0])),
+        ("laptime", ([60.0, 70.0], []), ([60.0, 60.0], [])),
+    ],
+)
+def test_ties_of_progress_and_reward_are_broken_by_lap_time_and_those_by_progress(
+    metric, better, worse
+):
+    assert tie_break_of(metric, *better) < tie_break_of(metric, *worse)
+
+
+def test_forgotten_scores_are_beaten_by_the_next_evaluation(store):
+    store.save(0, 0, b"weights")
+    store.save(1, 1, b"weights")
+    store.record_evaluation("0_Step-0.ckpt", 99.0, tie_break=1.0)
+
+    store.forget_scores()
+
+    assert store.best_name() == "0_Step-0.ckpt"
+    assert store.record_evaluation("1_Step-1.ckpt", 1.0, tie_break=2.0)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 5), st.sampled_from([None, 10.0, 50.0, 100.0])), max_size=12)
+)
+def test_whatever_is_evaluated_when_the_last_and_the_best_can_always_be_loaded(evaluations):
+    bucket = MemoryBucket()
+    store = CheckpointStore(bucket, PREFIX)
+    means: dict[str, float] = {}
+
+    for number, (age, mean) in enumerate(evaluations):
+        last = store.save(number, number, b"weights").name
+        driven = f"{number - age}_Step-{number - age}.ckpt"
+        present = driven in names(bucket)
+        if mean is not None and driven not in means:
+            store.record_evaluation(driven, mean)
+            means |= {driven: mean} if present else {}
+
+        best = store.best_name()
+        assert {best, last} <= set(names(bucket))
+        assert len(names(bucket)) <= KEEP + 1
+        assert means.get(best or "", 0.0) == max(means.values(), default=0.0)
 
 
 def test_the_best_lap_time_is_the_lowest(store):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.store.bucket import ObjectDamaged
-from drcli.store.episodes import Episodes, join_episodes, pack_episodes, unpack_episodes
+from drcli.store.episodes import Episodes, pack_episodes, unpack_episodes, unpack_together
 
 
 def played(lengths: list[int], *, first: int = 0, continuous: bool = False) -> Episodes:
@@ -17,7 +17,7 @@ def played(lengths: list[int], *, first: int = 0, continuous: bool = False) -> E
     rng = np.random.default_rng(steps)
     actions = rng.random((steps, 2), np.float32) if continuous else rng.integers(0, 9, steps)
     return Episodes(
-        frames=rng.integers(0, 255, (steps, 12, 16), np.uint8),
+        frames=rng.integers(0, 255, (steps, 1, 12, 16), np.uint8),
         actions=actions,
         log_probs=rng.random(steps, np.float32),
         values=rng.random(steps, np.float32),
@@ -59,7 +59,9 @@ def test_slices_of_a_larger_buffer_are_packed_right():
 
 
 def test_parts_are_joined_in_order():
-    joined = join_episodes([played([3, 2]), played([4], first=2)])
+    parts = [pack_episodes(played([3, 2])), pack_episodes(played([4], first=2))]
+
+    joined = unpack_together(parts, where=["one", "other"])
 
     assert joined.count == 3
     np.testing.assert_array_equal(joined.episode_numbers, [0, 1, 2])
@@ -77,22 +79,22 @@ def test_truncated_bytes_are_refused(end):
 
 
 def test_another_schema_is_refused():
-    data = pack_episodes(played([3])).replace(b'"schema":"1"', b'"schema":"9"')
+    data = pack_episodes(played([3])).replace(b'"schema":"2"', b'"schema":"9"')
 
-    with pytest.raises(ObjectDamaged, match="schema 9 instead of 1"):
+    with pytest.raises(ObjectDamaged, match="schema 9 instead of 2"):
         unpack_episodes(data)
 
 
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"frames": np.zeros((3, 12, 16), np.float32)}, "frames"),
+        ({"frames": np.zeros((3, 1, 12, 16), np.float32)}, "frames"),
         ({"actions": np.zeros(3, np.int32)}, "actions"),
         ({"rewards": np.zeros(2, np.float32)}, "rewards has 2 rows"),
         ({"values": np.zeros(3)}, "values are float32"),
         ({"episode_lengths": np.array([2])}, "Episodes of 2 steps"),
         ({"episode_numbers": np.array([1, 2])}, "one number and one length"),
-        ({"frames": np.zeros((0, 12, 16), np.uint8)}, "without a single step"),
+        ({"frames": np.zeros((0, 1, 12, 16), np.uint8)}, "without a single step"),
     ],
 )
 def test_columns_that_do_not_fit_are_refused(change, complaint):
@@ -101,5 +103,26 @@ def test_columns_that_do_not_fit_are_refused(change, complaint):
 
 
 def test_parts_with_different_columns_cannot_be_joined():
-    with pytest.raises(ValueError, match="extra columns"):
-        join_episodes([played([3]), replace(played([3]), extras={})])
+    parts = [pack_episodes(played([3])), pack_episodes(replace(played([3]), extras={}))]
+
+    with pytest.raises(ObjectDamaged, match="holds no episodes"):
+        unpack_together(parts, where=["one", "other"])
+
+
+def test_parts_with_frames_of_another_size_cannot_be_joined():
+    small = replace(played([3]), frames=np.zeros((3, 1, 6, 8), np.uint8))
+
+    with pytest.raises(ObjectDamaged, match="other holds no episodes: frames of shape"):
+        unpack_together([pack_episodes(played([3])), pack_episodes(small)], where=["one", "other"])
+
+
+def test_some_episodes_can_be_chosen():
+    episodes = played([3, 2, 4])
+
+    chosen = episodes.chosen(np.array([0, 2]))
+
+    np.testing.assert_array_equal(chosen.episode_lengths, [3, 4])
+    np.testing.assert_array_equal(chosen.frames[3:], episodes.frames[5:])
+    np.testing.assert_array_equal(
+        chosen.extras["last_values"], episodes.extras["last_values"][[0, 2]]
+    )

@@ -20,7 +20,7 @@ CHECKPOINT = "3_Step-900.ckpt"
 def played(steps: int, number: int = 0) -> Episodes:
     column = np.arange(steps, dtype=np.float32)
     return Episodes(
-        frames=np.full((steps, 12, 16), number, np.uint8),
+        frames=np.full((steps, 1, 12, 16), number, np.uint8),
         actions=np.arange(steps),
         log_probs=column,
         values=column,
@@ -81,12 +81,12 @@ def test_what_a_worker_played_arrives_part_by_part(bucket):
     manifest = hand_in(bucket)
 
     arrived = wait(reader, [0])
-    parts = reader.read(arrived[0])
+    episodes = reader.read([arrived[0]])
     reader.close()
 
     assert arrived == {0: manifest}
     assert (manifest.episodes, manifest.steps, manifest.notes) == (2, 12, {"seconds": 2.5})
-    assert [(part.steps, int(part.frames[0, 0, 0])) for part in parts] == [(5, 0), (7, 1)]
+    assert episodes.frames[:, 0, 0, 0].tolist() == [0] * 5 + [1] * 7
 
 
 def test_a_manifest_comes_back_from_its_bytes(memory):
@@ -114,7 +114,7 @@ def test_the_caller_may_reuse_its_arrays_after_adding(memory, reader):
     episodes.frames[:] = 99
     manifest = sending.finish()
 
-    assert int(reader.read(manifest)[0].frames.max()) == 1
+    assert int(reader.read([manifest]).frames.max()) == 1
 
 
 def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
@@ -196,7 +196,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
     clock.happens[10.0] = sending.finish
 
     manifest = wait(reader, [0])[0]
-    reader.read(manifest)
+    reader.read([manifest])
     reader.close()
 
     assert asked[0] == "0 s1-0.safetensors"
@@ -210,7 +210,7 @@ def test_no_more_is_fetched_ahead_than_memory_allows(memory, reader, monkeypatch
     wait(reader, [0])
 
     assert reader._fetched == {}
-    assert len(reader.read(manifest)) == 2
+    assert reader.read([manifest]).count == 2
 
 
 def test_a_part_that_its_manifest_does_not_confirm_is_refused(memory, reader):
@@ -219,7 +219,7 @@ def test_a_part_that_its_manifest_does_not_confirm_is_refused(memory, reader):
     memory.put(key, memory.get(manifest.parts[0].key))
 
     with pytest.raises(ObjectDamaged, match=rf"{key} is damaged") as failure:
-        reader.read(manifest)
+        reader.read([manifest])
 
     assert "worker 0 must play iteration 3 again" in failure.value.remedy
 
@@ -233,7 +233,7 @@ def test_a_part_that_was_fetched_too_early_is_fetched_again(memory, reader):
 
     memory.put(manifest.parts[0].key, whole)
 
-    assert len(reader.read(manifest)) == 2
+    assert reader.read([manifest]).count == 2
 
 
 def test_a_part_that_is_gone_is_named(memory, reader):
@@ -241,7 +241,7 @@ def test_a_part_that_is_gone_is_named(memory, reader):
     memory.delete([manifest.parts[0].key])
 
     with pytest.raises(ObjectMissing, match=manifest.parts[0].key):
-        reader.read(manifest)
+        reader.read([manifest])
 
 
 def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):

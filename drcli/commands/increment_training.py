@@ -1,0 +1,57 @@
+"""`dr increment-training`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+
+
+def increment_training(
+    force: Annotated[bool, typer.Option("-f", "--force", help="Ask nothing.")] = False,
+    wipe: Annotated[
+        bool, typer.Option("-w", "--wipe", help="Delete what lies under the new model prefix.")
+    ] = False,
+    prefix: Annotated[
+        str | None, typer.Option("-p", "--prefix", help="Name of the new model.")
+    ] = None,
+    delimiter: Annotated[
+        str | None,
+        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+) -> None:
+    """Make the next training go on from this model's weights, under a new name.
+
+    Edits run.env, of which a copy stays as run.env.bak: the present model becomes the pretrained
+    one and the number at the end of its prefix is raised. A name without a number gets -1.
+
+    Example: dr-increment-training -f
+    """
+    from drcli import console, views
+    from drcli.runs.increment import make_increment, plan_increment
+
+    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
+        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
+    loaded, folder = settings(), working_folder()
+    planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
+    step = planned.step
+    console.say(f"Configuration file {step.file} will be updated.")
+    console.say(f"Incrementing model from {step.before} to {step.after}")
+    questions = ["Are you sure?"]
+    if step.wipes:
+        questions.append(f"Delete everything at s3://{step.bucket}/{step.after}?")
+    if not force and not all(console.confirm(question) for question in questions):
+        console.say("Aborting. Nothing was changed; -f asks nothing.")
+        raise typer.Exit(130)
+    make_increment(planned, loaded, folder)
+    console.emit(step, views.increment(step), as_json=as_json)
+    console.say("Done.")
+    console.suggest(
+        [
+            ("dr-start-training", "train the new model"),
+            (f"cp {step.backup} {step.file}", "take it back"),
+        ]
+    )

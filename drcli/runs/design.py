@@ -1,0 +1,117 @@
+"""What decides the shape of a model's weights, and whether two models can exchange them."""
+
+from dataclasses import dataclass
+
+from drcli.errors import SettingsError
+from drcli.hyperparameters import Hyperparameters
+from drcli.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+
+@dataclass(frozen=True)
+class Design:
+    """The two parameter files of a model, with the places they were read from.
+
+    Attributes:
+        metadata: Actions, sensors, network and algorithm.
+        parameters: Hyperparameters, some of which shape the network too.
+        metadata_origin: Where the first was found, for people.
+        parameters_origin: Where the second was found.
+    """
+
+    metadata: ModelMetadata
+    parameters: Hyperparameters
+    metadata_origin: str
+    parameters_origin: str
+
+    @staticmethod
+    def of_model(bucket: Bucket, prefix: str) -> "Design":
+        """The design that a model in the bucket was trained with.
+
+        Raises:
+            ObjectMissing: One of its files is not there.
+            SettingsError: One of them is no such file.
+        """
+        places = (keys.model_metadata(prefix), keys.hyperparameters(prefix))
+        metadata, parameters = (f"{bucket.name}/{key}" for key in places)
+        return Design(
+            ModelMetadata.from_bytes(bucket.get(places[0]), metadata),
+            Hyperparameters.from_bytes(bucket.get(places[1]), parameters),
+            metadata,
+            parameters,
+        )
+
+
+def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
+    """Check that weights of one model fit another.
+
+    A network's inputs and outputs cannot be added to or taken away from; what its outputs mean may
+    change.
+
+    Args:
+        trained: Of the model that has the weights.
+        wanted: Of the model that shall take them over.
+        model: What to call the first in messages.
+
+    Returns:
+        Sentences about what fits but means something else.
+
+    Raises:
+        SettingsError: They do not fit; the sentence names file, key and both values.
+    """
+    old, new = trained.metadata, wanted.metadata
+    where = wanted.metadata_origin
+    _refuse_other_actions(old, new, where, model)
+    for key, before, now in (
+        ("training_algorithm", old.training_algorithm, new.training_algorithm),
+        ("neural_network", old.neural_network, new.neural_network),
+        ("sensor", _sensors(old), _sensors(new)),
+    ):
+        _refuse_difference(where, key, before, now, model)
+    for key, before, now in (
+        ("stack_size", str(trained.parameters.stack_size), str(wanted.parameters.stack_size)),
+        ("critic", trained.parameters.critic, wanted.parameters.critic),
+    ):
+        _refuse_difference(wanted.parameters_origin, key, before, now, model)
+    if old.action_space == new.action_space:
+        return []
+    return [
+        f"{where}: {model} was trained with other values of action_space, so it has to learn what "
+        "its actions do now."
+    ]
+
+
+def _refuse_other_actions(old: ModelMetadata, new: ModelMetadata, where: str, model: str) -> None:
+    before = f"{old.action_space.num_actions} {old.action_space_type} actions"
+    now = f"{new.action_space.num_actions} {new.action_space_type} ones"
+    if (old.action_space_type, old.action_space.num_actions) == (
+        new.action_space_type,
+        new.action_space.num_actions,
+    ):
+        return
+    raise SettingsError(
+        f"{where}: {model} was trained with {before}, action_space has {now} here.",
+        remedy="Keep type and number of actions (their values may change), or start a new model "
+        "with fresh weights.",
+    )
+
+
+def _refuse_difference(where: str, key: str, before: str, now: str, model: str) -> None:
+    if before == now:
+        return
+    raise SettingsError(
+        f"{where}: {key}={now}, but {model} was trained with {key}={before}, and its weights fit "
+        "nothing else.",
+        remedy=f"Write {key}={before} there, or start a new model with fresh weights.",
+    )
+
+
+def _sensors(metadata: ModelMetadata) -> str:
+    """What the network gets to see; several names mean the same grey picture."""
+    names = ["FRONT_FACING_CAMERA" if s in SINGLE_CAMERAS else s for s in metadata.sensor]
+    seen = sorted(names, key=lambda name: name in LIDARS)
+    if "DISCRETIZED_SECTOR_LIDAR" in seen:
+        lidar = metadata.lidar
+        return f"{'+'.join(seen)} ({lidar.num_sectors} x {lidar.num_values_per_sector})"
+    return "+".join(seen)

@@ -1,0 +1,183 @@
+"""What a training was started with: seed, settings, versions, code and machine.
+
+The note lies below the model prefix, so that a model tells where it is from wherever it is copied
+to. The three files that the racer wrote lie beside it.
+"""
+
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from drcli.config import Settings, catalogue
+from drcli.runs.pretrained import Pretrained
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing, get_json, put_json
+
+PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
+"""Packages whose versions decide how a training goes."""
+
+GIT_PATIENCE_S = 5.0
+
+
+@dataclass(frozen=True)
+class GitState:
+    """Which version of some files git knows.
+
+    Attributes:
+        commit: The commit that is checked out.
+        dirty: Whether a file that git tracks was changed since.
+    """
+
+    commit: str
+    dirty: bool
+
+
+@dataclass(frozen=True)
+class RunNote:
+    """One start of a training.
+
+    Attributes:
+        seed: What its random numbers are derived from.
+        started_at: Time in UTC, ISO 8601.
+        settings: DR_ settings that differ from their defaults.
+        versions: Python and the packages that matter; None where one is not installed.
+        git: State of the racer's `working_folder` and of our own `package`; None outside git.
+        machine: `platform`, number of `cores`, and `threads` where OMP_NUM_THREADS limits them.
+        pretrained: Whose weights the model began with; None where they were fresh.
+        earlier: The notes of the starts before that this one resumes, oldest first.
+    """
+
+    seed: int
+    started_at: str
+    settings: dict[str, Any]
+    versions: dict[str, str | None]
+    git: dict[str, GitState | None]
+    machine: dict[str, Any]
+    pretrained: Pretrained | None
+    earlier: list[dict[str, Any]]
+
+
+def take_note(
+    settings: Settings,
+    directory: Path,
+    seed: int,
+    pretrained: Pretrained | None,
+    before: Mapping[str, Any] | None,
+) -> RunNote:
+    """Look at everything that decides how a training goes.
+
+    Args:
+        settings: As the racer wrote them.
+        directory: The racer's working folder.
+        seed: Of this start.
+        pretrained: Whose weights a new model begins with.
+        before: The note of the start that this one resumes; None for a new model.
+    """
+    past = dict(before or {})
+    earlier = [*past.pop("earlier", []), past] if past else []
+    origin = past.get("pretrained")
+    return RunNote(
+        seed=seed,
+        started_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        settings=chosen_settings(settings),
+        versions={"python": platform.python_version(), **{p: _version(p) for p in PACKAGES}},
+        git={
+            "working_folder": _git_state(directory, "."),
+            "package": _git_state(Path(str(resources.files("drcli"))), "__init__.py"),
+        },
+        machine={
+            "platform": platform.platform(),
+            "cores": os.cpu_count(),
+            "threads": os.environ.get("OMP_NUM_THREADS"),
+        },
+        pretrained=Pretrained(**origin) if origin else pretrained,
+        earlier=earlier,
+    )
+
+
+def write_note(bucket: Bucket, prefix: str, note: RunNote) -> None:
+    """Put the note below the model prefix."""
+    put_json(bucket, keys.run_note(prefix), asdict(note))
+
+
+def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
+    """The note of a model's last start, None where there is none.
+
+    Older notes hold the seed only, so what is read stays a dictionary.
+
+    Raises:
+        ObjectDamaged: It is unreadable.
+    """
+    try:
+        note: dict[str, Any] = get_json(bucket, keys.run_note(prefix))
+    except ObjectMissing:
+        return None
+    return note
+
+
+def chosen_settings(settings: Settings) -> dict[str, Any]:
+    """DR_ settings that somebody set to something else than their default, as plain values.
+
+    Settings that do nothing here are left out, and so is a name or password in an address.
+    """
+    values = settings.model_dump(mode="json")
+    chosen = {
+        name: values[setting.field]
+        for name, setting in catalogue().items()
+        if name in settings.sources
+        and setting.effect != "accepted"
+        and getattr(settings, setting.field) != setting.default
+    }
+    return {name: _without_secret(value) for name, value in chosen.items()}
+
+
+def _without_secret(value: Any) -> Any:
+    if not isinstance(value, str) or "://" not in value:
+        return value
+    address = urlsplit(value)
+    return address._replace(netloc=address.netloc.rpartition("@")[2], query="").geturl()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _git_state(folder: Path, tracked: str) -> GitState | None:
+    """What git says about a folder; None where it does not track that file or folder in it.
+
+    A package that is installed below somebody's repository, in its `.venv`, is no part of that.
+    """
+    if not _git(folder, "ls-files", "--", tracked):
+        return None
+    commit = _git(folder, "rev-parse", "--verify", "HEAD")
+    if commit is None:
+        return None
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return GitState(commit, dirty=bool(changes))
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """What git prints; None where it fails, is not installed or takes too long."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments],
+            env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=GIT_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

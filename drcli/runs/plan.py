@@ -1,0 +1,245 @@
+"""Plans a training: checks everything that can be checked, then freezes what it starts from."""
+
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from drcli.config import Settings, catalogue
+from drcli.errors import SettingsError
+from drcli.hyperparameters import Hyperparameters
+from drcli.job import Job
+from drcli.runs import lease, pretrained
+from drcli.runs.design import Design, refuse_misfit
+from drcli.runs.inputs import Inputs, gather, try_inputs, upload_custom_files
+from drcli.runs.note import read_note, take_note, write_note
+from drcli.runs.parameters import training_parameters
+from drcli.runs.prefix import is_used, newest_checkpoint, wipe
+from drcli.runs.pretrained import Pretrained, Transfer
+from drcli.runs.record import RunRecord, run_folder
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.connect import open_bucket
+
+COMMAND_PATIENCE_S = 5.0
+"""How long a command waits for a bucket that does not answer."""
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """What the command line adds to the settings.
+
+    Attributes:
+        wipe: Delete what lies under the model prefix.
+        resume: Go on with what lies there.
+        max_minutes: Finish after so much wall time.
+        until_laps: Finish once an evaluation completes all its laps, at least so many.
+        seed: What all random numbers are derived from; drawn if left out.
+    """
+
+    wipe: bool = False
+    resume: bool = False
+    max_minutes: float | None = None
+    until_laps: int | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A training that can start: everything that can be known to be wrong is right.
+
+    Attributes:
+        job: For the processes.
+        inputs: The racer's three files.
+        warnings: Sentences about what is allowed and may surprise.
+        resumes: The checkpoint to go on from, None for a new model.
+        pretrained: Whose weights a new model begins with, None where they are fresh.
+    """
+
+    job: Job
+    inputs: Inputs
+    warnings: list[str]
+    resumes: str | None
+    pretrained: Pretrained | None = None
+
+
+def prepare(settings: Settings, options: StartOptions, directory: Path | None = None) -> RunPlan:
+    """Check everything and freeze the inputs in the bucket, before a process starts.
+
+    Args:
+        settings: Checked in themselves.
+        options: From the command line.
+        directory: The racer's working folder; the current one if left out.
+
+    Raises:
+        DrError: The first thing that is wrong.
+    """
+    directory = (directory or Path.cwd()).absolute()
+    if options.wipe and options.resume:
+        raise SettingsError(
+            "-w wipes the model and --resume continues it: both at once make no sense.",
+            remedy="Choose one of them.",
+        )
+    refuse_unsupported(settings, "training")
+    folder = run_folder(settings, directory)
+    refuse_second_run(settings, folder)
+    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    bucket.probe()
+    lease.refuse_other_owner(bucket, settings.model_prefix)
+
+    prefix = settings.model_prefix
+    model = f"s3://{bucket.name}/{prefix}"
+    newest = newest_checkpoint(bucket, prefix)
+    used = is_used(bucket, prefix)
+    if used and not (options.wipe or options.resume):
+        raise SettingsError(
+            f"Selected path {model} exists. Delete it, or use -w option.",
+            remedy="Continue that training with --resume, replace it with -w, or choose another "
+            "DR_LOCAL_S3_MODEL_PREFIX in run.env.",
+        )
+    if options.resume and newest is None:
+        raise SettingsError(
+            f"There is no checkpoint at {model} to resume from.",
+            remedy="Start a new training without --resume.",
+        )
+    inputs = gather(_resumed(settings) if options.resume else settings, directory, bucket)
+    design = inputs.check()
+    parameters, metadata = design.parameters, design.metadata
+    _check_workers(settings, parameters, design.parameters_origin)
+    warnings = [*settings.warnings, *parameters.warnings, *metadata.warnings]
+    before: Mapping[str, Any] | None = None
+    transfer: Transfer | None = None
+    if options.resume:
+        warnings += refuse_misfit(Design.of_model(bucket, prefix), design, model)
+        before = read_note(bucket, prefix)
+    elif settings.pretrained:
+        transfer = pretrained.find(settings, bucket, design, wiping=options.wipe)
+        warnings += transfer.warnings
+    job = Job(
+        settings=settings,
+        directory=directory,
+        session=secrets.token_hex(6),
+        seed=_seed(settings, options, before),
+        until_laps=options.until_laps,
+        max_minutes=options.max_minutes or settings.train_max_minutes or None,
+        folder=folder,
+        launcher_pid=os.getpid(),
+    )
+    try_inputs(job, inputs)
+
+    if options.wipe and used:
+        wipe(bucket, prefix)
+    _freeze(settings, directory, bucket, inputs, design)
+    warnings += _forget_other_scores(settings, bucket, before)
+    source = transfer.source if transfer is not None else None
+    write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
+    if transfer is not None:
+        transfer.hand_over(bucket, prefix)
+    return RunPlan(job, inputs, warnings, str(newest) if options.resume else None, source)
+
+
+def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
+    """Say what cannot be run yet instead of running something else."""
+    sentence = settings.unsupported(job)
+    if sentence is not None:
+        raise SettingsError(sentence, remedy="Change that setting.")
+
+
+def refuse_second_run(settings: Settings, folder: Path) -> None:
+    """Refuse while a training of this run number is alive on this machine."""
+    record = RunRecord.read(folder)
+    if record is not None and record.alive:
+        raise SettingsError(
+            f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} already "
+            f"(process {record.pid}).",
+            remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
+            "another DR_LOCAL_S3_MODEL_PREFIX.",
+        )
+
+
+def _check_workers(settings: Settings, parameters: Hyperparameters, origin: str) -> None:
+    """A worker without an episode would never hand anything in, and everybody would wait for it."""
+    episodes = parameters.num_episodes_between_training
+    if settings.workers > episodes:
+        raise SettingsError(
+            f"{settings.source('DR_WORKERS')}: DR_WORKERS={settings.workers} is more than "
+            f"num_episodes_between_training={episodes} in {origin}.",
+            remedy=f"Set DR_WORKERS to {episodes} at most, or drive more episodes an iteration.",
+        )
+
+
+def _resumed(settings: Settings) -> Settings:
+    """Settings under which files that are not in `custom_files/` come from the model itself.
+
+    A racer who changes a local file between stop and resume wants the change; a machine that has
+    no local files goes on with what the model was started with.
+    """
+    prefix = settings.model_prefix
+    return settings.model_copy(
+        update={
+            "reward_key": keys.reward_function(prefix),
+            "hyperparameters_key": keys.hyperparameters(prefix),
+            "model_metadata_key": keys.model_metadata(prefix),
+        }
+    )
+
+
+def _freeze(
+    settings: Settings, directory: Path, bucket: Bucket, inputs: Inputs, design: Design
+) -> None:
+    """Put below the model prefix what the training is made of."""
+    prefix = settings.model_prefix
+    upload_custom_files(settings, directory, bucket, inputs)
+    bucket.put(keys.reward_function(prefix), inputs.reward.data)
+    bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
+    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
+    bucket.put(keys.hyperparameters(prefix), parameters.encode())
+    for name, own in _parameter_files(settings).items():
+        bucket.put(keys.parameter_file(prefix, name), training_parameters(own))
+
+
+def _parameter_files(settings: Settings) -> dict[str, Settings]:
+    """Names of the parameter files, and whose they are; workers with own races have own files."""
+    name = settings.training_params_file
+    files = {name: settings}
+    if settings.overrides:
+        stem, dot, ending = name.rpartition(".")
+        stem, ending = (stem, dot + ending) if dot else (name, "")
+        for worker in range(settings.workers):
+            files[f"{stem}_{worker + 1}{ending}"] = settings.for_worker(worker)
+    return files
+
+
+def _seed(settings: Settings, options: StartOptions, before: Mapping[str, Any] | None) -> int:
+    """The seed of a resumed training is its first one, unless the racer insists."""
+    if options.seed is not None:
+        return options.seed
+    if settings.train_seed is not None:
+        return settings.train_seed
+    if before is not None:
+        return int(before["seed"])
+    return secrets.randbelow(2**31)
+
+
+def _forget_other_scores(
+    settings: Settings, bucket: Bucket, before: Mapping[str, Any] | None
+) -> list[str]:
+    """Forget how good the best checkpoint was when scores are measured in another unit from now on.
+
+    Returns:
+        A sentence about it, for those whom it may surprise.
+    """
+    name = "DR_TRAIN_BEST_MODEL_METRIC"
+    if before is None or "settings" not in before:
+        return []
+    metric = before["settings"].get(name, catalogue()[name].default)
+    if metric == settings.train_best_model_metric:
+        return []
+    CheckpointStore(bucket, settings.model_prefix).forget_scores()
+    return [
+        f"{settings.source(name)}: {name} was {metric} until now, so the next checkpoint that is "
+        "evaluated becomes the best."
+    ]

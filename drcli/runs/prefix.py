@@ -1,0 +1,26 @@
+"""What the bucket holds of one model: whether there is anything, how far it got, its removal."""
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+
+def is_used(bucket: Bucket, prefix: str) -> bool:
+    """Whether anything lies below the prefix; a model whose name only starts alike is no matter."""
+    return bool(bucket.list(keys.folder(prefix)))
+
+
+def newest_checkpoint(bucket: Bucket, prefix: str) -> keys.CheckpointName | None:
+    """The checkpoint that counts furthest, whole or not; None where there is none."""
+    names = (keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix)))
+    return max((name for name in names if name is not None), default=None)
+
+
+def contains(outer: str, inner: str) -> bool:
+    """Whether wiping one prefix would delete another, or what lies at both is one and the same."""
+    return keys.folder(inner).startswith(keys.folder(outer))
+
+
+def wipe(bucket: Bucket, prefix: str) -> None:
+    """Delete the model, its rollouts, and what was noted of its runs."""
+    for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
+        bucket.delete([item.key for item in bucket.list(folder)])

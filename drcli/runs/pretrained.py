@@ -1,0 +1,135 @@
+"""Starts a model with the weights of another one: finds them, checks them, hands them over."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from drcli.config import Settings
+from drcli.errors import SettingsError
+from drcli.runs.design import Design, refuse_misfit
+from drcli.runs.prefix import contains
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore, Record
+from drcli.store.scores import read_scores
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """Weights to start from.
+
+    Attributes:
+        prefix: The model they are from.
+        checkpoint: Which of its checkpoints: last or best.
+        name: That checkpoint, such as `12_Step-7824.ckpt`.
+        metric: How it was evaluated there, None where it was not.
+        sha256: Fingerprint of the weights.
+    """
+
+    prefix: str
+    checkpoint: Literal["last", "best"]
+    name: str
+    metric: float | None
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Everything a start from another model's weights needs, read and checked.
+
+    Attributes:
+        source: Where the weights are from.
+        tensors: The weights, a safetensors file.
+        warnings: Sentences about what is allowed and may surprise.
+    """
+
+    source: Pretrained
+    tensors: bytes
+    warnings: list[str]
+
+    def hand_over(self, bucket: Bucket, prefix: str) -> Record:
+        """Make the weights checkpoint 0 of a new model, which its trainer goes on from.
+
+        Steps, episodes and time count from 0 and the optimizer starts afresh.
+        """
+        counters = {"episodes": 0, "elapsed_s": 0.0}
+        return CheckpointStore(bucket, prefix).save(0, 0, self.tensors, counters=counters)
+
+
+def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) -> Transfer:
+    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name, and check that they fit.
+
+    Args:
+        settings: Of the new model.
+        bucket: Holds both models.
+        wanted: The new model's own design.
+        wiping: Whether what lies under the new model's prefix is going to be deleted.
+
+    Raises:
+        SettingsError: There is no such model, it has no whole checkpoint, or it does not fit.
+    """
+    prefix = settings.pretrained_prefix
+    place = settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX")
+    written = f"{place}: DR_LOCAL_S3_PRETRAINED_PREFIX={prefix}"
+    if wiping and contains(settings.model_prefix, prefix):
+        raise SettingsError(
+            f"{written}: -w would delete that model, because it lies below "
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix}.",
+            remedy="Choose a DR_LOCAL_S3_MODEL_PREFIX beside it.",
+        )
+    source, tensors = read_weights(bucket, prefix, settings.pretrained_checkpoint, written)
+    try:
+        trained = Design.of_model(bucket, prefix)
+    except ObjectMissing as e:
+        raise SettingsError(
+            f"{written}: that model is not complete: {e}",
+            remedy="Restore that file from a copy, or name another model.",
+        ) from e
+    model = f"s3://{bucket.name}/{prefix}"
+    warnings = refuse_misfit(trained, wanted, model)
+    if settings.pretrained_checkpoint == "best" and source.metric is None:
+        warnings.append(
+            f"{settings.source('DR_LOCAL_S3_PRETRAINED_CHECKPOINT')}: no checkpoint of {model} was "
+            f"evaluated yet, so {source.name} only counts as its best for being the first."
+        )
+    return Transfer(source, tensors, warnings)
+
+
+def read_weights(
+    bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], written: str
+) -> tuple[Pretrained, bytes]:
+    """The weights of a model's last or best checkpoint, whole.
+
+    Args:
+        bucket: Holds the model.
+        prefix: The model.
+        checkpoint: Which of its checkpoints.
+        written: Where and how somebody named the model, such as `run.env line 3: NAME=value`.
+
+    Raises:
+        SettingsError: There are none; the sentence says what is missing.
+    """
+    folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
+    remedy = "Correct the prefix, or train that model first."
+    store = CheckpointStore(bucket, prefix)
+    try:
+        scores = read_scores(bucket, prefix)
+        name = store.best_name() if checkpoint == "best" else None
+        name = name or store.latest_name()
+        if name is None:
+            raise SettingsError(f"{written}: there is no checkpoint at {folder}.", remedy=remedy)
+        found = store.load(name)
+    except (ObjectMissing, ObjectDamaged) as e:
+        if any(item.key.endswith(".ckpt.index") for item in bucket.list(keys.model_folder(prefix))):
+            raise SettingsError(
+                f"{written}: the checkpoints at {folder} are TensorFlow's, whose weights cannot "
+                "be read here.",
+                remedy="Name a model that was trained here, or start with fresh weights.",
+            ) from e
+        other = "last" if checkpoint == "best" else "best"
+        raise SettingsError(
+            f"{written}: its {checkpoint} checkpoint cannot be used: {e}",
+            remedy=f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or name another model.",
+        ) from e
+    metric = None if scores is None else scores.metric_of(name)
+    sha256 = found.record.tensors.sha256
+    return Pretrained(prefix, checkpoint, name, metric, sha256), found.tensors

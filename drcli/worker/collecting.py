@@ -1,0 +1,159 @@
+"""Gathers what the simulation workers drove with a checkpoint, as the learner takes it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drcli.learn.buffer import Rollout
+from drcli.store.collection import RolloutReader, Waiting
+from drcli.store.episodes import Episodes
+from drcli.store.rollouts import Manifest
+
+FIRST_PATIENCE_S = 600.0
+"""How long to wait for anybody before saying so again."""
+
+LEAST_PATIENCE_S = 20.0
+"""How long to wait for the others once the first has delivered, at least: time to bring back a
+worker that died."""
+
+
+@dataclass(frozen=True)
+class Collected:
+    """One iteration's rollouts and what the workers say about them.
+
+    Attributes:
+        rollout: The episodes.
+        progress: Percent of the lap of each episode.
+        rewards: Sum of rewards of each episode.
+        lap_s: Durations of the completed laps, simulated seconds.
+        simulated_s: Simulated seconds of all episodes.
+        drive_s: Wall time of the slowest worker.
+        evaluates: Whether an evaluation of the checkpoint follows.
+    """
+
+    rollout: Rollout
+    progress: list[float]
+    rewards: list[float]
+    lap_s: list[float]
+    simulated_s: float
+    drive_s: float
+    evaluates: bool
+
+
+class Collector:
+    """Waits for all workers of a run, but for none of them too long."""
+
+    def __init__(self, reader: RolloutReader, workers: int, max_steps: int) -> None:
+        """Begin.
+
+        Args:
+            reader: The bucket's rollouts.
+            workers: How many simulation workers there are.
+            max_steps: Most steps of an iteration.
+        """
+        self._reader = reader
+        self._workers = workers
+        self._max_steps = max_steps
+        self._absent: set[int] = set()
+
+    def collect(
+        self, iteration: int, checkpoint: str, should_stop: Callable[[], bool]
+    ) -> Collected | None:
+        """Wait for an iteration's rollouts and read them.
+
+        Once the first worker has delivered, the others get as long again. One that was missing in
+        the iteration before is not waited for.
+
+        Args:
+            iteration: Which.
+            checkpoint: What must have driven them.
+            should_stop: Asked at every look.
+
+        Returns:
+            None when `should_stop` ended the wait.
+        """
+        everybody = set(range(self._workers))
+        manifests = self._wait(iteration, checkpoint, {}, 1, FIRST_PATIENCE_S, should_stop)
+        while not manifests and not should_stop():
+            manifests = self._wait(iteration, checkpoint, {}, 1, FIRST_PATIENCE_S, should_stop)
+        expected = everybody - self._absent
+        if manifests and not expected <= manifests.keys() and not should_stop():
+            took_s = max(float(m.notes["drive_s"]) for m in manifests.values())
+            patience_s = max(LEAST_PATIENCE_S, took_s)
+            manifests = self._wait(
+                iteration, checkpoint, manifests, len(expected), patience_s, should_stop
+            )
+        if not manifests:
+            return None
+        self._absent = everybody - manifests.keys()
+        if self._absent:
+            print(f"Training> Going on without simulation worker {sorted(self._absent)}.")
+        return self._read(list(manifests.values()))
+
+    def recall(self, iteration: int) -> Rollout | None:
+        """What is still there of an older iteration, whoever drove it; None if nothing."""
+        manifests = self._reader.find_manifests(iteration, range(self._workers))
+        return self._read(manifests).rollout if manifests else None
+
+    def _wait(
+        self,
+        iteration: int,
+        checkpoint: str,
+        arrived: dict[int, Manifest],
+        enough: int,
+        patience_s: float,
+        should_stop: Callable[[], bool],
+    ) -> dict[int, Manifest]:
+        return self._reader.wait_manifests(
+            iteration,
+            checkpoint,
+            range(self._workers),
+            enough=enough,
+            arrived=arrived,
+            patience_s=patience_s,
+            on_wait=_say,
+            should_stop=should_stop,
+        )
+
+    def _read(self, manifests: list[Manifest]) -> Collected:
+        played = self._within_cap(self._reader.read(manifests))
+        lengths, extras = played.episode_lengths, played.extras
+        sums = np.add.reduceat(played.rewards, np.cumsum(lengths) - lengths)
+        return Collected(
+            rollout=Rollout(
+                played.frames,
+                played.actions,
+                played.log_probs,
+                played.values,
+                played.rewards,
+                lengths,
+                last_values=extras["last_values"],
+                cut=extras["cut"],
+                scans=extras["scans"],
+                states=extras["states"],
+            ),
+            progress=extras["progress"].tolist(),
+            rewards=sums.tolist(),
+            lap_s=extras["duration_s"][extras["completed"]].tolist(),
+            simulated_s=float(extras["duration_s"].sum()),
+            drive_s=max(float(m.notes["drive_s"]) for m in manifests),
+            evaluates=any(m.notes["evaluates"] for m in manifests),
+        )
+
+    def _within_cap(self, played: Episodes) -> Episodes:
+        """Leave out the episodes that are too much, those with the highest numbers."""
+        order = np.argsort(played.episode_numbers, kind="stable")
+        fits = np.cumsum(played.episode_lengths[order]) <= self._max_steps
+        fits[0] = True
+        if fits.all():
+            return played
+        print(
+            f"Training> Learning from {fits.sum()} of {len(order)} episodes: "
+            f"DR_TRAIN_MAX_STEPS_PER_ITERATION is {self._max_steps} steps."
+        )
+        return played.chosen(np.sort(order[fits]))
+
+
+def _say(waiting: Waiting) -> None:
+    print(f"Training> {waiting}")

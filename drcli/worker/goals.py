@@ -1,0 +1,80 @@
+"""When a training is over: time, episodes, iterations, mean score, laps, progress held."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from drcli.hyperparameters import Hyperparameters
+from drcli.job import Job
+from drcli.store.history import IterationRecord
+
+SCORED_EPISODES = 100
+"""Episodes over which `term_cond_avg_score` is averaged, as in the lists of the Gym."""
+
+
+class Goals:
+    """The reasons for one start of a training to end."""
+
+    def __init__(
+        self,
+        job: Job,
+        parameters: Hyperparameters,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._job = job
+        self._parameters = parameters
+        self._clock = clock
+        self._began_s = clock()
+
+    def reached(self, episodes: int, records: Sequence[IterationRecord]) -> str | None:
+        """Why the training is over, as one sentence; None while it goes on.
+
+        Args:
+            episodes: Training episodes so far.
+            records: The iterations so far, oldest first.
+        """
+        job, settings, parameters = self._job, self._job.settings, self._parameters
+        evaluated = [record for record in records if record.evaluation_progress]
+        if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
+            return "Training is complete: all evaluation laps of a checkpoint were completed."
+        minutes = job.max_minutes
+        if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
+            return f"Training is complete: {minutes:g} minutes are over."
+        if episodes >= parameters.term_cond_max_episodes:
+            return f"Training is complete: {episodes} episodes were driven."
+        if 0 < settings.train_max_iterations <= len(records):
+            return f"Training is complete: {len(records)} iterations were learned from."
+        score = mean_score(records)
+        if score is not None and score >= parameters.term_cond_avg_score:
+            return (
+                f"Training is complete: the mean reward of the last {SCORED_EPISODES} episodes "
+                f"is {score:.1f}, term_cond_avg_score is {parameters.term_cond_avg_score:g}."
+            )
+        wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
+        means = [_mean(record.evaluation_progress) for record in evaluated[-last:]]
+        if wanted > 0 and len(means) == last and min(means) >= wanted:
+            return (
+                f"Training is complete: the last {last} evaluations reached {min(means):.1f} % "
+                f"and more, DR_TRAIN_STOP_PROGRESS is {wanted:g}."
+            )
+        return None
+
+
+def mean_score(records: Sequence[IterationRecord]) -> float | None:
+    """Mean reward of the last 100 training episodes; None before there are so many."""
+    episodes, total = 0, 0.0
+    for record in reversed(records):
+        counted = min(record.episodes, SCORED_EPISODES - episodes)
+        episodes += counted
+        total += counted * record.mean_reward
+        if episodes == SCORED_EPISODES:
+            return total / episodes
+    return None
+
+
+def _all_laps(record: IterationRecord, wanted: int) -> bool:
+    done = len(record.evaluation_lap_s)
+    return done >= wanted and done == len(record.evaluation_progress)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)

@@ -1,0 +1,88 @@
+"""A racer's folder whose bucket is in memory and whose files need no trial."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drcli.config import Settings, load_settings
+from drcli.runs.plan import RunPlan, StartOptions, prepare
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.memory import MemoryBucket
+
+ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]
+
+
+class Racer:
+    """Writes the racer's files and plans trainings from them."""
+
+    def __init__(self, folder: Path, bucket: MemoryBucket) -> None:
+        self.folder = folder
+        self.bucket = bucket
+        (folder / "custom_files").mkdir()
+        (folder / "custom_files" / "reward_function.py").write_text("def reward_function(p): ...")
+        (folder / "system.env").write_text("")
+        self.model_metadata()
+        self.hyperparameters()
+        self.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1")
+
+    def run_env(self, *lines: str) -> None:
+        (self.folder / "run.env").write_text("\n".join(lines) + "\n")
+
+    def model_metadata(self, **changes: Any) -> None:
+        values = {
+            "action_space": ACTIONS,
+            "action_space_type": "discrete",
+            "sensor": ["FRONT_FACING_CAMERA"],
+            "neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+            "training_algorithm": "clipped_ppo",
+            "version": "5",
+        }
+        path = self.folder / "custom_files" / "model_metadata.json"
+        path.write_text(json.dumps({**values, **changes}))
+
+    def hyperparameters(self, **values: Any) -> None:
+        path = self.folder / "custom_files" / "hyperparameters.json"
+        path.write_text(json.dumps(values))
+
+    def settings(self) -> Settings:
+        return load_settings(self.folder)
+
+    def start(self, **options: Any) -> RunPlan:
+        return prepare(self.settings(), StartOptions(**options), self.folder)
+
+    def store(self, prefix: str) -> CheckpointStore:
+        return CheckpointStore(self.bucket, prefix)
+
+    def note(self, prefix: str) -> dict[str, Any]:
+        note: dict[str, Any] = json.loads(self.bucket.get(f"{prefix}/ip/run.json"))
+        return note
+
+
+class ProbedBucket(MemoryBucket):
+    """Can be asked whether it answers, as the real one."""
+
+    def probe(self) -> None:
+        """It always does."""
+
+
+@pytest.fixture
+def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
+    """A racer in an empty folder, the current one."""
+    bucket = ProbedBucket()
+    for module in ("plan", "increment"):
+        monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.runs.plan.try_inputs", lambda *_: None)
+    return Racer(working_folder, bucket)
+
+
+@pytest.fixture
+def trained(racer: Racer) -> Racer:
+    """The same with a trained model-1: its best checkpoint is 3, its last one 5."""
+    racer.start()
+    store = racer.store("model-1")
+    for number in range(6):
+        store.save(number, 100 * number, b"weights %d" % number, optimizer=b"moments")
+        store.record_evaluation(f"{number}_Step-{number}00.ckpt", 90.0 if number == 3 else 50.0)
+    return racer

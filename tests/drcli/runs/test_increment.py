@@ -1,0 +1,251 @@
+"""The edit of run.env that makes the next training go on from this model."""
+
+import os
+import stat
+import time
+
+import psutil
+import pytest
+
+from drcli.errors import SettingsError
+from drcli.runs import lease
+from drcli.runs.increment import make_increment, plan_increment, raised
+from drcli.runs.record import RunRecord, run_folder
+
+
+@pytest.fixture
+def increment(trained):
+    """Makes an increment of model-1 in one go."""
+
+    def run(**options):
+        settings = trained.settings()
+        planned = plan_increment(settings, trained.folder, **options)
+        make_increment(planned, settings, trained.folder)
+        return planned.step
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("written", "prefix", "delimiter", "after"),
+    [
+        ("rl-deepracer-1", "rl-deepracer-1", None, ("rl-deepracer-2", "rl-deepracer-2")),
+        ("m-9", "m-9", None, ("m-10", "m-10")),
+        ("m-99", "m-99", None, ("m-100", "m-100")),
+        ("m-09", "m-09", None, ("m-10", "m-10")),
+        ("model7", "model7", None, ("model8", "model8")),
+        ("model7", "model7", "-", ("model7-1", "model7-1")),
+        ("m_3", "m_3", "_", ("m_4", "m_4")),
+        ("rl-sagemaker", "rl-sagemaker", None, ("rl-sagemaker-1", "rl-sagemaker-1")),
+        ("2024", "2024", None, ("2024-1", "2024-1")),
+        ("team/model-3", "team/model-3", None, ("team/model-4", "team/model-4")),
+        ("team/7", "team/7", None, ("team/8", "team/8")),
+        ("$W/first", "oval/first", None, ("$W/first-1", "oval/first-1")),
+        ("$W/m-2", "oval/m-2", None, ("$W/m-3", "oval/m-3")),
+        ("m-$A7", "m-5", None, ("m-$A7-1", "m-5-1")),
+        ("m-$A", "m-5", "_", ("m-${A}_1", "m-5_1")),
+        ("m-${A}9", "m-29", None, ("m-${A}10", "m-210")),
+    ],
+)
+def test_the_number_at_the_end_is_raised(written, prefix, delimiter, after):
+    assert raised(written, prefix, delimiter) == after
+
+
+def test_the_next_training_starts_from_this_models_weights(trained, increment):
+    step = increment()
+    trained.start()
+
+    found = trained.store("model-2").load_latest()
+    assert (step.before, step.after) == ("model-1", "model-2")
+    assert step.pretrained.name == "5_Step-500.ckpt"
+    assert found is not None
+    assert found.tensors == b"weights 5"
+    assert trained.note("model-2")["pretrained"]["prefix"] == "model-1"
+
+
+def test_everything_else_in_the_file_stays_as_it_is(trained, increment):
+    (trained.folder / "run.env").write_bytes(
+        b"# Mine.\r\n"
+        b"DR_WORLD_NAME=reinvent_base\r\n"
+        b"export DR_LOCAL_S3_MODEL_PREFIX=model-1 # the fast one\r\n"
+        b"DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\r\n"
+        b"\r\n"
+        b'DR_LOCAL_S3_PRETRAINED="False"\r\n'
+        b"DR_LOCAL_S3_PRETRAINED_CHECKPOINT=best\r\n"
+        b"# DR_LOCAL_S3_PRETRAINED_PREFIX=old"
+    )
+
+    increment()
+
+    assert (trained.folder / "run.env").read_bytes() == (
+        b"# Mine.\r\n"
+        b"DR_WORLD_NAME=reinvent_base\r\n"
+        b"export DR_LOCAL_S3_MODEL_PREFIX=model-2 # the fast one\r\n"
+        b"DR_LOCAL_S3_METRICS_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX/metrics\r\n"
+        b"\r\n"
+        b'DR_LOCAL_S3_PRETRAINED="True"\r\n'
+        b"DR_LOCAL_S3_PRETRAINED_CHECKPOINT=best\r\n"
+        b"# DR_LOCAL_S3_PRETRAINED_PREFIX=old\r\n"
+        b"DR_LOCAL_S3_PRETRAINED_PREFIX=model-1\r\n"
+    )
+
+
+def test_references_in_the_prefix_stay_and_the_pretrained_one_is_written_out(trained, increment):
+    trained.run_env("DR_CAR_NAME=model", "DR_LOCAL_S3_MODEL_PREFIX=$DR_CAR_NAME-1")
+
+    step = increment()
+
+    lines = (trained.folder / "run.env").read_text().splitlines()
+    assert step.after == trained.settings().model_prefix == "model-2"
+    assert lines[1] == "DR_LOCAL_S3_MODEL_PREFIX=$DR_CAR_NAME-2"
+    assert "DR_LOCAL_S3_PRETRAINED_PREFIX=model-1" in lines
+
+
+def test_a_prefix_from_system_env_gets_a_line_in_run_env(trained, increment):
+    (trained.folder / "system.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model-1\n")
+    trained.run_env("DR_WORLD_NAME=reinvent_base")
+
+    increment()
+
+    assert trained.settings().model_prefix == "model-2"
+    assert (trained.folder / "system.env").read_text() == "DR_LOCAL_S3_MODEL_PREFIX=model-1\n"
+
+
+def test_the_file_of_an_experiment_is_the_one_that_counts(trained, increment):
+    experiment = trained.folder / "experiments" / "first"
+    experiment.mkdir(parents=True)
+    (experiment / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model-1\n")
+    (trained.folder / "system.env").write_text("DR_EXPERIMENT_NAME=first\n")
+    untouched = (trained.folder / "run.env").read_bytes()
+
+    step = increment()
+
+    assert step.file == str(experiment / "run.env")
+    assert trained.settings().model_prefix == "model-2"
+    assert (experiment / "run.env.bak").read_text() == "DR_LOCAL_S3_MODEL_PREFIX=model-1\n"
+    assert (trained.folder / "run.env").read_bytes() == untouched
+
+
+def test_a_copy_of_the_file_stays_and_nothing_else(trained, increment):
+    path = trained.folder / "run.env"
+    path.chmod(0o640)
+    before = path.read_bytes()
+
+    step = increment()
+
+    left = sorted(p.name for p in trained.folder.iterdir() if "run.env" in p.name)
+    assert left == ["run.env", "run.env.bak"]
+    assert (trained.folder / "run.env.bak").read_bytes() == before
+    assert step.backup == str(trained.folder / "run.env.bak")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_a_link_keeps_pointing_to_the_file(trained, increment):
+    path = trained.folder / "run.env"
+    real = path.rename(trained.folder / "shared.env")
+    path.symlink_to(real)
+
+    increment()
+
+    assert path.is_symlink()
+    assert "DR_LOCAL_S3_MODEL_PREFIX=model-2\n" in real.read_text()
+
+
+def test_a_name_of_ones_own_is_taken_as_it_is(trained, increment):
+    increment(prefix="team/fast")
+
+    assert trained.settings().model_prefix == "team/fast"
+
+
+@pytest.mark.parametrize("name", ["fast car", "$DR_WORLD_NAME-1", "/fast", ""])
+def test_a_name_that_cannot_stand_in_the_bucket_is_refused(trained, increment, name):
+    before = (trained.folder / "run.env").read_bytes()
+
+    with pytest.raises(SettingsError, match="DR_LOCAL_S3_MODEL_PREFIX="):
+        increment(prefix=name)
+
+    assert (trained.folder / "run.env").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["model-1", "model-1/next"])
+def test_a_name_inside_the_old_model_is_refused(increment, name):
+    with pytest.raises(SettingsError, match="wiping one would delete the other"):
+        increment(prefix=name)
+
+
+def test_a_name_that_is_in_use_is_refused_unless_it_may_be_wiped(trained, increment):
+    trained.bucket.put("model-2/model/x", b"theirs")
+    trained.bucket.put("model-20/model/x", b"a neighbour's")
+
+    with pytest.raises(SettingsError, match="There is a model at s3://bucket/model-2 already"):
+        increment()
+    step = increment(wiping=True)
+
+    assert step.wipes
+    assert trained.bucket.list("model-2/") == []
+    assert trained.bucket.exists("model-20/model/x")
+
+
+def test_a_model_that_is_being_trained_elsewhere_is_not_wiped(trained, increment):
+    lease.renew(trained.bucket, "model-2", "theirs")
+    trained.bucket.put("model-2/model/x", b"theirs")
+
+    with pytest.raises(SettingsError, match="model-2 is being trained by process"):
+        increment(wiping=True)
+
+    assert trained.bucket.exists("model-2/model/x")
+
+
+def test_a_model_without_a_checkpoint_cannot_be_gone_on_from(racer):
+    with pytest.raises(SettingsError) as caught:
+        plan_increment(racer.settings(), racer.folder)
+
+    assert str(caught.value) == (
+        "run.env line 1: DR_LOCAL_S3_MODEL_PREFIX=model-1: there is no checkpoint at "
+        "s3://bucket/model-1/model/."
+    )
+
+
+def test_while_the_model_trains_it_is_not_gone_on_from(trained, increment):
+    started = psutil.Process().create_time()
+    record = RunRecord(
+        0, "s", "bucket", "model-1", "oval", "running", os.getpid(), started, time.time()
+    )
+    record.write(run_folder(trained.settings(), trained.folder))
+
+    with pytest.raises(SettingsError, match="Run 0 is training s3://bucket/model-1 already"):
+        increment()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("DR_LOCAL_S3_MODEL_PREFIX", "model-1"), ("DR_LOCAL_S3_PRETRAINED", "False")],
+)
+def test_a_value_in_the_environment_would_undo_the_edit(increment, monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
+
+    with pytest.raises(SettingsError, match=f"environment: {name} is set there"):
+        increment()
+
+
+def test_metrics_that_would_go_into_the_old_model_are_refused(trained, increment):
+    trained.run_env(
+        "DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_LOCAL_S3_METRICS_PREFIX=model-1/metrics"
+    )
+
+    with pytest.raises(SettingsError) as caught:
+        increment()
+
+    assert str(caught.value).startswith("run.env line 2: DR_LOCAL_S3_METRICS_PREFIX=model-1/metric")
+    assert "$DR_LOCAL_S3_MODEL_PREFIX/metrics" in caught.value.remedy
+
+
+def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
+    settings = trained.settings()
+    planned = plan_increment(settings, trained.folder)
+    trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=other")
+
+    with pytest.raises(SettingsError, match="was changed while this command waited"):
+        make_increment(planned, settings, trained.folder)
+
+    assert trained.settings().model_prefix == "other"

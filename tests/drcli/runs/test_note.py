@@ -1,0 +1,120 @@
+"""The note from which a training can be repeated."""
+
+import json
+import subprocess
+
+import pytest
+
+from drcli.runs.note import chosen_settings
+from drcli.store import keys
+
+
+def test_a_start_notes_seed_settings_versions_and_machine(racer):
+    racer.run_env(
+        "DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_TRAIN_SEED=7", "DR_WORLD_NAME=reinvent_base"
+    )
+
+    racer.start()
+
+    note = racer.note("model-1")
+    assert note["seed"] == 7
+    assert note["settings"] == {"DR_LOCAL_S3_MODEL_PREFIX": "model-1", "DR_TRAIN_SEED": 7}
+    assert note["versions"].keys() == {"python", "drcli", "torch", "mujoco", "numpy", "numba"}
+    assert all(note["versions"].values())
+    assert note["machine"]["cores"] >= 1
+    assert note["earlier"] == []
+
+
+def test_a_resumed_start_keeps_the_seed_and_the_notes_before_it(racer):
+    racer.start()
+    racer.store("model-1").save(0, 0, b"weights")
+    first = racer.note("model-1")
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_TRAIN_MIN_EVAL_TRIALS=2")
+    racer.start(resume=True)
+
+    racer.start(resume=True)
+
+    note = racer.note("model-1")
+    assert note["seed"] == first["seed"]
+    assert [earlier["settings"] for earlier in note["earlier"]] == [
+        {"DR_LOCAL_S3_MODEL_PREFIX": "model-1"},
+        {"DR_LOCAL_S3_MODEL_PREFIX": "model-1", "DR_TRAIN_MIN_EVAL_TRIALS": 2},
+    ]
+
+
+def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
+    racer.start()
+    racer.store("model-1").save(0, 0, b"weights")
+    racer.bucket.put(keys.run_note("model-1"), b'{"seed": 11}')
+
+    plan = racer.start(resume=True)
+
+    assert plan.job.seed == 11
+    assert racer.note("model-1")["seed"] == 11
+
+
+def test_names_and_passwords_in_addresses_are_not_noted(racer):
+    racer.run_env(
+        "DR_REMOTE_MINIO_URL=http://me:secret@minio:9000",
+        "DR_DROA_USERNAME=me",
+        "AWS_SECRET_ACCESS_KEY=secret",
+    )
+
+    noted = chosen_settings(racer.settings())
+
+    assert noted == {"DR_REMOTE_MINIO_URL": "http://minio:9000"}
+
+
+def test_outside_git_there_is_no_state_to_note(racer, monkeypatch):
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(racer.folder.parent))
+
+    racer.start()
+
+    assert racer.note("model-1")["git"]["working_folder"] is None
+
+
+@pytest.mark.parametrize("change", [None, "changed"])
+def test_the_commit_of_the_working_folder_is_noted_and_whether_files_differ_from_it(racer, change):
+    _git(racer.folder, "init", "--quiet")
+    _git(racer.folder, "add", "custom_files")
+    _git(racer.folder, "commit", "--quiet", "-m", "first")
+    commit = _git(racer.folder, "rev-parse", "HEAD")
+    if change:
+        (racer.folder / "custom_files" / "reward_function.py").write_text(change)
+
+    racer.start()
+
+    state = racer.note("model-1")["git"]["working_folder"]
+    assert state == {"commit": commit, "dirty": change is not None}
+
+
+def test_a_machine_without_git_starts_all_the_same(racer, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+
+    racer.start()
+
+    assert racer.note("model-1")["git"] == {"working_folder": None, "package": None}
+
+
+def test_scores_of_another_metric_are_forgotten_on_resume(trained):
+    trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_TRAIN_BEST_MODEL_METRIC=laptime")
+
+    plan = trained.start(resume=True)
+
+    store = trained.store("model-1")
+    assert store.best_name() == "3_Step-300.ckpt"
+    assert any("DR_TRAIN_BEST_MODEL_METRIC was progress until now" in w for w in plan.warnings)
+    assert store.record_evaluation("5_Step-500.ckpt", 14_000.0, lower_is_better=True)
+    scores = json.loads(trained.bucket.get(keys.deepracer_checkpoints("model-1")))
+    assert scores["best_checkpoint"]["avg_eval_metric"] == 14_000.0
+
+
+def _git(folder, *arguments):
+    identity = ("-c", "user.name=racer", "-c", "user.email=racer@example.org")
+    done = subprocess.run(
+        ["git", "-C", str(folder), *identity, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()

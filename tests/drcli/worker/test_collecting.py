@@ -1,0 +1,141 @@
+"""The trainer waits for its workers, but for none of them too long."""
+
+import numpy as np
+import pytest
+
+from drcli.store.collection import RolloutReader
+from drcli.store.episodes import Episodes
+from drcli.store.memory import MemoryBucket
+from drcli.store.rollouts import RolloutWriter
+from drcli.worker.collecting import LEAST_PATIENCE_S, Collector
+
+PREFIX = "model"
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def pause(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def bucket() -> MemoryBucket:
+    return MemoryBucket()
+
+
+@pytest.fixture
+def reader(bucket, clock):
+    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=clock.pause)
+    yield reader
+    reader.close()
+
+
+def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0) -> None:
+    writer = RolloutWriter(
+        bucket, PREFIX, iteration=iteration, worker=worker, checkpoint="c", session="s"
+    )
+    steps, episodes = sum(lengths), len(lengths)
+    writer.add(
+        Episodes(
+            frames=np.zeros((steps, 1, 12, 16), np.uint8),
+            actions=np.zeros(steps, np.int64),
+            log_probs=np.zeros(steps, np.float32),
+            values=np.zeros(steps, np.float32),
+            rewards=np.ones(steps, np.float32),
+            episode_numbers=np.arange(episodes)[::-1].copy() + 10 * worker,
+            episode_lengths=np.array(lengths),
+            extras={
+                "progress": np.linspace(10.0, 20.0, episodes),
+                "completed": np.arange(episodes) == 0,
+                "duration_s": np.full(episodes, 2.0),
+                "cut": np.zeros(episodes, np.bool_),
+                "last_values": np.zeros(episodes, np.float32),
+                "scans": np.zeros((steps, 0), np.float32),
+                "states": np.zeros((steps, 0), np.float32),
+            },
+        )
+    )
+    writer.finish({"drive_s": drive_s, "evaluates": worker == 0})
+
+
+def test_the_episodes_of_all_workers_come_together(bucket, reader):
+    hand_in(bucket, 0, drive_s=4.0)
+    hand_in(bucket, 1, drive_s=6.0)
+
+    got = Collector(reader, 2, 1_000).collect(0, "c", lambda: False)
+
+    assert got.rollout.lengths.tolist() == [3, 2, 3, 2]
+    assert (got.rewards, got.lap_s) == ([3.0, 2.0, 3.0, 2.0], [2.0, 2.0])
+    assert (got.drive_s, got.simulated_s, got.evaluates) == (6.0, 8.0, True)
+
+
+def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock):
+    collector = Collector(reader, 2, 1_000)
+    for iteration in (0, 1):
+        hand_in(bucket, 0, iteration)
+
+    assert collector.collect(0, "c", lambda: False) is not None
+    first_s = clock.now_s
+    assert collector.collect(1, "c", lambda: False) is not None
+
+    assert first_s == pytest.approx(LEAST_PATIENCE_S)
+    assert clock.now_s == first_s
+
+
+def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
+    collector = Collector(reader, 2, 1_000)
+    hand_in(bucket, 0, 0)
+    collector.collect(0, "c", lambda: False)
+    hand_in(bucket, 0, 1)
+    hand_in(bucket, 1, 1)
+    hand_in(bucket, 0, 2)
+
+    got = collector.collect(1, "c", lambda: False)
+    before_s = clock.now_s
+    collector.collect(2, "c", lambda: False)
+
+    assert len(got.progress) == 4
+    assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S)
+
+
+def test_a_slow_worker_gets_as_long_again_as_the_first_one_took(bucket, reader, clock):
+    hand_in(bucket, 0, drive_s=90.0)
+
+    Collector(reader, 2, 1_000).collect(0, "c", lambda: False)
+
+    assert clock.now_s == pytest.approx(90.0)
+
+
+def test_a_stop_ends_the_wait_without_rollouts(reader):
+    assert Collector(reader, 2, 1_000).collect(0, "c", lambda: True) is None
+
+
+def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, capsys):
+    hand_in(bucket, 0, lengths=(4, 3, 2))
+
+    got = Collector(reader, 1, 5).collect(0, "c", lambda: False)
+
+    assert got.rollout.lengths.tolist() == [3, 2]  # numbers 1 and 0, in the order driven
+    assert "Learning from 2 of 3 episodes" in capsys.readouterr().out
+
+
+def test_older_rollouts_can_be_recalled(bucket, reader):
+    hand_in(bucket, 0, iteration=4)
+    hand_in(bucket, 1, iteration=4)
+    collector = Collector(reader, 2, 1_000)
+
+    assert reader.iterations() == [4]
+    assert collector.recall(4).steps == 10
+    assert collector.recall(3) is None

@@ -1,0 +1,133 @@
+"""What the driver hands to the learner: every sensor, every step once, cuts with their rest."""
+
+import numpy as np
+import pytest
+import torch
+
+from drcli.learn.observation import Observation
+from drcli.learn.policy import ActorCritic
+from drcli.learn.spec import PolicySpec
+from drcli.worker.driving import Driven, Driver, Pilot, Plan
+from drsim.actions import ContinuousActions, DiscreteActions
+from drsim.episode import EpisodeRules
+from drsim.privileged import PRIVILEGED_DIMS
+from drsim.reward import centre_line_reward
+from drsim.sensors import Sensors
+from drsim.simulation import Simulation
+from drsim.worlds import load_track
+
+COMPACT = "COMPACT_CONVOLUTIONAL_NETWORK"
+STRAIGHT = DiscreteActions(((0.0, 1.0), (20.0, 1.0), (-20.0, 1.0)))
+
+
+def drive(
+    spec: PolicySpec,
+    *,
+    sensors: Sensors | None = None,
+    max_steps: int = 12,
+    episodes: int = 3,
+    epsilon=None,
+    seed: int = 5,
+) -> list[Driven]:
+    """Episodes on two cars with an untrained policy."""
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    actions = ContinuousActions((-30.0, 30.0), (0.5, 1.0)) if spec.continuous else STRAIGHT
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=2,
+        reward_function=centre_line_reward,
+        rules=EpisodeRules(max_steps=max_steps),
+        num_threads=1,
+        sensors=sensors,
+    )
+    driven: list[Driven] = []
+    plans = [Plan(number, "training", 0.2 * number) for number in range(episodes)]
+    Driver(simulation, [Pilot(ActorCritic(spec).eval(), actions)], seed).drive(
+        plans, driven.append, epsilon=epsilon
+    )
+    simulation.close()
+    return sorted(driven, key=lambda episode: episode.number)
+
+
+def test_every_sensor_is_recorded_once_a_step():
+    sensors = Sensors(("STEREO_CAMERAS", "SECTOR_LIDAR"))
+    spec = PolicySpec(3, network=COMPACT, eyes=2, stack=3, scan_dims=8, state_dims=PRIVILEGED_DIMS)
+
+    episode = drive(spec, sensors=sensors)[0]
+
+    shapes = {frame.shape for frame in episode.frames}
+    assert shapes == {(2, 120, 160)}
+    assert len(episode.frames) == len(episode.scans) == len(episode.states) == episode.steps
+    assert {scan.shape for scan in episode.scans} == {(8,)}
+    assert {state.shape for state in episode.states} == {(PRIVILEGED_DIMS,)}
+
+
+def test_a_cut_episode_comes_with_what_the_critic_still_expected():
+    episodes = drive(PolicySpec(3, network=COMPACT), max_steps=6)
+
+    assert [episode.cut for episode in episodes] == [True] * 3
+    assert all(episode.last_value != 0.0 for episode in episodes)
+
+
+def test_an_episode_that_ends_by_its_rules_has_nothing_left():
+    spec = PolicySpec(2, continuous=True, network=COMPACT)
+
+    episodes = drive(spec, max_steps=400)
+
+    assert not any(episode.cut for episode in episodes)
+    assert [episode.last_value for episode in episodes] == [0.0] * 3
+
+
+def test_an_episode_is_the_same_beside_other_ones():
+    spec = PolicySpec(3, network=COMPACT, stack=2)
+
+    alone = drive(spec, episodes=1)[0]
+    beside = drive(spec, episodes=3)[0]
+
+    assert alone.actions == beside.actions
+    np.testing.assert_array_equal(np.stack(alone.frames), np.stack(beside.frames))
+
+
+def test_blind_actions_follow_the_schedule_of_the_steps_driven():
+    asked: list[int] = []
+
+    def epsilon(driven: int) -> float:
+        asked.append(driven)
+        return 0.0
+
+    episodes = drive(PolicySpec(3, network=COMPACT), max_steps=6, epsilon=epsilon)
+
+    total = sum(episode.steps for episode in episodes)
+    assert asked[0] == 0
+    assert asked == sorted(asked)
+    assert 0 < asked[-1] < total
+
+
+def test_without_blind_actions_the_likeliest_are_taken_whatever_the_dice():
+    spec = PolicySpec(3, network=COMPACT)
+
+    one = drive(spec, max_steps=6, epsilon=lambda _: 0.0, seed=5)
+    other = drive(spec, max_steps=6, epsilon=lambda _: 0.0, seed=6)
+
+    assert [episode.actions for episode in one] == [episode.actions for episode in other]
+
+
+@pytest.mark.parametrize("stack", [1, 4])
+def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
+    """The learner stacks frames itself; it must see what the policy saw."""
+    spec = PolicySpec(3, network=COMPACT, stack=stack)
+    episode = drive(spec, episodes=1)[0]
+    torch.manual_seed(0)
+    model = ActorCritic(spec).eval()
+    frames = np.stack(episode.frames)
+    rows = np.arange(len(frames))[:, None] - np.minimum(
+        np.arange(stack - 1, -1, -1), np.arange(len(frames))[:, None]
+    )
+
+    with torch.inference_mode():
+        nothing = torch.empty((len(frames), 0))
+        together = torch.from_numpy(frames[rows]).flatten(1, 2)
+        value = model(Observation(together, nothing, nothing)).value
+
+    np.testing.assert_allclose(value.numpy(), episode.values, rtol=1e-4, atol=1e-5)

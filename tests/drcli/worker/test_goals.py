@@ -1,0 +1,157 @@
+"""When a training ends, and how a collapsed one is told."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drcli.config import load_settings
+from drcli.hyperparameters import Hyperparameters
+from drcli.job import Job
+from drcli.store import health
+from drcli.store.history import IterationRecord
+from drcli.worker.goals import Goals, mean_score
+from drcli.worker.sim import EvaluationBudget
+
+
+def record(iteration: int = 0, **changes) -> IterationRecord:
+    plain = IterationRecord(
+        iteration=iteration,
+        checkpoint=f"{iteration}_Step-{100 * iteration}.ckpt",
+        episodes=20,
+        steps=100,
+        total_steps=100,
+        mean_reward=10.0,
+        mean_progress=50.0,
+        full_laps=0,
+        best_lap_s=None,
+        entropy=1.0,
+        surrogate_loss=0.0,
+        value_loss=0.0,
+        kl=0.0,
+        steps_per_s=1.0,
+        real_time_factor=1.0,
+        drive_s=1.0,
+        learn_s=1.0,
+        exchange_s=0.0,
+        elapsed_s=1.0,
+    )
+    return replace(plain, **changes)
+
+
+@pytest.fixture
+def goals(tmp_path):
+    def make(*lines: str, until_laps=None, max_minutes=None, clock=lambda: 0.0, **parameters):
+        (tmp_path / "run.env").write_text("\n".join(lines))
+        (tmp_path / "system.env").write_text("")
+        job = Job(
+            settings=load_settings(tmp_path, environ={}),
+            directory=tmp_path,
+            session="s",
+            seed=1,
+            until_laps=until_laps,
+            max_minutes=max_minutes,
+            folder=Path(),
+            launcher_pid=1,
+        )
+        return Goals(job, Hyperparameters(**parameters), clock)
+
+    return make
+
+
+def test_a_training_without_goals_goes_on(goals):
+    assert goals().reached(99_999, [record(k) for k in range(50)]) is None
+
+
+def test_the_time_of_this_start_counts(goals):
+    times = iter([1_000.0, 1_059.0, 1_061.0])
+    limited = goals(max_minutes=1.0, clock=lambda: next(times))
+
+    assert limited.reached(0, []) is None
+    assert limited.reached(0, []) == "Training is complete: 1 minutes are over."
+
+
+def test_episodes_are_episodes_and_not_iterations(goals):
+    limited = goals(term_cond_max_episodes=100)
+
+    assert limited.reached(99, [record(k) for k in range(5)]) is None
+    assert limited.reached(100, []) == "Training is complete: 100 episodes were driven."
+
+
+def test_iterations_can_be_limited(goals):
+    limited = goals("DR_TRAIN_MAX_ITERATIONS=3")
+
+    assert limited.reached(40, [record(0), record(1)]) is None
+    assert "3 iterations were learned from" in limited.reached(60, [record(k) for k in range(3)])
+
+
+def test_the_mean_score_is_that_of_the_last_hundred_episodes():
+    records = [record(0, episodes=90, mean_reward=0.0), record(1, episodes=40, mean_reward=8.0)]
+
+    assert mean_score(records) == pytest.approx((40 * 8.0 + 60 * 0.0) / 100)
+    assert mean_score(records[1:]) is None
+
+
+def test_a_mean_score_can_end_the_training(goals):
+    limited = goals(term_cond_avg_score=350)
+    good = [record(k, mean_reward=351.0) for k in range(5)]
+
+    assert limited.reached(80, good[:4]) is None
+    assert "term_cond_avg_score is 350" in limited.reached(100, good)
+
+
+def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(goals):
+    limited = goals(until_laps=3)
+    nearly = record(0, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 3)
+    all_laps = record(1, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 4)
+
+    assert limited.reached(0, [nearly]) is None
+    assert "all evaluation laps" in limited.reached(0, [nearly, all_laps, record(2)])
+
+
+def test_progress_must_be_held_for_some_evaluations_in_a_row(goals):
+    limited = goals("DR_TRAIN_STOP_PROGRESS=95", "DR_TRAIN_STOP_EVALUATIONS=2")
+    good, bad = [100.0, 94.0], [100.0, 80.0]
+
+    def after(*evaluations):
+        return limited.reached(
+            0, [record(k, evaluation_progress=list(e)) for k, e in enumerate(evaluations)]
+        )
+
+    assert after(good) is None
+    assert after(good, bad, good) is None
+    assert "last 2 evaluations reached 97.0 %" in after(bad, good, [], good)
+
+
+def test_a_collapse_is_told_with_the_checkpoint_to_go_back_to():
+    progress = [20.0, 60.0, 97.0, 98.0, 99.0, 70.0, 30.0, 23.0]
+    records = [record(k, mean_progress=p) for k, p in enumerate(progress)]
+
+    assert health.collapse(records[:5], "4_Step-9.ckpt") is None
+    assert (
+        health.collapse(records, "4_Step-9.ckpt") == "completion fell from 98 % to 41 %; best is 4"
+    )
+    assert health.collapse(records, None) == "completion fell from 98 % to 41 %"
+
+
+def test_a_training_that_never_got_far_has_nothing_to_lose():
+    records = [record(k, mean_progress=p) for k, p in enumerate([30.0, 30.0, 30.0, 5.0, 5.0, 5.0])]
+
+    assert health.collapse(records, None) is None
+
+
+def test_evaluations_take_no_more_than_their_share_of_the_time():
+    now = [0.0]
+    budget = EvaluationBudget(0.1, clock=lambda: now[0])
+    spent = evaluated = 0.0
+
+    for _ in range(200):
+        now[0] += 1.0
+        if budget.allows_another():
+            evaluated += 1
+            now[0] += 0.5
+            spent += 0.5
+            budget.spend(0.5)
+
+    assert spent / now[0] == pytest.approx(0.1, abs=0.01)
+    assert evaluated > 30
