@@ -69,7 +69,13 @@ def live(report: "RunReport", now_s: float, *, verbose: bool = False) -> Rendera
         activities = (f"{w.name} {w.activity}" for w in report.workers if w.activity)
         parts.append(Text("   ".join(activities), style="dim"))
     parts += [_iterations(report.history[-LIVE_ROWS:], LIVE_ROWS), *_curves(report.history)]
-    parts += [Text(_checkpoints(report)), Text("" if ended else FOOTER, style="dim")]
+    # A warning names the best checkpoint too, so it takes the place of the line about them.
+    parts.append(
+        Text(f"Warning: {report.warning}", style="bold yellow")
+        if report.warning
+        else Text(_checkpoints(report))
+    )
+    parts.append(Text("" if ended else FOOTER, style="dim"))
     for part in parts:
         if isinstance(part, Text):
             part.no_wrap, part.overflow = True, "ellipsis"
@@ -104,6 +110,8 @@ def run(report: "RunReport") -> RenderableType:
             ),
             Text(_checkpoints(report)),
         ]
+        if report.warning:
+            parts.append(Text(f"Warning: {report.warning}", style="bold yellow"))
     return Group(*parts)
 
 

@@ -83,14 +83,19 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
     """
     # An iteration that is driven again has the same number and another time.
     printed = {(record.iteration, record.elapsed_s) for record in before}
+    warned = False
 
     def show(report: "RunReport") -> None:
+        nonlocal warned
         # The newest iteration waits for its evaluation, which arrives with the next one.
         ready = report.history if is_over(report) else report.history[:-1]
         for record in ready:
             if (record.iteration, record.elapsed_s) not in printed:
                 printed.add((record.iteration, record.elapsed_s))
                 console.say(views.iteration_line(record, verbose=verbose))
+        if report.warning and not warned:
+            console.warn(f"{report.warning}.")
+        warned = bool(report.warning)
 
     return nullcontext(show)
 

@@ -14,11 +14,22 @@ from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 
 @dataclass(frozen=True)
 class Convolution:
-    """One convolutional layer with valid padding: filters, kernel size, stride."""
+    """One convolutional layer with valid padding: filters, kernel size, stride.
+
+    Attributes:
+        filters: Channels that come out.
+        kernel: Rows and columns of the kernel.
+        stride: Of rows and columns, or one for both.
+    """
 
     filters: int
     kernel: int
-    stride: int
+    stride: int | tuple[int, int]
+
+    @property
+    def strides(self) -> tuple[int, int]:
+        """Stride of rows and stride of columns."""
+        return self.stride if isinstance(self.stride, tuple) else (self.stride, self.stride)
 
 
 @dataclass(frozen=True)
@@ -37,7 +48,7 @@ class Layers:
     dense: tuple[int, ...] = (512,)
 
 
-def _convolutions(*layers: tuple[int, int, int]) -> tuple[Convolution, ...]:
+def _convolutions(*layers: tuple[int, int, int | tuple[int, int]]) -> tuple[Convolution, ...]:
     return tuple(Convolution(*layer) for layer in layers)
 
 
@@ -55,15 +66,17 @@ MONO = {
         dense=(256, 128),
     ),
     "COMPACT_CONVOLUTIONAL_NETWORK": Layers(
-        _convolutions((16, 8, 4), (32, 4, 2), (32, 3, 2)), dense=(256,)
+        _convolutions((16, 8, 4), (32, 4, 2), (24, 3, (2, 1))), dense=(256,)
     ),
 }
 """Bodies for one camera. The first three are the reference's.
 
-The compact one is ours: the first convolutions of the shallow one at half their width and a last
-one that halves the picture again, so that the dense layer behind it has a fifteenth of the
-weights. A forward and backward pass needs a sixth of the arithmetic (21 instead of 129 MFLOP) and,
-on one core in minibatches of 64, a fifth of the time.
+The compact one is ours: the first convolutions of the shallow one at half their width, and a last
+one that halves the rows once more but not the columns, because the road is found by looking left
+and right (taught to tell place and bend of the road, it was ahead of one that halves both). The
+dense layer behind it has a tenth of the weights. A forward and backward pass needs less than a
+fifth of the arithmetic (24 instead of 129 MFLOP) and, on one core in minibatches of 64, a little
+more than a fifth of the time.
 """
 
 STEREO = MONO | {
@@ -92,9 +105,10 @@ class Encoder(nn.Module):
         channels, height, width = spec.channels, FRAME_HEIGHT, FRAME_WIDTH
         convolutions = []
         for layer in layers.convolutions:
-            convolutions.append(nn.Conv2d(channels, layer.filters, layer.kernel, layer.stride))
-            height = (height - layer.kernel) // layer.stride + 1
-            width = (width - layer.kernel) // layer.stride + 1
+            rows, columns = layer.strides
+            convolutions.append(nn.Conv2d(channels, layer.filters, layer.kernel, (rows, columns)))
+            height = (height - layer.kernel) // rows + 1
+            width = (width - layer.kernel) // columns + 1
             channels = layer.filters
         self.convolutions = nn.ModuleList(convolutions)
         self.per_pixel = _dense(channels, layers.per_pixel)

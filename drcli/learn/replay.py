@@ -50,6 +50,11 @@ class Replay:
 
     All memory is reserved at once, so that too little of it shows at the start. The operating
     system hands it out when it is first written to.
+
+    Attributes:
+        capacity: Steps that fit.
+        steps: Steps in it.
+        taken_in: Steps that were ever added.
     """
 
     def __init__(self, spec: PolicySpec, capacity: int) -> None:
@@ -78,6 +83,7 @@ class Replay:
         self._lengths: deque[int] = deque()
         self._end = 0
         self.steps = 0
+        self.taken_in = 0
 
     @property
     def transitions(self) -> int:
@@ -111,6 +117,7 @@ class Replay:
         for length, end, cut in episodes:
             self._add_episode(rollout, slice(end - min(length, self.capacity), end), cut)
         self._usable_rows = self._usable.nonzero().squeeze(-1)
+        self.taken_in += rollout.steps
 
     def _add_episode(self, rollout: Rollout, steps: slice, cut: bool) -> None:
         length = steps.stop - steps.start

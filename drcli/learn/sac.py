@@ -1,27 +1,19 @@
-"""Soft actor-critic (Haarnoja et al., 2018b) with one convolutional body for all its networks."""
+"""Soft actor-critic (Haarnoja et al., 2018b): the update."""
 
-import math
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.func import functional_call
 from torch.nn import functional
 
 from drcli.learn.buffer import Rollout
-from drcli.learn.encoders import Encoder
-from drcli.learn.observation import Observation
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import Compute
 from drcli.learn.replay import Replay, Transitions
-from drcli.learn.spec import PolicySpec
-from drcli.learn.squashed import squash
+from drcli.learn.squashed import SACAgent, squash
 from drcli.learn.state import optimizer_tensors, restore_optimizer
-
-LOG_STD_RANGE = (-20.0, 2.0)
-"""Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far
@@ -29,15 +21,6 @@ longer than driving."""
 
 REPORTS = 4
 """Into how many parts an update is divided for its reports."""
-
-_LEAST_ALPHA = 1e-4
-"""Temperature at the start when it is to find itself and `sac_alpha` is 0."""
-
-_SUMMARY = 50
-"""Values that a head keeps of the body's features. Source: DrQ (Kostrikov et al., 2020)."""
-
-_WIDTH = 256
-"""Width of the heads' hidden layers. Source: the reference's SAC heads."""
 
 
 @dataclass(frozen=True)
@@ -87,60 +70,6 @@ class SACStats(EpochStats):
     value: float
 
 
-class SACAgent(nn.Module):
-    """Everything that is learned: what drives, what judges, and how much chance is worth.
-
-    The reference trains three bodies. Here there is one, which learns from the critics alone; the
-    actor takes its features as they are, and so do the target critics, which have no body of their
-    own (Yarats et al., 2021, "DrQ-v2"). A critic that sees the state does not look at the picture,
-    and the body learns from the actor instead.
-    """
-
-    def __init__(self, spec: PolicySpec, sac_alpha: float = SACConfig.sac_alpha) -> None:
-        """Begin with nearly uniform actions.
-
-        Args:
-            spec: Input and output; it must be continuous.
-            sac_alpha: Temperature at the start.
-        """
-        super().__init__()
-        self.spec = spec
-        self.body = Encoder(spec)
-        self.actor = nn.Sequential(
-            _summary(self.body.features), _hidden_layers(_SUMMARY, 2 * spec.num_actions)
-        )
-        self.critics = _TwinCritic(spec.state_dims or self.body.features, spec.num_actions)
-        self.targets = deepcopy(self.critics).requires_grad_(False)
-        self.log_alpha = nn.Parameter(torch.tensor(math.log(max(sac_alpha, _LEAST_ALPHA))))
-        for parameter in self.body.parameters():
-            if parameter.dim() == 4:
-                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
-
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """The policy before tanh: mean and log standard deviation, each of shape (n, dims)."""
-        mean, log_std = self.actor(features).chunk(2, dim=-1)
-        return mean, log_std.clamp(*LOG_STD_RANGE)
-
-    def features(self, seen: Observation) -> Tensor:
-        """What the body makes of n observations. Shape (n, features)."""
-        features: Tensor = self.body(seen)
-        return features.float()
-
-    def judged(self, features: Tensor, seen: Observation) -> Tensor:
-        """What the critics look at. Shape (n, features) or (n, state_dims)."""
-        return seen.state if self.spec.state_dims else features
-
-    def act(
-        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions in [-1, 1]; see `acting.Policy`. There is no blind share here."""
-        features = self.features(seen)
-        mean, log_std = self(features)
-        actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
-        value = self.critics(self.judged(features, seen), actions).amin(0)
-        return actions, log_probs, value
-
-
 class SAC:
     """The learner: an agent, its memory, its optimizer, and the update that improves it."""
 
@@ -163,11 +92,11 @@ class SAC:
         self.replay.add(rollout)
 
     def optimizer_tensors(self) -> dict[str, Tensor]:
-        """Everything beside the model that a checkpoint keeps; the replay is not among it."""
+        """The optimizer's memory, for a checkpoint; the replay is not among it."""
         return optimizer_tensors(self.optimizer)
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take up the memory of another optimizer; the replay fills anew."""
+        """Take up the memory of another optimizer; the replay fills by `remember`."""
         restore_optimizer(self.optimizer, tensors)
 
     def update(
@@ -188,14 +117,14 @@ class SAC:
             steps_before: Environment steps learned from until now; no knob depends on them here.
 
         Returns:
-            One for each part; none while too few steps are remembered.
+            One for each part; none before `learning_starts`.
 
         Raises:
             NonFiniteLossError: At the first loss, and at weights, that are NaN or infinite.
             UpdateInterruptedError: When `should_stop` said so.
         """
         self.replay.add(rollout)
-        if self.replay.steps < self.config.learning_starts or not self.replay.transitions:
+        if self.replay.taken_in < self.config.learning_starts or not self.replay.transitions:
             return []
         draw = torch.Generator().manual_seed(seed)
         total = max(1, round(rollout.steps * self.updates_per_step))
@@ -264,7 +193,7 @@ class SAC:
             return torch.stack(means).cpu()
 
     def alpha(self) -> Tensor:
-        """The temperature now; the optimizer never sees it as a part of the losses."""
+        """The temperature now, without gradient."""
         if self.config.auto_alpha:
             return self.model.log_alpha.detach().exp()
         return torch.tensor(self.config.sac_alpha, device=self.compute.device)
@@ -290,32 +219,3 @@ class SAC:
         """Falls with the temperature where the entropy is above its target, else rises."""
         target_entropy = -self.model.spec.num_actions
         return self.model.log_alpha * (-log_probs.mean() - target_entropy)
-
-
-class _TwinCritic(nn.Module):
-    """Two estimates of what an action leads to, on one summary of what is seen."""
-
-    def __init__(self, features: int, num_actions: int) -> None:
-        super().__init__()
-        self.summary = _summary(features)
-        self.streams = nn.ModuleList(_hidden_layers(_SUMMARY + num_actions, 1) for _ in range(2))
-
-    def forward(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Expected discounted return of n actions. Shape (2, n)."""
-        x = torch.cat([self.summary(features), actions], dim=-1)
-        return torch.stack([stream(x).squeeze(-1) for stream in self.streams])
-
-
-def _summary(features: int) -> nn.Module:
-    """A few values of about equal size, whatever the size of the features."""
-    return nn.Sequential(nn.Linear(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
-
-
-def _hidden_layers(width: int, out: int) -> nn.Module:
-    return nn.Sequential(
-        nn.Linear(width, _WIDTH),
-        nn.ReLU(inplace=True),
-        nn.Linear(_WIDTH, _WIDTH),
-        nn.ReLU(inplace=True),
-        nn.Linear(_WIDTH, out),
-    )

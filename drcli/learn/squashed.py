@@ -1,12 +1,82 @@
-"""A Gaussian squeezed into (-1, 1) by tanh: the policy of soft actor-critic."""
+"""The networks of soft actor-critic: a Gaussian squeezed into (-1, 1) by tanh, and twin critics."""
 
 import math
+from copy import deepcopy
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from drcli.learn.distributions import log_prob_gaussian
+from drcli.learn.encoders import Encoder
+from drcli.learn.observation import Observation
+from drcli.learn.spec import PolicySpec
+
+LOG_STD_RANGE = (-20.0, 2.0)
+"""Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
+
+_LEAST_ALPHA = 1e-4
+"""Temperature at the start when it is to find itself and `sac_alpha` is 0."""
+
+_SUMMARY = 50
+"""Values that a head keeps of the body's features. Source: DrQ (Kostrikov et al., 2020)."""
+
+_WIDTH = 256
+"""Width of the heads' hidden layers. Source: the reference's SAC heads."""
+
+
+class SACAgent(nn.Module):
+    """Everything that is learned: what drives, what judges, and how much chance is worth.
+
+    The reference trains three bodies. Here there is one, which learns from the critics alone; the
+    actor takes its features as they are, and so do the target critics, which have no body of their
+    own (Yarats et al., 2021, "DrQ-v2"). A critic that sees the state does not look at the picture,
+    and the body learns from the actor instead.
+    """
+
+    def __init__(self, spec: PolicySpec, sac_alpha: float = 0.2) -> None:
+        """Begin with nearly uniform actions.
+
+        Args:
+            spec: Input and output; it must be continuous.
+            sac_alpha: Temperature at the start.
+        """
+        super().__init__()
+        self.spec = spec
+        self.body = Encoder(spec)
+        self.actor = nn.Sequential(
+            _summary(self.body.features), _hidden_layers(_SUMMARY, 2 * spec.num_actions)
+        )
+        self.critics = _TwinCritic(spec.state_dims or self.body.features, spec.num_actions)
+        self.targets = deepcopy(self.critics).requires_grad_(False)
+        self.log_alpha = nn.Parameter(torch.tensor(math.log(max(sac_alpha, _LEAST_ALPHA))))
+        for parameter in self.body.parameters():
+            if parameter.dim() == 4:
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """The policy before tanh: mean and log standard deviation, each of shape (n, dims)."""
+        mean, log_std = self.actor(features).chunk(2, dim=-1)
+        return mean, log_std.clamp(*LOG_STD_RANGE)
+
+    def features(self, seen: Observation) -> Tensor:
+        """What the body makes of n observations. Shape (n, features)."""
+        features: Tensor = self.body(seen)
+        return features.float()
+
+    def judged(self, features: Tensor, seen: Observation) -> Tensor:
+        """What the critics look at. Shape (n, features) or (n, state_dims)."""
+        return seen.state if self.spec.state_dims else features
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Choose actions in [-1, 1]; see `acting.Policy`. There is no blind share here."""
+        features = self.features(seen)
+        mean, log_std = self(features)
+        actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
+        value = self.critics(self.judged(features, seen), actions).amin(0)
+        return actions, log_probs, value
 
 
 def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
@@ -26,3 +96,32 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
     # TensorFlow Probability's Tanh bijector.
     log_slope = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
     return torch.tanh(raw), log_prob_gaussian(mean, log_std, raw) - log_slope.sum(-1)
+
+
+class _TwinCritic(nn.Module):
+    """Two estimates of what an action leads to, on one summary of what is seen."""
+
+    def __init__(self, features: int, num_actions: int) -> None:
+        super().__init__()
+        self.summary = _summary(features)
+        self.streams = nn.ModuleList(_hidden_layers(_SUMMARY + num_actions, 1) for _ in range(2))
+
+    def forward(self, features: Tensor, actions: Tensor) -> Tensor:
+        """Expected discounted return of n actions. Shape (2, n)."""
+        x = torch.cat([self.summary(features), actions], dim=-1)
+        return torch.stack([stream(x).squeeze(-1) for stream in self.streams])
+
+
+def _summary(features: int) -> nn.Module:
+    """A few values of about equal size, whatever the size of the features."""
+    return nn.Sequential(nn.Linear(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
+
+
+def _hidden_layers(width: int, out: int) -> nn.Module:
+    return nn.Sequential(
+        nn.Linear(width, _WIDTH),
+        nn.ReLU(inplace=True),
+        nn.Linear(_WIDTH, _WIDTH),
+        nn.ReLU(inplace=True),
+        nn.Linear(_WIDTH, out),
+    )

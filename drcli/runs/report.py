@@ -73,6 +73,7 @@ class RunReport:
         history: All iterations learned, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
+        warning: What is wrong with the learning curve; empty when nothing is.
     """
 
     run_id: int
@@ -90,6 +91,7 @@ class RunReport:
     history: list[IterationRecord] = field(default_factory=list)
     best: CheckpointReport | None = None
     last: CheckpointReport | None = None
+    warning: str = ""
 
     @property
     def dead(self) -> list[str]:

@@ -10,7 +10,7 @@ from drcli.errors import StorageError
 from drcli.runs.logs import log_file
 from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
-from drcli.store import keys
+from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import IterationRecord, read_history
@@ -73,6 +73,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         history=history,
         best=best,
         last=last,
+        warning=health.collapse(history, best.name if best is not None else None) or "",
     )
 
 

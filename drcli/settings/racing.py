@@ -71,6 +71,11 @@ class TrainSettings(Group):
     train_max_minutes: float = setting(
         "DR_TRAIN_MAX_MINUTES", 0.0, "Finish the training after this time; 0 never.", low=0
     )
+    train_overlap: Literal["auto", "on", "off"] = setting(
+        "DR_TRAIN_OVERLAP",
+        "auto",
+        "Drive the next iteration while the last one is learned from; auto does from 4 cores on.",
+    )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION", "auto", "Arithmetic of the learner; auto takes the faster one."
     )

@@ -163,6 +163,12 @@ class CheckpointStore:
             )
         return name
 
+    def name_of(self, number: int) -> str | None:
+        """The name of the checkpoint with this number, None where there is none any more."""
+        listed = self._bucket.list(keys.model_folder(self._prefix))
+        names = (keys.checkpoint_of(self._prefix, info.key) for info in listed)
+        return next((str(name) for name in names if name and name.number == number), None)
+
     def record(self, name: str) -> Record:
         """Sizes, hashes and counters of a checkpoint.
 

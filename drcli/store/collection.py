@@ -1,7 +1,7 @@
 """The trainer's side of the rollouts: waits for the workers, takes what they played, sweeps up."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -62,7 +62,7 @@ class RolloutReader:
     def wait_manifests(
         self,
         iteration: int,
-        checkpoint: str,
+        checkpoints: Collection[str],
         workers: Iterable[int],
         *,
         patience_s: float,
@@ -76,7 +76,7 @@ class RolloutReader:
 
         Args:
             iteration: Which rollouts.
-            checkpoint: The one that must have played them; others are left over from a run that
+            checkpoints: Those that may have played them; others are left over from a run that
                 was stopped or went back, and count as missing.
             workers: Who plays.
             patience_s: After that long, go on with what is there.
@@ -94,7 +94,7 @@ class RolloutReader:
         known = dict(arrived or {})
         started_s = reported_s = self._clock()
         for delay_s in delays_s(growth=SLOW_GROWTH):
-            self._look(iteration, checkpoint, wanted, known)
+            self._look(iteration, checkpoints, wanted, known)
             missing = tuple(worker for worker in wanted if worker not in known)
             if len(known) >= enough or should_stop():
                 break
@@ -165,14 +165,18 @@ class RolloutReader:
         self._fetcher.shutdown(wait=True, cancel_futures=True)
 
     def _look(
-        self, iteration: int, checkpoint: str, wanted: list[int], arrived: dict[int, Manifest]
+        self,
+        iteration: int,
+        checkpoints: Collection[str],
+        wanted: list[int],
+        arrived: dict[int, Manifest],
     ) -> None:
         """Take manifests that have come, and begin to fetch parts that have."""
         listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
         for worker in self._handed_in(listing):
             if worker in wanted and worker not in arrived:
                 manifest = find_manifest(self._bucket, self._prefix, iteration, worker)
-                if manifest is not None and manifest.checkpoint == checkpoint:
+                if manifest is not None and manifest.checkpoint in checkpoints:
                     arrived[worker] = manifest
         for info in listing:
             key = keys.rollout_key(self._prefix, info.key)

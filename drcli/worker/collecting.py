@@ -1,6 +1,6 @@
 """Gathers what the simulation workers drove with a checkpoint, as the learner takes it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from drcli.learn.buffer import Rollout
 from drcli.store.collection import RolloutReader, Waiting
 from drcli.store.episodes import Episodes
+from drcli.store.keys import CheckpointName
 from drcli.store.rollouts import Manifest
 
 FIRST_PATIENCE_S = 600.0
@@ -29,7 +30,8 @@ class Collected:
         lap_s: Durations of the completed laps, simulated seconds.
         simulated_s: Simulated seconds of all episodes.
         drive_s: Wall time of the slowest worker.
-        evaluates: Whether an evaluation of the checkpoint follows.
+        checkpoint: Name of the checkpoint that drove, the older one if there were two.
+        evaluates: Number of the checkpoint whose evaluation follows, None without one.
     """
 
     rollout: Rollout
@@ -38,7 +40,8 @@ class Collected:
     lap_s: list[float]
     simulated_s: float
     drive_s: float
-    evaluates: bool
+    checkpoint: str
+    evaluates: int | None
 
 
 class Collector:
@@ -58,7 +61,7 @@ class Collector:
         self._absent: set[int] = set()
 
     def collect(
-        self, iteration: int, checkpoint: str, should_stop: Callable[[], bool]
+        self, iteration: int, checkpoints: Sequence[str], should_stop: Callable[[], bool]
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
@@ -67,22 +70,22 @@ class Collector:
 
         Args:
             iteration: Which.
-            checkpoint: What must have driven them.
+            checkpoints: What may have driven them, the newest last.
             should_stop: Asked at every look.
 
         Returns:
             None when `should_stop` ended the wait.
         """
         everybody = set(range(self._workers))
-        manifests = self._wait(iteration, checkpoint, {}, 1, FIRST_PATIENCE_S, should_stop)
+        manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
         while not manifests and not should_stop():
-            manifests = self._wait(iteration, checkpoint, {}, 1, FIRST_PATIENCE_S, should_stop)
+            manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(float(m.notes["drive_s"]) for m in manifests.values())
             patience_s = max(LEAST_PATIENCE_S, took_s)
             manifests = self._wait(
-                iteration, checkpoint, manifests, len(expected), patience_s, should_stop
+                iteration, checkpoints, manifests, len(expected), patience_s, should_stop
             )
         if not manifests:
             return None
@@ -99,7 +102,7 @@ class Collector:
     def _wait(
         self,
         iteration: int,
-        checkpoint: str,
+        checkpoints: Sequence[str],
         arrived: dict[int, Manifest],
         enough: int,
         patience_s: float,
@@ -107,7 +110,7 @@ class Collector:
     ) -> dict[int, Manifest]:
         return self._reader.wait_manifests(
             iteration,
-            checkpoint,
+            checkpoints,
             range(self._workers),
             enough=enough,
             arrived=arrived,
@@ -138,7 +141,10 @@ class Collector:
             lap_s=extras["duration_s"][extras["completed"]].tolist(),
             simulated_s=float(extras["duration_s"].sum()),
             drive_s=max(float(m.notes["drive_s"]) for m in manifests),
-            evaluates=any(m.notes["evaluates"] for m in manifests),
+            checkpoint=str(min(_name(m) for m in manifests)),
+            evaluates=next(
+                (m.notes["evaluates"] for m in manifests if m.notes["evaluates"] is not None), None
+            ),
         )
 
     def _within_cap(self, played: Episodes) -> Episodes:
@@ -153,6 +159,13 @@ class Collector:
             f"DR_TRAIN_MAX_STEPS_PER_ITERATION is {self._max_steps} steps."
         )
         return played.chosen(np.sort(order[fits]))
+
+
+def _name(manifest: Manifest) -> CheckpointName:
+    name = CheckpointName.parse(manifest.checkpoint)
+    if name is None:
+        raise ValueError(f"{manifest.checkpoint!r} is not the name of a checkpoint.")
+    return name
 
 
 def _say(waiting: Waiting) -> None:

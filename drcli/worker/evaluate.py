@@ -6,7 +6,6 @@ writes traces and metrics of its own; it never changes a model.
 """
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -26,6 +25,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.worker import announce, process
+from drcli.worker.cores import cores
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.process import Lifeline
@@ -113,7 +113,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     """
     s = job.settings
     bucket = open_bucket(s, job.directory)
-    threads = os.cpu_count() or 1
+    threads = cores()
     torch.set_num_threads(threads)
     crews = [_pilot(job, bucket, racer) for racer in racers]
     pilots = [pilot for pilot, _ in crews]

@@ -10,8 +10,9 @@ from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, EpochStats, PPOConfig
 from drcli.learn.precision import Compute
-from drcli.learn.sac import SAC, SACAgent, SACConfig
+from drcli.learn.sac import SAC, SACConfig
 from drcli.learn.spec import PolicySpec
+from drcli.learn.squashed import SACAgent
 from drcli.model_metadata import ModelMetadata
 from drcli.worker.world import sensors_of_model
 from drsim.privileged import PRIVILEGED_DIMS

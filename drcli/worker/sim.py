@@ -26,6 +26,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
 from drcli.store.rollouts import RolloutWriter
 from drcli.worker import announce, process
+from drcli.worker.cores import cores, driving_threads, overlaps
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
@@ -128,8 +129,9 @@ class SimWorker:
         )
         print(announce.start_lines(s, metadata, parameters, "TRAINING"))
 
-        threads = max(1, (os.cpu_count() or 1) // s.workers)
+        threads = driving_threads(s)
         torch.set_num_threads(threads)
+        print(f"Compute> {threads} of {cores()} cores for motion, cameras and policy.")
         self._parameters = parameters
         self._model = build_policy(metadata, parameters)
         self._trials = _evaluation_trials(job) if worker == 0 else 0
@@ -158,24 +160,34 @@ class SimWorker:
         )
         self._total_steps = 0
         self._budget = EvaluationBudget(s.train_eval_share)
+        self._lag = int(overlaps(s))
+        self._newest = -1
+        self._evaluated = -1
 
     def run(self) -> None:
-        """Drive with one checkpoint after the other until the training is over."""
-        number = 0
+        """Drive with one checkpoint after the other until the training is over.
+
+        Where driving and learning overlap, an iteration is driven with the checkpoint that the
+        learner is just improving; else with its result.
+        """
+        iteration = 0
         while True:
-            name = self._wait_for_checkpoint(number)
+            name = self._wait_for_checkpoint(max(0, iteration - self._lag))
             if name is None:
                 print("Received termination signal from trainer. Goodbye.")
                 return
-            number = name.number
+            if name.number < self._newest:
+                iteration = 0  # the trainer had to go back to an older checkpoint
+            self._newest = name.number
+            iteration = max(iteration, name.number)
             self._total_steps = name.steps
             weights = load_tensors(self._checkpoints.load(str(name)).tensors)
             self._model.load_state_dict(weights)
-            self._iterate(name)
-            number += 1
+            self._iterate(iteration, name)
+            iteration += 1
 
     def _wait_for_checkpoint(self, number: int) -> keys.CheckpointName | None:
-        """Wait for a checkpoint of at least this number.
+        """Wait for a checkpoint of at least this number, or for one from before the last.
 
         Returns:
             Its name, or None when the training is finished.
@@ -188,7 +200,7 @@ class SimWorker:
             if self._lifeline.should_stop():
                 raise StopRequested
             name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
-            found = name is not None and name.number >= number
+            found = name is not None and (name.number >= number or name.number < self._newest)
             if found or time.monotonic() - looked_for_end > FINISHED_EVERY_S:
                 # After the name: a trainer that ends marks the end before its last checkpoint.
                 if self._finished():
@@ -206,9 +218,8 @@ class SimWorker:
             return False
         return bool(mark["session"] == self._job.session)
 
-    def _iterate(self, name: keys.CheckpointName) -> None:
-        """Drive this worker's share with one checkpoint and publish everything about it."""
-        iteration = name.number
+    def _iterate(self, iteration: int, name: keys.CheckpointName) -> None:
+        """Drive this worker's share of an iteration and publish everything about it."""
         numbers = self._share.numbers(iteration)
         self._metrics.keep_before(numbers.start)
         self._activity.say(f"drives iteration {iteration}")
@@ -223,10 +234,7 @@ class SimWorker:
             session=f"{self._job.session}-{os.getpid()}",
         )
         shard: list[Driven] = []
-        evaluates = self._trials > 0 and (
-            self._job.until_laps is not None or self._budget.allows_another()
-        )
-        trials = self._trials if evaluates else 0
+        evaluates = self._evaluates(name)
         begin = time.time()
 
         def collect(episode: Driven) -> None:
@@ -240,14 +248,18 @@ class SimWorker:
                 writer.add(_packed(shard))
                 shard.clear()
             if last:
-                writer.finish({"drive_s": time.time() - begin, "evaluates": evaluates})
+                writer.finish(
+                    {
+                        "drive_s": time.time() - begin,
+                        "evaluates": name.number if evaluates else None,
+                    }
+                )
                 self._publish_training(iteration, training, (begin, time.time()))
-                self._activity.say(f"evaluates checkpoint {iteration}")
+                self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
-            self._driver.drive(
-                self._plans(numbers, trials), collect, self._lifeline.should_stop, self._epsilon()
-            )
+            plans = self._plans(numbers, self._trials if evaluates else 0)
+            self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon())
         except StopRequested:
             writer.abandon()
             raise
@@ -260,6 +272,15 @@ class SimWorker:
             self._budget.spend(share * (time.time() - begin))
             evaluation.sort(key=lambda episode: episode.number)
             self._publish_evaluation(name, evaluation, numbers.stop)
+
+    def _evaluates(self, name: keys.CheckpointName) -> bool:
+        """Whether the checkpoint is to be evaluated beside the driving, which takes time."""
+        if not self._trials or name.number == self._evaluated:
+            return False
+        if self._job.until_laps is None and not self._budget.allows_another():
+            return False
+        self._evaluated = name.number
+        return True
 
     def _epsilon(self) -> Callable[[int], float] | None:
         """The share of blind actions by the steps of this iteration; None without such."""

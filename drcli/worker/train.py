@@ -4,7 +4,6 @@ Run by the supervisor as `python -m drcli.worker.train`.
 """
 
 import json
-import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -28,6 +27,7 @@ from drcli.store.history import History, IterationRecord
 from drcli.store.scores import UNFINISHED_MS, tie_break_of
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
+from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
 from drcli.worker.learning import build_learner, policy_spec
 from drcli.worker.process import Activity, Lifeline, StopRequested
@@ -63,7 +63,7 @@ class Trainer:
         print(parameters.canonical_json(metadata.training_algorithm))
         spec = policy_spec(metadata, parameters)
         compute = choose_compute(
-            s.torch_precision, spec, parameters.batch_size, os.cpu_count() or 1
+            s.torch_precision, spec, parameters.batch_size, learning_threads(s)
         )
         print(f"Compute> {compute.reason}")
         torch.manual_seed(job.seed)
@@ -86,8 +86,9 @@ class Trainer:
         """Learn until there is a reason to end."""
         self._restore()
         while (reason := self._reason_to_end()) is None:
-            name = str(keys.CheckpointName(self._number, self._steps))
-            collected = self._collector.collect(self._number, name, self._is_wait_over)
+            collected = self._collector.collect(
+                self._number, self._may_have_driven(), self._is_wait_over
+            )
             if self._lifeline.should_stop():
                 raise StopRequested
             if collected is not None:
@@ -144,6 +145,15 @@ class Trainer:
             newest = record.iteration - 1
         self._reader.delete_learned(newest)
 
+    def _may_have_driven(self) -> list[str]:
+        """Checkpoints whose rollouts are learned from now: the newest, and the one before it.
+
+        Workers that drive while the trainer learns are one checkpoint behind.
+        """
+        before = None if self._number == 0 else self._checkpoints.name_of(self._number - 1)
+        newest = str(keys.CheckpointName(self._number, self._steps))
+        return [newest] if before is None else [before, newest]
+
     def _is_wait_over(self) -> bool:
         """Between two looks for rollouts: obey signals, score evaluated checkpoints."""
         self._activity.say(f"waits for rollouts of iteration {self._number}")
@@ -170,7 +180,6 @@ class Trainer:
         except NonFiniteLossError as error:
             raise self._not_a_number(error) from None
         ended = time.monotonic()
-        drove_with = str(keys.CheckpointName(self._number, self._steps))
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
         self._number += 1
@@ -178,11 +187,11 @@ class Trainer:
         self._episodes += len(collected.rewards)
 
         last = stats[-1] if stats else EpochStats(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        if collected.evaluates:
-            self._unscored.add(self._number - 1)
+        if collected.evaluates is not None:
+            self._unscored.add(collected.evaluates)
         record = IterationRecord(
             iteration=self._number - 1,
-            checkpoint=drove_with,
+            checkpoint=collected.checkpoint,
             episodes=len(collected.rewards),
             steps=collected.rollout.steps,
             total_steps=self._steps,

@@ -207,3 +207,11 @@ def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
     )
 
     assert "Nobody wins." in screen(views.evaluation(replace(lost, opponent=lost)))
+
+
+def test_a_collapse_is_told_in_every_display(make_report):
+    told = "Warning: completion fell from 98 % to 41 %; best is 37"
+    collapsed = make_report("running", 9, warning=told.removeprefix("Warning: "))
+
+    assert told in screen(views.run(collapsed))
+    assert told in screen(views.live(collapsed, NOW_S))

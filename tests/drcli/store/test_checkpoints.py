@@ -372,3 +372,12 @@ def test_scores_keep_what_is_known_of_a_checkpoint_that_is_pointed_to_again():
 def test_loading_a_checkpoint_that_does_not_exist_names_it(store):
     with pytest.raises(ObjectMissing, match=r"5_Step-5\.ckpt"):
         store.load("5_Step-5.ckpt")
+
+
+def test_a_checkpoint_is_found_by_its_number(memory):
+    store = CheckpointStore(memory, "model")
+    for number in range(3):
+        store.save(number, 100 * number, b"weights")
+
+    assert store.name_of(1) == "1_Step-100.ckpt"
+    assert store.name_of(7) is None

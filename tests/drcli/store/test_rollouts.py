@@ -73,7 +73,7 @@ def reader(memory, clock):
 
 
 def wait(reader, workers, *, patience_s=100.0, **kind):
-    return reader.wait_manifests(3, CHECKPOINT, workers, patience_s=patience_s, **kind)
+    return reader.wait_manifests(3, [CHECKPOINT], workers, patience_s=patience_s, **kind)
 
 
 def test_what_a_worker_played_arrives_part_by_part(bucket):

@@ -44,7 +44,12 @@ def reader(bucket, clock):
 
 def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0) -> None:
     writer = RolloutWriter(
-        bucket, PREFIX, iteration=iteration, worker=worker, checkpoint="c", session="s"
+        bucket,
+        PREFIX,
+        iteration=iteration,
+        worker=worker,
+        checkpoint=f"{iteration}_Step-9.ckpt",
+        session="s",
     )
     steps, episodes = sum(lengths), len(lengths)
     writer.add(
@@ -67,18 +72,18 @@ def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0
             },
         )
     )
-    writer.finish({"drive_s": drive_s, "evaluates": worker == 0})
+    writer.finish({"drive_s": drive_s, "evaluates": 0 if worker == 0 else None})
 
 
 def test_the_episodes_of_all_workers_come_together(bucket, reader):
     hand_in(bucket, 0, drive_s=4.0)
     hand_in(bucket, 1, drive_s=6.0)
 
-    got = Collector(reader, 2, 1_000).collect(0, "c", lambda: False)
+    got = Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2, 3, 2]
     assert (got.rewards, got.lap_s) == ([3.0, 2.0, 3.0, 2.0], [2.0, 2.0])
-    assert (got.drive_s, got.simulated_s, got.evaluates) == (6.0, 8.0, True)
+    assert (got.drive_s, got.simulated_s, got.evaluates) == (6.0, 8.0, 0)
 
 
 def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock):
@@ -86,9 +91,9 @@ def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock
     for iteration in (0, 1):
         hand_in(bucket, 0, iteration)
 
-    assert collector.collect(0, "c", lambda: False) is not None
+    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is not None
     first_s = clock.now_s
-    assert collector.collect(1, "c", lambda: False) is not None
+    assert collector.collect(1, ["1_Step-9.ckpt"], lambda: False) is not None
 
     assert first_s == pytest.approx(LEAST_PATIENCE_S)
     assert clock.now_s == first_s
@@ -97,14 +102,14 @@ def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock
 def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
     collector = Collector(reader, 2, 1_000)
     hand_in(bucket, 0, 0)
-    collector.collect(0, "c", lambda: False)
+    collector.collect(0, ["0_Step-9.ckpt"], lambda: False)
     hand_in(bucket, 0, 1)
     hand_in(bucket, 1, 1)
     hand_in(bucket, 0, 2)
 
-    got = collector.collect(1, "c", lambda: False)
+    got = collector.collect(1, ["1_Step-9.ckpt"], lambda: False)
     before_s = clock.now_s
-    collector.collect(2, "c", lambda: False)
+    collector.collect(2, ["2_Step-9.ckpt"], lambda: False)
 
     assert len(got.progress) == 4
     assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S)
@@ -113,19 +118,19 @@ def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
 def test_a_slow_worker_gets_as_long_again_as_the_first_one_took(bucket, reader, clock):
     hand_in(bucket, 0, drive_s=90.0)
 
-    Collector(reader, 2, 1_000).collect(0, "c", lambda: False)
+    Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: False)
 
     assert clock.now_s == pytest.approx(90.0)
 
 
 def test_a_stop_ends_the_wait_without_rollouts(reader):
-    assert Collector(reader, 2, 1_000).collect(0, "c", lambda: True) is None
+    assert Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: True) is None
 
 
 def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, capsys):
     hand_in(bucket, 0, lengths=(4, 3, 2))
 
-    got = Collector(reader, 1, 5).collect(0, "c", lambda: False)
+    got = Collector(reader, 1, 5).collect(0, ["0_Step-9.ckpt"], lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2]  # numbers 1 and 0, in the order driven
     assert "Learning from 2 of 3 episodes" in capsys.readouterr().out

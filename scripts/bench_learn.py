@@ -1,0 +1,284 @@
+"""How fast the learner is on this machine, beside other libraries and beside bare arithmetic.
+
+    python scripts/bench_learn.py [--world NAME] [--rounds 7] [--bucket-rounds 3] [--json]
+
+All trainings have the shipped files: one camera, the shallow network, minibatches of 64, 3 epochs.
+Everything is measured in turns, round by round, because other programs slow a machine down for a
+while; ratios are medians over the rounds. With --json the last line of stdout is one object with
+
+    throughput_ratio_to_sb3      steps/s driven and learned from, evaluation excluded, of our
+                                 training in one process, over those of Stable-Baselines3's PPO on
+                                 the same cars; null where that library is missing
+    throughput_ratio_to_cleanrl  the same over a script in the manner of CleanRL
+    bucket_ratio_to_memory       steps/s of a real training (supervisor, simulation worker and
+                                 trainer that meet in the embedded bucket) over those of the very
+                                 same iterations in one process
+    bucket_equal_iterations      share of those iterations that had equally many steps
+    flops_ratio_fp32             arithmetic per second of our update over that of `torch.mm`, the
+                                 best of several sizes; operations are counted from the layers
+    flops_ratio_bf16             the same in bfloat16; a few samples where that is emulated
+    *_steps_per_s, *_gflops      the medians behind them
+    sb3_cars, cleanrl_cars       cars side by side with which they were fastest
+    ranges                       least and greatest ratio of a round
+
+The others may choose among 8, 16 and 32 cars; their iterations have 1,024 steps, ours the 20
+episodes of hyperparameters.json, whole ones. All of them run in this process, one after another,
+with the memory settings and threads of our workers.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Protocol
+
+from learn_arithmetic import Arithmetic
+from learn_peer_cleanrl import CleanRlTraining
+from learn_runs import (
+    FEWEST_EVALUATIONS,
+    MemoryTraining,
+    Pace,
+    Work,
+    together,
+    train_through_bucket,
+)
+
+from drcli.job import PROCESS_TUNING
+from drcli.learn.precision import flush_denormals
+
+RATIOS = (
+    "throughput_ratio_to_sb3",
+    "throughput_ratio_to_cleanrl",
+    "bucket_ratio_to_memory",
+    "flops_ratio_fp32",
+    "flops_ratio_bf16",
+)
+
+STEPS = 1_024
+"""Of an iteration of the others."""
+
+CARS = (8, 16, 32)
+TRIALS = 2
+"""Iterations of each number of cars, after a first one, by which the others choose."""
+
+SKIPPED = 2
+"""First iterations of a training that do not count: evaluation, first pages, compilation."""
+
+
+EMULATED_ROUNDS = 2
+
+
+class Training(Protocol):
+    """One of the contestants."""
+
+    def iterate(self) -> Pace:
+        """Drive and learn once."""
+
+    def close(self) -> None:
+        """Free the threads."""
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--world", default="reinvent_base", help="world to drive in")
+    parser.add_argument("--tracks-dir", type=Path, help="folder with further routes")
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--rounds", type=int, default=7, help="0 leaves the others out")
+    parser.add_argument("--flops-rounds", type=int, default=7, help="0 leaves arithmetic out")
+    parser.add_argument("--bucket-rounds", type=int, default=3, help="0 leaves the bucket out")
+    parser.add_argument("--iterations", type=int, default=9, help="of a training over the bucket")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    options = parser.parse_args()
+    if any(name not in os.environ for name in PROCESS_TUNING):
+        # Read by the C library and OpenMP before the first line of Python.
+        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
+
+    flush_denormals()
+    environment = FEWEST_EVALUATIONS | {
+        "DR_WORLD_NAME": options.world,
+        "DR_TRACKS_DIR": str(options.tracks_dir.absolute()) if options.tracks_dir else "",
+    }
+    work = Work.load(environment, options.threads)
+    say(work.compute.reason)
+    parts = [
+        measure_throughput(work, options.rounds),
+        measure_arithmetic(work, options.flops_rounds),
+        measure_bucket(work, environment, options.bucket_rounds, options.iterations),
+    ]
+    figures = report(parts) | {"threads": options.threads, "versions": versions()}
+    for name, value in figures.items():
+        say(f"{name:28} {value}")
+    if options.json:
+        print(json.dumps(figures))
+
+
+@dataclass
+class Measured:
+    """A part of the results.
+
+    Attributes:
+        ratios: Those of all rounds, by name; empty where there was nothing to compare with.
+        figures: Everything else.
+    """
+
+    ratios: dict[str, list[float]] = field(default_factory=dict)
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+def report(parts: Sequence[Measured]) -> dict[str, Any]:
+    """All parts as one object: medians of the ratios, figures, ranges of the ratios."""
+    ratios: dict[str, list[float]] = {name: [] for name in RATIOS}
+    for part in parts:
+        ratios |= part.ratios
+    medians = {
+        name: round(statistics.median(values), 3) if values else None
+        for name, values in ratios.items()
+    }
+    ranges = {
+        name: [round(min(values), 3), round(max(values), 3)]
+        for name, values in ratios.items()
+        if values
+    }
+    figures = {name: value for part in parts for name, value in part.figures.items()}
+    return {**medians, **figures, "ranges": ranges}
+
+
+def pairs(ours: Sequence[float], theirs: Sequence[float]) -> list[float]:
+    """Ratios of what was measured in the same round."""
+    return [one / other for one, other in zip(ours, theirs, strict=True)]
+
+
+def measure_throughput(work: Work, rounds: int) -> Measured:
+    """Our training in one process beside those of the others."""
+    measured = Measured()
+    if rounds == 0:
+        return measured
+    contestants: dict[str, Training] = {"ours": MemoryTraining(work, seed=0)}
+    for name, make in peers().items():
+        cars, contestants[name] = fastest(work, make)
+        measured.figures[f"{name}_cars"] = cars
+    paces: dict[str, list[Pace]] = {name: [] for name in contestants}
+    for count in range(rounds + SKIPPED):
+        for name, training in contestants.items():
+            pace = training.iterate()
+            if count >= SKIPPED:
+                paces[name].append(pace)
+                say(f"{name:8} {pace.steps:6} steps {pace.steps_per_s:7.1f} steps/s")
+    rates = {name: [pace.steps_per_s for pace in paces[name]] for name in contestants}
+    for name, training in contestants.items():
+        training.close()
+        measured.figures[f"{name}_steps_per_s"] = round(statistics.median(rates[name]), 1)
+        if name != "ours":
+            measured.ratios[f"throughput_ratio_to_{name}"] = pairs(rates["ours"], rates[name])
+    return measured
+
+
+def peers() -> dict[str, Callable[[Work, int, int], Training]]:
+    """What makes the others, by name, as far as they are installed."""
+    try:
+        from learn_peer_sb3 import Sb3Training
+    except ImportError as error:
+        say(f"{error}: nothing to compare with; install it with `pip install stable-baselines3`.")
+        return {"cleanrl": CleanRlTraining}
+    return {"sb3": Sb3Training, "cleanrl": CleanRlTraining}
+
+
+def fastest(work: Work, make: Callable[[Work, int, int], Training]) -> tuple[int, Training]:
+    """The number of cars with which a training is fastest, and that training."""
+    candidates = {cars: make(work, cars, STEPS) for cars in CARS}
+    rates: dict[int, list[float]] = {cars: [] for cars in CARS}
+    for trial in range(TRIALS + 1):
+        for cars, training in candidates.items():
+            pace = training.iterate()
+            if trial > 0:  # the first one takes fresh pages
+                rates[cars].append(pace.steps_per_s)
+    best = max(CARS, key=lambda cars: statistics.median(rates[cars]))
+    for cars, training in candidates.items():
+        if cars != best:
+            training.close()
+    say(f"{type(candidates[best]).__name__}: {rates} steps/s by cars")
+    return best, candidates[best]
+
+
+def measure_arithmetic(work: Work, rounds: int) -> Measured:
+    """Our update beside bare matrix products, in both number formats."""
+    measured = Measured()
+    if rounds == 0:
+        return measured
+    training = MemoryTraining(work, seed=0)
+    steps = 0
+    while steps < STEPS:
+        steps = training.iterate().steps
+    training.close()
+    for name in ("fp32", "bf16"):
+        arithmetic = Arithmetic(work, training.rollout, bf16=name == "bf16")
+        arithmetic.update()
+        updates, products = [], []
+        for _ in range(min(rounds, EMULATED_ROUNDS) if arithmetic.emulated else rounds):
+            products.append(arithmetic.product())
+            updates.append(arithmetic.update())
+            say(f"{name}: {updates[-1] / 1e9:.1f} of {products[-1] / 1e9:.1f} GFLOP/s")
+        measured.ratios[f"flops_ratio_{name}"] = pairs(updates, products)
+        measured.figures[f"{name}_update_gflops"] = round(statistics.median(updates) / 1e9, 1)
+        measured.figures[f"{name}_mm_gflops"] = round(statistics.median(products) / 1e9, 1)
+    measured.figures["bf16_emulated"] = arithmetic.emulated
+    return measured
+
+
+def measure_bucket(
+    work: Work, environment: dict[str, str], rounds: int, iterations: int
+) -> Measured:
+    """Trainings of two processes that meet in a bucket beside the same ones in this process."""
+    if rounds == 0:
+        return Measured()
+    bucket, memory, equal = [], [], []
+    for seed in range(1, rounds + 1):
+        here: list[Pace] = []
+        there: list[Pace] = []
+        # In turns also who begins.
+        for turn in (seed, seed + 1):
+            if turn % 2:
+                there = train_through_bucket(environment, seed, iterations)
+            else:
+                training = MemoryTraining(work, seed)
+                here = [training.iterate() for _ in range(iterations)]
+                training.close()
+        bucket.append(together(there[SKIPPED:]).steps_per_s)
+        memory.append(together(here[SKIPPED:]).steps_per_s)
+        equal += [a.steps == b.steps for a, b in zip(here, there, strict=True)]
+        say(f"bucket {bucket[-1]:.1f} steps/s, memory {memory[-1]:.1f} steps/s")
+    return Measured(
+        {"bucket_ratio_to_memory": pairs(bucket, memory)},
+        {
+            "bucket_steps_per_s": round(statistics.median(bucket), 1),
+            "memory_steps_per_s": round(statistics.median(memory), 1),
+            "bucket_equal_iterations": round(statistics.mean(equal), 3),
+        },
+    )
+
+
+def versions() -> dict[str, str | None]:
+    """What was measured with what."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for name in ("drcli", "torch", "numpy", "mujoco", "stable_baselines3"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def say(text: str) -> None:
+    """A line about how it goes, for people."""
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()
