@@ -63,9 +63,8 @@ RATIOS = (
 STEPS = 1_024
 """Of an iteration of the others."""
 
-CARS = (8, 16, 32)
-TRIALS = 2
-"""Iterations of each number of cars, after a first one, by which the others choose."""
+TRIALS = 3
+"""Iterations of each number of cars by which the others choose; the best one counts."""
 
 SKIPPED = 2
 """First iterations of a training that do not count: evaluation, first pages, compilation."""
@@ -90,6 +89,7 @@ def main() -> None:
     parser.add_argument("--world", default="reinvent_base", help="world to drive in")
     parser.add_argument("--tracks-dir", type=Path, help="folder with further routes")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--cars", type=int, nargs="+", default=[8, 16, 32], help="of the others")
     parser.add_argument("--rounds", type=int, default=7, help="0 leaves the others out")
     parser.add_argument("--flops-rounds", type=int, default=7, help="0 leaves arithmetic out")
     parser.add_argument("--bucket-rounds", type=int, default=3, help="0 leaves the bucket out")
@@ -108,7 +108,7 @@ def main() -> None:
     work = Work.load(environment, options.threads)
     say(work.compute.reason)
     parts = [
-        measure_throughput(work, options.rounds),
+        measure_throughput(work, options.rounds, options.cars),
         measure_arithmetic(work, options.flops_rounds),
         measure_bucket(work, environment, options.bucket_rounds, options.iterations),
     ]
@@ -155,14 +155,14 @@ def pairs(ours: Sequence[float], theirs: Sequence[float]) -> list[float]:
     return [one / other for one, other in zip(ours, theirs, strict=True)]
 
 
-def measure_throughput(work: Work, rounds: int) -> Measured:
-    """Our training in one process beside those of the others."""
+def measure_throughput(work: Work, rounds: int, choices: Sequence[int]) -> Measured:
+    """Our training in one process beside those of the others, which choose their cars."""
     measured = Measured()
     if rounds == 0:
         return measured
     contestants: dict[str, Training] = {"ours": MemoryTraining(work, seed=0)}
     for name, make in peers().items():
-        cars, contestants[name] = fastest(work, make)
+        cars, contestants[name] = fastest(work, make, choices)
         measured.figures[f"{name}_cars"] = cars
     paces: dict[str, list[Pace]] = {name: [] for name in contestants}
     for count in range(rounds + SKIPPED):
@@ -190,20 +190,20 @@ def peers() -> dict[str, Callable[[Work, int, int], Training]]:
     return {"sb3": Sb3Training, "cleanrl": CleanRlTraining}
 
 
-def fastest(work: Work, make: Callable[[Work, int, int], Training]) -> tuple[int, Training]:
+def fastest(
+    work: Work, make: Callable[[Work, int, int], Training], choices: Sequence[int]
+) -> tuple[int, Training]:
     """The number of cars with which a training is fastest, and that training."""
-    candidates = {cars: make(work, cars, STEPS) for cars in CARS}
-    rates: dict[int, list[float]] = {cars: [] for cars in CARS}
-    for trial in range(TRIALS + 1):
+    candidates = {cars: make(work, cars, STEPS) for cars in choices}
+    rates: dict[int, list[float]] = {cars: [] for cars in choices}
+    for _ in range(TRIALS if len(choices) > 1 else 0):
         for cars, training in candidates.items():
-            pace = training.iterate()
-            if trial > 0:  # the first one takes fresh pages
-                rates[cars].append(pace.steps_per_s)
-    best = max(CARS, key=lambda cars: statistics.median(rates[cars]))
+            rates[cars].append(training.iterate().steps_per_s)
+            say(f"{type(training).__name__}, {cars} cars: {rates[cars][-1]:.1f} steps/s")
+    best = max(choices, key=lambda cars: max(rates[cars], default=0.0))
     for cars, training in candidates.items():
         if cars != best:
             training.close()
-    say(f"{type(candidates[best]).__name__}: {rates} steps/s by cars")
     return best, candidates[best]
 
 

@@ -18,10 +18,16 @@ def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
-    """Give an optimizer the memory of another one over equal parameters; the tensors are copied."""
+    """Give an optimizer the memory of another one over equal parameters; the tensors are copied.
+
+    Each comes to lie in memory as its parameter does: the fused optimizer goes through both
+    without a look at their strides, and stored tensors have lost theirs.
+    """
+    parameters = [p for group in optimizer.param_groups for p in group["params"]]
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in tensors.items():
         index, name = key.split(".", 1)
-        state.setdefault(int(index), {})[name] = value.clone()
+        own = value if value.dim() == 0 else torch.empty_like(parameters[int(index)])
+        state.setdefault(int(index), {})[name] = own.copy_(value) if value.dim() else value.clone()
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": state, "param_groups": groups})

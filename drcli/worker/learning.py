@@ -77,15 +77,13 @@ def build_learner(
     """The algorithm that model_metadata.json asks for, with fresh weights."""
     spec = policy_spec(metadata, parameters)
     if metadata.training_algorithm == "sac":
-        config = sac_config(parameters, on_gpu=compute.device.type == "cuda")
-        return SAC(SACAgent(spec, parameters.sac_alpha), config, compute)
+        return SAC(SACAgent(spec, parameters.sac_alpha), sac_config(parameters), compute)
     return PPO(ActorCritic(spec), ppo_config(parameters), compute)
 
 
-def sac_config(parameters: Hyperparameters, *, on_gpu: bool) -> SACConfig:
-    """SAC's knobs from hyperparameters.json; those left out depend on the device."""
-    p, usual = parameters, SACConfig()
-    updates = 1.0 if on_gpu else usual.updates_per_step
+def sac_config(parameters: Hyperparameters) -> SACConfig:
+    """SAC's knobs from hyperparameters.json; those left out are the learner's own."""
+    p = parameters
     return SACConfig(
         batch_size=p.batch_size,
         lr=p.lr,
@@ -93,8 +91,8 @@ def sac_config(parameters: Hyperparameters, *, on_gpu: bool) -> SACConfig:
         sac_alpha=p.sac_alpha,
         auto_alpha=p.sac_auto_alpha,
         huber=p.huber,
-        tau=usual.tau if p.sac_tau is None else p.sac_tau,
-        updates_per_step=(updates if p.sac_updates_per_step is None else p.sac_updates_per_step),
+        tau=SACConfig.tau if p.sac_tau is None else p.sac_tau,
+        updates_per_step=p.sac_updates_per_step,
         learning_starts=p.sac_learning_starts,
         replay_steps=p.sac_replay_steps,
     )

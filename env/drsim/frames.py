@@ -17,6 +17,9 @@ Ints = NDArray[np.int64]
 _FRAMES_PER_JOB = 4
 """Small enough to share work evenly; handing over a job costs about half a frame."""
 
+_FRAMES_ALONE = 2
+"""So few frames are rendered sooner than other threads wake up."""
+
 
 class FrameRenderer:
     """The current frame of every car.
@@ -67,18 +70,18 @@ class FrameRenderer:
             lens_pos: Lenses of all cars, metres; copied. Shape (n, 3).
             lens_mat: Their axes in the world; copied. Shape (n, 3, 3).
         """
-        runs = np.split(cars, np.flatnonzero(np.diff(cars) != 1) + 1)
-        for run in runs:
-            for first in range(0, len(run), _FRAMES_PER_JOB):
-                part = run[first : first + _FRAMES_PER_JOB]
-                rows = slice(int(part[0]), int(part[-1]) + 1)
-                self._jobs.append((rows, lens_pos[rows].copy(), lens_mat[rows].copy()))
-        if self._pool is not None:
+        # They are copied once: the caller may move the cars on while others render.
+        lens_pos, lens_mat = lens_pos.copy(), lens_mat.copy()
+        for first, last in _runs(cars):
+            for begin in range(first, last, _FRAMES_PER_JOB):
+                rows = slice(begin, min(begin + _FRAMES_PER_JOB, last))
+                self._jobs.append((rows, lens_pos[rows], lens_mat[rows]))
+        if self._pool is not None and len(cars) > _FRAMES_ALONE:
             self._futures = [self._pool.submit(self._render, *job) for job in self._jobs]
 
     def finish(self) -> None:
         """Render what no other thread has begun, and wait for the rest."""
-        if self._pool is None:
+        if not self._futures:
             for job in self._jobs:
                 self._render(*job)
         else:
@@ -114,3 +117,14 @@ class FrameRenderer:
             )
         if self._after is not None:
             self._after(rows)
+
+
+def _runs(cars: Ints) -> list[tuple[int, int]]:
+    """First and last (exclusive) of each row of neighbouring cars."""
+    if not len(cars):
+        return []
+    if cars[-1] - cars[0] + 1 == len(cars):
+        return [(int(cars[0]), int(cars[-1]) + 1)]
+    ends = np.flatnonzero(np.diff(cars) != 1)
+    firsts, lasts = [cars[0], *cars[ends + 1]], [*cars[ends], cars[-1]]
+    return [(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]

@@ -41,9 +41,12 @@ class Placing:
         Returns:
             x and y in metres and yaw in radians. Shape (k, 3).
         """
+        backward = self.backward[cars]
+        if not backward.any():
+            return self.tracks[0].pose_at(fraction * self.tracks[0].length_m, lane)
         poses = np.empty((len(cars), 3))
         for direction, track in enumerate(self.tracks):
-            chosen = self.backward[cars] == direction
+            chosen = backward == direction
             if chosen.any():
                 poses[chosen] = track.pose_at(fraction[chosen] * track.length_m, lane)
         return poses

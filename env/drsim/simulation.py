@@ -1,6 +1,7 @@
 """Many cars on one track: motion, sensors, reward and episodes, all cars in one array pass."""
 
 from dataclasses import fields
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _WHEELS = 4
+
+_columns = attrgetter(*(field.name for field in fields(Location)))
+"""All arrays of a location."""
 
 
 class Simulation:
@@ -247,6 +251,8 @@ class Simulation:
 
     def _episode_seeds(self, cars: Ints) -> NDArray[np.uint64]:
         """A seed for the next episode of each car. Racers of one group meet the same traffic."""
+        if self.traffic is None and not self._draws:
+            return np.zeros(len(cars), np.uint64)  # nothing is drawn
         groups = cars // self._race.racers
         seeds = [
             np.random.SeedSequence([self.seed, group, count]).generate_state(1, np.uint64)[0]
@@ -332,7 +338,7 @@ class Simulation:
     def _look_again(self, cars: Ints) -> None:
         """Find where some cars are that have been placed; the others have not moved."""
         # Rows that were handed out stay as they are.
-        self._where = Location(*(getattr(self._where, f.name).copy() for f in fields(Location)))
+        self._where = Location(*(column.copy() for column in _columns(self._where)))
         self._wheels_on = self._wheels_on.copy()
         self._wheels_on[cars] = self.track.on_road(self._cars.wheel_xy[cars]).sum(axis=1)
         for direction, track in enumerate(self._tracks):
@@ -342,8 +348,8 @@ class Simulation:
         """Write where some cars are on their track over what is known."""
         if len(cars):
             where = track.locate(self._cars.front_xy[cars])
-            for field in fields(Location):
-                getattr(self._where, field.name)[cars] = getattr(where, field.name)
+            for known, column in zip(_columns(self._where), _columns(where), strict=True):
+                known[cars] = column
 
     def _follow(self) -> None:
         """Keep how far along the line each car is, without jumps to neighbouring stretches."""
