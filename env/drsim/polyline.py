@@ -12,6 +12,9 @@ Bools = NDArray[np.bool_]
 _SHORTEST_M = 1e-12
 """A segment no longer than this is a repeated point; its direction would be noise."""
 
+_NEIGHBOURS = 4
+"""Points in a row that are tested together: the wheels of a car are near each other."""
+
 _END = 1.0 - 1e-12
 """From this share of a segment on a point counts as its end: a waypoint itself must not come out as
 a hair before the waypoint, which is all that rounding leaves of it."""
@@ -116,10 +119,19 @@ def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
     Returns:
         True where the point is on the road; a point exactly on a border is not. Shape (m,).
     """
-    inside = np.empty(xy.shape[0], np.bool_)
-    for i in range(xy.shape[0]):
-        x, y = xy[i, 0], xy[i, 1]
-        inside[i] = _side(outer, x, y) > 0 and _side(inner, x, y) < 0
+    m = xy.shape[0]
+    inside = np.empty(m, np.bool_)
+    near_outer = np.empty(outer.shape[0], np.int64)
+    near_inner = np.empty(inner.shape[0], np.int64)
+    for begin in range(0, m, _NEIGHBOURS):
+        group = xy[begin : min(begin + _NEIGHBOURS, m)]
+        outer_rows = near_outer[: _edges_that_count(outer, group, near_outer)]
+        inner_rows = near_inner[: _edges_that_count(inner, group, near_inner)]
+        for i in range(group.shape[0]):
+            x, y = group[i, 0], group[i, 1]
+            inside[begin + i] = (
+                _side(outer, outer_rows, x, y) > 0 and _side(inner, inner_rows, x, y) < 0
+            )
     return inside
 
 
@@ -166,10 +178,42 @@ def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
 
 
 @kernel
-def _side(ring: Floats, x: float, y: float) -> int:
-    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x."""
-    inside = False
+def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
+    """Pick the edges of a ring that can decide on which side of it some points lie.
+
+    Args:
+        ring: Vertices. Shape (n, 2).
+        group: The points. Shape (m, 2).
+        rows: Where to put the edges' indices. Shape (n,) or more.
+
+    Returns:
+        How many there are.
+    """
+    least_x, least_y, most_y = group[0, 0], group[0, 1], group[0, 1]
+    for i in range(1, group.shape[0]):
+        least_x = min(least_x, group[i, 0])
+        least_y = min(least_y, group[i, 1])
+        most_y = max(most_y, group[i, 1])
+    count = 0
     for k in range(ring.shape[0] - 1):
+        ay, by = ring[k, 1], ring[k + 1, 1]
+        if (ay < least_y and by < least_y) or (ay > most_y and by > most_y):
+            continue
+        if ring[k, 0] < least_x and ring[k + 1, 0] < least_x:
+            continue
+        rows[count] = k
+        count += 1
+    return count
+
+
+@kernel
+def _side(ring: Floats, edges: Ints, x: float, y: float) -> int:
+    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x.
+
+    Only the given edges of the ring are looked at.
+    """
+    inside = False
+    for k in edges:
         ax, ay, bx, by = ring[k, 0], ring[k, 1], ring[k + 1, 0], ring[k + 1, 1]
         if (ay > y) == (by > y) and ay != y and by != y:
             continue
