@@ -7,7 +7,7 @@ def reward_function(params):
     On a free road this is a plain "stay on the road" reward. The nearer an object comes, the less
     that counts, and the more how far to the side of the object the car is.
     """
-    LOOK_AHEAD = 2.0  # metres from an object at which it begins to count
+    LOOK_AHEAD = 3.0  # metres from an object at which it begins to count
     PASSED = 0.6  # metres beyond an object at which the whole car is past it
     SAFE = 0.48  # metres from the middle of the car to that of the object, sideways
 
@@ -20,10 +20,9 @@ def reward_function(params):
     half_width = max(params["track_width"] / 2.0, 0.01)
     across = params["distance_from_center"] * (1.0 if params["is_left_of_center"] else -1.0)
 
-    # Free road: nearly the whole width is fine, only its edges are not.
-    free_road = max(0.0, 1.0 - (across / half_width) ** 4)
-    if not params["all_wheels_on_track"]:
-        free_road *= 0.3
+    # Free road: half of its width is as good as the middle, so that the car need not first unlearn
+    # to follow the centre line before it can leave it for an object.
+    free_road = min(1.0, max(0.0, 2.0 - 2.0 * abs(across) / half_width))
     reward = free_road
 
     # The last object and the next one. Objects stand in the middle of the left or the right lane.
@@ -40,7 +39,7 @@ def reward_function(params):
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
         # 0 on a line that ends in the object, 1 on one that passes it. On a narrow road that line
         # runs along the very edge, so the edge does not count here.
-        clear = min(abs(across - lane) / SAFE, 1.0) ** 2
-        urgency = 1.0 - 0.7 * away / LOOK_AHEAD
+        clear = min(abs(across - lane) / SAFE, 1.0)
+        urgency = 1.0 - 0.6 * away / LOOK_AHEAD
         reward = min(reward, urgency * clear + (1.0 - urgency) * free_road)
     return float(max(reward, 1e-3))
