@@ -2,7 +2,8 @@
 
     python scripts/bench_learn.py [--world NAME] [--rounds 7] [--bucket-rounds 3] [--json]
 
-All trainings have the shipped files: one camera, the shallow network, minibatches of 64, 3 epochs.
+All trainings have the shipped files but for the network: one camera, the shallow network (which
+others call NatureCNN), minibatches of 64, 3 epochs.
 Everything is measured in turns, round by round, because other programs slow a machine down for a
 while; ratios are medians over the rounds. With --json the last line of stdout is one object with
 
@@ -22,8 +23,9 @@ while; ratios are medians over the rounds. With --json the last line of stdout i
     ranges                       least and greatest ratio of a round
 
 The others may choose among 8, 16 and 32 cars; their iterations have 1,024 steps, ours the 20
-episodes of hyperparameters.json, whole ones. All of them run in this process, one after another,
-with the memory settings and threads of our workers.
+episodes of hyperparameters.json, whole ones, from the first iteration on that has as many steps.
+All of them run in this process, one after another, with the memory settings and threads of our
+workers.
 """
 
 import argparse
@@ -50,6 +52,7 @@ from learn_runs import (
 )
 
 from drcli.job import PROCESS_TUNING
+from drcli.learn.buffer import Rollout
 from drcli.learn.precision import flush_denormals
 
 RATIOS = (
@@ -60,11 +63,16 @@ RATIOS = (
     "flops_ratio_bf16",
 )
 
+SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+
 STEPS = 1_024
 """Of an iteration of the others."""
 
 TRIALS = 3
 """Iterations of each number of cars by which the others choose; the best one counts."""
+
+MOST_WARM_UP = 40
+"""Iterations after which ours counts however short its episodes still are."""
 
 SKIPPED = 2
 """First iterations of a training that do not count: evaluation, first pages, compilation."""
@@ -93,7 +101,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="0 leaves the others out")
     parser.add_argument("--flops-rounds", type=int, default=7, help="0 leaves arithmetic out")
     parser.add_argument("--bucket-rounds", type=int, default=3, help="0 leaves the bucket out")
-    parser.add_argument("--iterations", type=int, default=9, help="of a training over the bucket")
+    parser.add_argument("--bucket-network", default=SHALLOW, help="of that part")
+    parser.add_argument("--iterations", type=int, default=15, help="of a training over the bucket")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
     if any(name not in os.environ for name in PROCESS_TUNING):
@@ -105,13 +114,17 @@ def main() -> None:
         "DR_WORLD_NAME": options.world,
         "DR_TRACKS_DIR": str(options.tracks_dir.absolute()) if options.tracks_dir else "",
     }
-    work = Work.load(environment, options.threads)
+    parts = []
+    if options.bucket_rounds:
+        work = Work.load(environment, options.bucket_network, options.threads)
+        parts.append(measure_bucket(work, options.bucket_rounds, options.iterations))
+    work = Work.load(environment, SHALLOW, options.threads)
     say(work.compute.reason)
-    parts = [
-        measure_throughput(work, options.rounds, options.cars),
-        measure_arithmetic(work, options.flops_rounds),
-        measure_bucket(work, environment, options.bucket_rounds, options.iterations),
-    ]
+    if options.rounds or options.flops_rounds:
+        ours = warmed_up(work)
+        parts.append(measure_throughput(work, ours, options.rounds, options.cars))
+        parts.append(measure_arithmetic(work, ours.rollout, options.flops_rounds))
+        ours.close()
     figures = report(parts) | {"threads": options.threads, "versions": versions()}
     for name, value in figures.items():
         say(f"{name:28} {value}")
@@ -155,27 +168,38 @@ def pairs(ours: Sequence[float], theirs: Sequence[float]) -> list[float]:
     return [one / other for one, other in zip(ours, theirs, strict=True)]
 
 
-def measure_throughput(work: Work, rounds: int, choices: Sequence[int]) -> Measured:
+def warmed_up(work: Work) -> MemoryTraining:
+    """Our training in one process, once its episodes are long enough for a whole iteration."""
+    training = MemoryTraining(work, seed=0)
+    for _ in range(MOST_WARM_UP):
+        if training.iterate().steps >= STEPS:
+            break
+    return training
+
+
+def measure_throughput(
+    work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int]
+) -> Measured:
     """Our training in one process beside those of the others, which choose their cars."""
     measured = Measured()
     if rounds == 0:
         return measured
-    contestants: dict[str, Training] = {"ours": MemoryTraining(work, seed=0)}
+    contestants: dict[str, Training] = {"ours": ours}
     for name, make in peers().items():
         cars, contestants[name] = fastest(work, make, choices)
         measured.figures[f"{name}_cars"] = cars
     paces: dict[str, list[Pace]] = {name: [] for name in contestants}
-    for count in range(rounds + SKIPPED):
+    for count in range(rounds + 1):
         for name, training in contestants.items():
             pace = training.iterate()
-            if count >= SKIPPED:
+            if count > 0:  # the first one takes fresh pages
                 paces[name].append(pace)
                 say(f"{name:8} {pace.steps:6} steps {pace.steps_per_s:7.1f} steps/s")
     rates = {name: [pace.steps_per_s for pace in paces[name]] for name in contestants}
     for name, training in contestants.items():
-        training.close()
         measured.figures[f"{name}_steps_per_s"] = round(statistics.median(rates[name]), 1)
         if name != "ours":
+            training.close()
             measured.ratios[f"throughput_ratio_to_{name}"] = pairs(rates["ours"], rates[name])
     return measured
 
@@ -207,18 +231,13 @@ def fastest(
     return best, candidates[best]
 
 
-def measure_arithmetic(work: Work, rounds: int) -> Measured:
+def measure_arithmetic(work: Work, rollout: Rollout, rounds: int) -> Measured:
     """Our update beside bare matrix products, in both number formats."""
     measured = Measured()
     if rounds == 0:
         return measured
-    training = MemoryTraining(work, seed=0)
-    steps = 0
-    while steps < STEPS:
-        steps = training.iterate().steps
-    training.close()
     for name in ("fp32", "bf16"):
-        arithmetic = Arithmetic(work, training.rollout, bf16=name == "bf16")
+        arithmetic = Arithmetic(work, rollout, bf16=name == "bf16")
         arithmetic.update()
         updates, products = [], []
         for _ in range(min(rounds, EMULATED_ROUNDS) if arithmetic.emulated else rounds):
@@ -232,12 +251,8 @@ def measure_arithmetic(work: Work, rounds: int) -> Measured:
     return measured
 
 
-def measure_bucket(
-    work: Work, environment: dict[str, str], rounds: int, iterations: int
-) -> Measured:
+def measure_bucket(work: Work, rounds: int, iterations: int) -> Measured:
     """Trainings of two processes that meet in a bucket beside the same ones in this process."""
-    if rounds == 0:
-        return Measured()
     bucket, memory, equal = [], [], []
     for seed in range(1, rounds + 1):
         here: list[Pace] = []
@@ -245,7 +260,7 @@ def measure_bucket(
         # In turns also who begins.
         for turn in (seed, seed + 1):
             if turn % 2:
-                there = train_through_bucket(environment, seed, iterations)
+                there = train_through_bucket(work, seed, iterations)
             else:
                 training = MemoryTraining(work, seed)
                 here = [training.iterate() for _ in range(iterations)]
@@ -257,6 +272,7 @@ def measure_bucket(
     return Measured(
         {"bucket_ratio_to_memory": pairs(bucket, memory)},
         {
+            "bucket_network": work.spec.network,
             "bucket_steps_per_s": round(statistics.median(bucket), 1),
             "memory_steps_per_s": round(statistics.median(memory), 1),
             "bucket_equal_iterations": round(statistics.mean(equal), 3),

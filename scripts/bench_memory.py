@@ -5,7 +5,8 @@
 Trains one iteration of 100 slow episodes with the real commands and adds up, twice a second, the
 proportional set size (PSS: shared pages counted once) of every process of the run: supervisor,
 trainer, simulation worker and embedded server. With --json the last line of stdout is one object:
-`steps`, `peak_mb`, and `peaks_mb` by process.
+`steps`, `peak_mb`, `peaks_mb` by process, `frames_mb` (the raw frames of the iteration),
+`trainer_bound_mb` (half as much again and 300 MB) and `trainer_ratio_to_bound`.
 """
 
 import argparse
@@ -21,11 +22,15 @@ from typing import Any
 import psutil
 
 from drcli.config import load_settings
+from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH
 from drcli.store.connect import stop_storage
 
 PROJECT = Path(__file__).resolve().parents[1]
 SPEED_MPS = 0.3
 """So slow that 100 episodes of an untrained policy last 10,000 steps."""
+
+FRAMES_FACTOR, BESIDE_FRAMES_MB = 1.5, 300.0
+"""What the trainer may take: so many times the raw frames, and so much beside them."""
 
 
 def main() -> None:
@@ -68,7 +73,16 @@ def measure(folder: Path) -> dict[str, Any]:
     curve = folder / "data/s3/bucket/rl-deepracer-sagemaker/metrics/history.json"
     steps = json.loads(curve.read_text())["iterations"][0]["steps"]
     stop_storage(load_settings(folder), folder)
-    return {"steps": steps, "peak_mb": peak_mb, "peaks_mb": peaks_mb}
+    frames_mb = steps * FRAME_HEIGHT * FRAME_WIDTH / 1e6
+    bound_mb = FRAMES_FACTOR * frames_mb + BESIDE_FRAMES_MB
+    return {
+        "steps": steps,
+        "peak_mb": peak_mb,
+        "peaks_mb": peaks_mb,
+        "frames_mb": frames_mb,
+        "trainer_bound_mb": bound_mb,
+        "trainer_ratio_to_bound": peaks_mb["trainer"] / bound_mb,
+    }
 
 
 def pss_mb(pid: int) -> float:

@@ -32,6 +32,8 @@ from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load
 
 PROJECT = Path(__file__).resolve().parents[1]
 
+FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
+
 FEWEST_EVALUATIONS = {"DR_TRAIN_MIN_EVAL_TRIALS": "1", "DR_TRAIN_EVAL_SHARE": "0.001"}
 """One evaluation episode, and that with the first checkpoint only: workers always drive one."""
 
@@ -55,9 +57,11 @@ def together(paces: Sequence[Pace]) -> Pace:
 
 @dataclass(frozen=True)
 class Work:
-    """What all trainings of the benchmark have in common: the shipped files on one track.
+    """What trainings have in common: the shipped files but for the network, on one track.
 
     Attributes:
+        environment: Settings that differ from the shipped ones.
+        files: The racer's files by name.
         settings: Of a training in the project's folder.
         parameters: hyperparameters.json.
         spec: The network.
@@ -68,6 +72,8 @@ class Work:
         compute: Device and number format that a training chooses here.
     """
 
+    environment: dict[str, str]
+    files: dict[str, bytes]
     settings: Settings
     parameters: Hyperparameters
     spec: PolicySpec
@@ -78,24 +84,29 @@ class Work:
     compute: Compute
 
     @staticmethod
-    def load(environment: dict[str, str], threads: int) -> "Work":
+    def load(environment: dict[str, str], network: str, threads: int) -> "Work":
         """Read the shipped files.
 
         Args:
             environment: Settings that differ from the shipped ones.
+            network: `neural_network` of model_metadata.json.
             threads: For simulation and learner.
         """
         settings = load_settings(PROJECT, environ={**os.environ, **environment})
-        files = PROJECT / "defaults"
-        parameters = Hyperparameters.from_bytes((files / "hyperparameters.json").read_bytes())
-        metadata = ModelMetadata.from_bytes((files / "model_metadata.json").read_bytes())
+        files = {name: (PROJECT / "defaults" / name).read_bytes() for name in FILES}
+        written = json.loads(files["model_metadata.json"]) | {"neural_network": network}
+        files["model_metadata.json"] = json.dumps(written).encode()
+        parameters = Hyperparameters.from_bytes(files["hyperparameters.json"])
+        metadata = ModelMetadata.from_bytes(files["model_metadata.json"])
         spec = policy_spec(metadata, parameters)
         return Work(
+            environment,
+            files,
             settings,
             parameters,
             spec,
             actions_of(metadata),
-            load_reward_function(files / "reward_function.py"),
+            load_reward_function(PROJECT / "defaults" / "reward_function.py"),
             load_world(settings),
             threads,
             choose_compute(settings.torch_precision, spec, parameters.batch_size, threads),
@@ -181,11 +192,11 @@ class MemoryTraining:
         return plans
 
 
-def train_through_bucket(environment: dict[str, str], seed: int, iterations: int) -> list[Pace]:
+def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
     """Train in an empty folder with the real command, supervisor, workers and embedded bucket.
 
     Args:
-        environment: Settings that differ from the shipped ones.
+        work: What to train.
         seed: Of the training.
         iterations: How many.
 
@@ -199,9 +210,12 @@ def train_through_bucket(environment: dict[str, str], seed: int, iterations: int
         folder = Path(name)
         for file in ("run.env", "system.env"):
             shutil.copy(PROJECT / file, folder / file)
+        (folder / "custom_files").mkdir()
+        for file, content in work.files.items():
+            (folder / "custom_files" / file).write_bytes(content)
         environment = {
             **os.environ,
-            **environment,
+            **work.environment,
             "DR_TRAIN_MAX_ITERATIONS": str(iterations),
         }
         program = Path(sys.executable).parent / "dr"

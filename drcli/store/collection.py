@@ -131,7 +131,8 @@ class RolloutReader:
         for _, part in wanted:
             self._prefetch(part.key, part.fingerprint.size_bytes)
         return unpack_together(
-            [self._checked(manifest, part) for manifest, part in wanted],
+            (self._checked(manifest, part) for manifest, part in wanted),
+            steps=sum(part.steps for _, part in wanted),
             where=[f"{self._bucket.name}/{part.key}" for _, part in wanted],
         )
 

@@ -123,25 +123,19 @@ class RolloutWriter:
         self._worker = worker
         self._checkpoint = checkpoint
         self._session = session
-        self._parts: list[Part] = []
-        self._uploads: list[Future[None]] = []
+        self._uploads: list[Future[Part]] = []
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="rollout-upload")
         self._room = BoundedSemaphore(_UNSENT_PARTS)
 
     def add(self, episodes: Episodes) -> None:
-        """Send some whole episodes. The caller may reuse its arrays at once.
+        """Pack and send some whole episodes while the caller goes on; their arrays must stay.
 
         Raises:
             StorageError: An earlier part could not be sent.
         """
         self._raise_failure()
-        data = pack_episodes(episodes)
-        key = keys.rollout_part(
-            self._prefix, self._iteration, self._worker, self._session, len(self._parts)
-        )
-        self._parts.append(Part(key, Fingerprint.of(data), episodes.count, episodes.steps))
         self._room.acquire()
-        self._uploads.append(self._sender.submit(self._send, key, data))
+        self._uploads.append(self._sender.submit(self._send, len(self._uploads), episodes))
 
     def finish(self, notes: Mapping[str, Any] | None = None) -> Manifest:
         """Wait until everything is sent, then write the manifest, which makes it count.
@@ -150,13 +144,12 @@ class RolloutWriter:
             StorageError: Something could not be sent; nothing counts then.
         """
         self._sender.shutdown(wait=True)
-        self._raise_failure()
         manifest = Manifest(
             self._iteration,
             self._worker,
             self._checkpoint,
             self._session,
-            tuple(self._parts),
+            tuple(upload.result() for upload in self._uploads),
             dict(notes or {}),
         )
         key = keys.rollout_manifest(self._prefix, self._iteration, self._worker)
@@ -167,9 +160,14 @@ class RolloutWriter:
         """Send nothing more and write no manifest; the trainer sweeps up what was sent."""
         self._sender.shutdown(wait=True, cancel_futures=True)
 
-    def _send(self, key: str, data: bytes) -> None:
+    def _send(self, number: int, episodes: Episodes) -> Part:
         try:
+            data = pack_episodes(episodes)
+            key = keys.rollout_part(
+                self._prefix, self._iteration, self._worker, self._session, number
+            )
             self._bucket.put(key, data)
+            return Part(key, Fingerprint.of(data), episodes.count, episodes.steps)
         finally:
             self._room.release()
 

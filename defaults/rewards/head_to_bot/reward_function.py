@@ -7,9 +7,10 @@ def reward_function(params):
     A bot blocks one lane and crawls along it. On a free road this is a plain "stay on the road"
     reward; behind and beside a bot the other lane pays, and the lane of the bot does not.
     """
-    LOOK_AHEAD = 1.8  # metres from a bot at which its lane begins to count
+    LOOK_AHEAD = 2.5  # metres from a bot at which its lane begins to count
     PASSED = 0.7  # metres that the car has to be ahead of a bot before it may turn in
-    SAFE = 0.35  # metres between the middle of the car and that of the bot, sideways
+    TOUCHING = 0.25  # metres from the middle of the car to that of the bot, sideways: a scrape
+    SAFE = 0.45  # metres, likewise, that leave room on either side
 
     # Running into a bot from behind ends the episode, like leaving the road. All that could still
     # have been earned is lost, which is punishment enough.
@@ -20,8 +21,10 @@ def reward_function(params):
     half_width = max(params["track_width"] / 2.0, 0.01)
     across = params["distance_from_center"] * (1.0 if params["is_left_of_center"] else -1.0)
 
-    # Free road: nearly the whole width is fine, only its edges are not.
-    reward = max(0.0, 1.0 - (across / half_width) ** 4)
+    # Free road: half of its width is as good as the middle, so that the car need not first unlearn
+    # to follow the centre line before it can leave it for a bot.
+    free_road = min(1.0, max(0.0, 2.0 - 2.0 * abs(across) / half_width))
+    reward = free_road
 
     # The bot behind and the bot ahead. Bots drive in the middle of the left or the right lane.
     heading = math.radians(params["heading"])
@@ -35,12 +38,11 @@ def reward_function(params):
         if away > LOOK_AHEAD or ahead < -PASSED:
             continue
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
-        # 0 on a line that ends in the bot, 1 on one that passes it.
-        clear = min(abs(across - lane) / SAFE, 1.0)
-        # The nearer it is, the more it matters; one that has been passed matters less.
-        urgency = (1.0 - 0.7 * away / LOOK_AHEAD) * (1.0 if ahead > 0.0 else 0.5)
-        reward *= 1.0 - urgency * (1.0 - clear**2)
-
-    if not params["all_wheels_on_track"]:
-        reward *= 0.3
+        # Little on a line that ends in the bot, all on one that passes it with room to spare. On
+        # a narrow road that line runs near the edge, so the edge does not count here.
+        gap = abs(across - lane)
+        clear = 0.3 * min(gap / TOUCHING, 1.0)
+        clear += 0.7 * min(max((gap - TOUCHING) / (SAFE - TOUCHING), 0.0), 1.0)
+        urgency = 1.0 - 0.6 * away / LOOK_AHEAD
+        reward = min(reward, urgency * clear + (1.0 - urgency) * free_road)
     return float(max(reward, 1e-3))

@@ -9,7 +9,8 @@ def reward_function(params):
     """
     LOOK_AHEAD = 3.0  # metres from an object at which it begins to count
     PASSED = 0.6  # metres beyond an object at which the whole car is past it
-    SAFE = 0.48  # metres from the middle of the car to that of the object, sideways
+    TOUCHING = 0.30  # metres from the middle of the car to that of the object, sideways: a scrape
+    SAFE = 0.50  # metres, likewise, that leave room on either side
 
     # A crash ends the episode, like leaving the road. All that could still have been earned is
     # lost, which is punishment enough.
@@ -37,9 +38,11 @@ def reward_function(params):
         if away > LOOK_AHEAD or ahead < -PASSED:
             continue
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
-        # 0 on a line that ends in the object, 1 on one that passes it. On a narrow road that line
-        # runs along the very edge, so the edge does not count here.
-        clear = min(abs(across - lane) / SAFE, 1.0)
+        # Little on a line that ends in the object, all on one that passes it with room to spare. On
+        # a narrow road that line runs near the edge, so the edge does not count here.
+        gap = abs(across - lane)
+        clear = 0.3 * min(gap / TOUCHING, 1.0)
+        clear += 0.7 * min(max((gap - TOUCHING) / (SAFE - TOUCHING), 0.0), 1.0)
         urgency = 1.0 - 0.6 * away / LOOK_AHEAD
         reward = min(reward, urgency * clear + (1.0 - urgency) * free_road)
     return float(max(reward, 1e-3))

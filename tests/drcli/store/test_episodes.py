@@ -61,7 +61,7 @@ def test_slices_of_a_larger_buffer_are_packed_right():
 def test_parts_are_joined_in_order():
     parts = [pack_episodes(played([3, 2])), pack_episodes(played([4], first=2))]
 
-    joined = unpack_together(parts, where=["one", "other"])
+    joined = unpack_together(parts, steps=9, where=["one", "other"])
 
     assert joined.count == 3
     np.testing.assert_array_equal(joined.episode_numbers, [0, 1, 2])
@@ -106,14 +106,22 @@ def test_parts_with_different_columns_cannot_be_joined():
     parts = [pack_episodes(played([3])), pack_episodes(replace(played([3]), extras={}))]
 
     with pytest.raises(ObjectDamaged, match="holds no episodes"):
-        unpack_together(parts, where=["one", "other"])
+        unpack_together(parts, steps=6, where=["one", "other"])
 
 
 def test_parts_with_frames_of_another_size_cannot_be_joined():
     small = replace(played([3]), frames=np.zeros((3, 1, 6, 8), np.uint8))
 
     with pytest.raises(ObjectDamaged, match="other holds no episodes: frames of shape"):
-        unpack_together([pack_episodes(played([3])), pack_episodes(small)], where=["one", "other"])
+        unpack_together(
+            [pack_episodes(played([3])), pack_episodes(small)], steps=6, where=["one", "other"]
+        )
+
+
+@pytest.mark.parametrize("steps", [2, 4])
+def test_parts_with_more_or_fewer_steps_than_told_are_refused(steps):
+    with pytest.raises(ObjectDamaged, match="one holds no episodes"):
+        unpack_together([pack_episodes(played([3]))], steps=steps, where=["one"])
 
 
 def test_some_episodes_can_be_chosen():

@@ -106,17 +106,6 @@ def test_other_bytes_are_no_manifest(memory, data):
     assert find_manifest(memory, PREFIX, 3, 0) is None
 
 
-def test_the_caller_may_reuse_its_arrays_after_adding(memory, reader):
-    episodes = played(5, 1)
-    sending = writer(memory)
-
-    sending.add(episodes)
-    episodes.frames[:] = 99
-    manifest = sending.finish()
-
-    assert int(reader.read([manifest]).frames.max()) == 1
-
-
 def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
     class FullBucket(MemoryBucket):
         def put(self, key: str, data: bytes) -> None:
