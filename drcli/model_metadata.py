@@ -87,6 +87,18 @@ class ModelMetadata(BaseModel):
         return _Reader(read_json_object(data, name), data).read()
 
     @property
+    def eyes(self) -> int:
+        """Pictures that the camera takes at a time."""
+        return 2 if "STEREO_CAMERAS" in self.sensor else 1
+
+    @property
+    def scan_dims(self) -> int:
+        """Values that the lidar gives, 0 without one. Source: the reference simulator's filters."""
+        discretized = self.lidar.num_sectors * self.lidar.num_values_per_sector
+        values = {"LIDAR": 64, "SECTOR_LIDAR": 8, "DISCRETIZED_SECTOR_LIDAR": discretized}
+        return sum(values.get(name, 0) for name in self.sensor)
+
+    @property
     def action_space_type(self) -> str:
         """The kind of actions: discrete or continuous."""
         return "continuous" if self.action_space.continuous else "discrete"

@@ -14,22 +14,23 @@ from drcli.learn.sac import SAC, SACConfig
 from drcli.learn.spec import PolicySpec
 from drcli.learn.squashed import SACAgent
 from drcli.model_metadata import ModelMetadata
-from drcli.worker.world import sensors_of_model
-from drsim.privileged import PRIVILEGED_DIMS
+
+STATE_DIMS = 22
+"""Length of `Simulation.privileged`. Told here once more, because a trainer that loaded the
+simulator for it would need 33 MB more memory."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
     """The network that model_metadata.json and hyperparameters.json ask for."""
     space = metadata.action_space
-    sensors = sensors_of_model(metadata)
     return PolicySpec(
         num_actions=space.num_actions,
         continuous=space.continuous,
         network=metadata.neural_network,
-        eyes=sensors.eyes,
+        eyes=metadata.eyes,
         stack=parameters.stack_size,
-        scan_dims=sensors.num_values,
-        state_dims=PRIVILEGED_DIMS if parameters.critic == "state" else 0,
+        scan_dims=metadata.scan_dims,
+        state_dims=STATE_DIMS if parameters.critic == "state" else 0,
     )
 
 

@@ -93,6 +93,7 @@ class Trainer:
                 raise StopRequested
             if collected is not None:
                 self._learn(collected)
+                collected = None  # its frames make room for the next ones
                 self._forget_rollouts()
         self._finish(reason)
 
