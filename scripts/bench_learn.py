@@ -24,24 +24,25 @@ while; ratios are medians over the rounds. With --json the last line of stdout i
 
 The others may choose among 8, 16 and 32 cars; their iterations have 1,024 steps, ours the 20
 episodes of hyperparameters.json, whole ones, from the first iteration on that has as many steps.
-All of them run in this process, one after another, with the memory settings and threads of our
-workers.
+They run as their users would run them, in processes of their own that wait for their turn, with
+as many threads as ours; with --lend they get the process settings of our workers as well.
 """
 
 import argparse
+import importlib.util
 import json
 import os
 import platform
 import statistics
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from learn_arithmetic import Arithmetic
-from learn_peer_cleanrl import CleanRlTraining
+from learn_peers import STEPS, Peer, Training
 from learn_runs import (
     FEWEST_EVALUATIONS,
     MemoryTraining,
@@ -65,9 +66,6 @@ RATIOS = (
 
 SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 
-STEPS = 1_024
-"""Of an iteration of the others."""
-
 TRIALS = 3
 """Iterations of each number of cars by which the others choose; the best one counts."""
 
@@ -81,16 +79,6 @@ SKIPPED = 2
 EMULATED_ROUNDS = 2
 
 
-class Training(Protocol):
-    """One of the contestants."""
-
-    def iterate(self) -> Pace:
-        """Drive and learn once."""
-
-    def close(self) -> None:
-        """Free the threads."""
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -98,6 +86,7 @@ def main() -> None:
     parser.add_argument("--tracks-dir", type=Path, help="folder with further routes")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--cars", type=int, nargs="+", default=[8, 16, 32], help="of the others")
+    parser.add_argument("--lend", action="store_true", help="lend them our process settings")
     parser.add_argument("--rounds", type=int, default=7, help="0 leaves the others out")
     parser.add_argument("--flops-rounds", type=int, default=7, help="0 leaves arithmetic out")
     parser.add_argument("--bucket-rounds", type=int, default=3, help="0 leaves the bucket out")
@@ -122,7 +111,9 @@ def main() -> None:
     say(work.compute.reason)
     if options.rounds or options.flops_rounds:
         ours = warmed_up(work)
-        parts.append(measure_throughput(work, ours, options.rounds, options.cars))
+        parts.append(
+            measure_throughput(work, ours, options.rounds, options.cars, lend=options.lend)
+        )
         parts.append(measure_arithmetic(work, ours.rollout, options.flops_rounds))
         ours.close()
     figures = report(parts) | {"threads": options.threads, "versions": versions()}
@@ -178,15 +169,15 @@ def warmed_up(work: Work) -> MemoryTraining:
 
 
 def measure_throughput(
-    work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int]
+    work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int], *, lend: bool
 ) -> Measured:
     """Our training in one process beside those of the others, which choose their cars."""
     measured = Measured()
     if rounds == 0:
         return measured
     contestants: dict[str, Training] = {"ours": ours}
-    for name, make in peers().items():
-        cars, contestants[name] = fastest(work, make, choices)
+    for name, script in scripts().items():
+        cars, contestants[name] = fastest(work, script, choices, lend=lend)
         measured.figures[f"{name}_cars"] = cars
     paces: dict[str, list[Pace]] = {name: [] for name in contestants}
     for count in range(rounds + 1):
@@ -204,26 +195,23 @@ def measure_throughput(
     return measured
 
 
-def peers() -> dict[str, Callable[[Work, int, int], Training]]:
-    """What makes the others, by name, as far as they are installed."""
-    try:
-        from learn_peer_sb3 import Sb3Training
-    except ImportError as error:
-        say(f"{error}: nothing to compare with; install it with `pip install stable-baselines3`.")
-        return {"cleanrl": CleanRlTraining}
-    return {"sb3": Sb3Training, "cleanrl": CleanRlTraining}
+def scripts() -> dict[str, str]:
+    """Modules of the others, by name, as far as what they need is installed."""
+    known = {"sb3": "learn_peer_sb3.py", "cleanrl": "learn_peer_cleanrl.py"}
+    if importlib.util.find_spec("stable_baselines3") is None:
+        say("No Stable-Baselines3 to compare with: pip install stable-baselines3")
+        del known["sb3"]
+    return known
 
 
-def fastest(
-    work: Work, make: Callable[[Work, int, int], Training], choices: Sequence[int]
-) -> tuple[int, Training]:
+def fastest(work: Work, script: str, choices: Sequence[int], *, lend: bool) -> tuple[int, Training]:
     """The number of cars with which a training is fastest, and that training."""
-    candidates = {cars: make(work, cars, STEPS) for cars in choices}
+    candidates = {cars: Peer(script, work, cars, lend=lend) for cars in choices}
     rates: dict[int, list[float]] = {cars: [] for cars in choices}
     for _ in range(TRIALS if len(choices) > 1 else 0):
         for cars, training in candidates.items():
             rates[cars].append(training.iterate().steps_per_s)
-            say(f"{type(training).__name__}, {cars} cars: {rates[cars][-1]:.1f} steps/s")
+            say(f"{script}, {cars} cars: {rates[cars][-1]:.1f} steps/s")
     best = max(choices, key=lambda cars: max(rates[cars], default=0.0))
     for cars, training in candidates.items():
         if cars != best:

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import torch
+from learn_peers import serve
 from learn_runs import Pace, Work
 from torch import Tensor, nn
 from torch.distributions import Categorical
@@ -176,3 +177,7 @@ def _prepared(layer: nn.Conv2d | nn.Linear, gain: float = 2.0**0.5) -> nn.Module
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
+
+
+if __name__ == "__main__":
+    serve(CleanRlTraining)

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's PPO on our cars, for bench_learn.py. Importing it needs that library."""
+"""Stable-Baselines3's PPO on our cars, for bench_learn.py. Needs that library."""
 
 import time
 from collections.abc import Sequence
@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from learn_peers import serve
 from learn_runs import Pace, Work
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
@@ -116,3 +117,7 @@ class Sb3Training:
     def close(self) -> None:
         """Free the threads."""
         self._envs.close()
+
+
+if __name__ == "__main__":
+    serve(Sb3Training)
