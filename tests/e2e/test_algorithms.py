@@ -53,8 +53,10 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     assert (model / "metrics" / "TrainingMetrics_1.json").exists()
     assert "'WORLD_NAME': 'bean'" in (model / "training_params_2.yaml").read_text()
     names = [r["checkpoint"] for r in json.loads(resumed.stdout.splitlines()[-1])["history"]]
-    # Driven while the one before was learned from; a resumed training begins with the newest.
-    assert [name.split("_")[0] for name in names] == ["0", "0", "2"]
+    # Each was driven while the one before was learned from. Whether the third had been driven
+    # before the stop, or was driven anew by the newest, is a matter of time.
+    assert [name.split("_")[0] for name in names[:2]] == ["0", "0"]
+    assert names[2].split("_")[0] in ("1", "2")
     assert "steps of iteration 1." in workspace.log("trainer")  # remembered after the resume
     latest = CheckpointStore(workspace.bucket(), workspace.prefix).load_latest(with_optimizer=True)
     assert latest is not None

@@ -194,7 +194,7 @@ def test_two_workers_share_the_episodes(workspace):
 def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):
     mount = workspace.folder / "data" / "s3"
     mount.mkdir(parents=True)
-    size = ["mount", "-t", "tmpfs", "-o", "size=60m", "tmpfs", str(mount)]
+    size = ["mount", "-t", "tmpfs", "-o", "size=6m", "tmpfs", str(mount)]
     if shutil.which("mount") is None or subprocess.run(size, capture_output=True).returncode != 0:
         pytest.skip("only root can make a small disk")
     try:
