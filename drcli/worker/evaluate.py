@@ -125,12 +125,12 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
             remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
         )
     track = directed(load_world(s), reverse=s.eval_reverse_direction)
+    races = 1 if s.eval_is_continuous else s.eval_number_of_trials
     reward = (
-        load_reward(bucket, s.model_prefix, job.folder)
+        load_reward(bucket, s.model_prefix, job.folder, races * len(pilots))
         if s.eval_debug_reward
         else centre_line_reward
     )
-    races = 1 if s.eval_is_continuous else s.eval_number_of_trials
     simulation = Simulation(
         track,
         num_cars=races * len(pilots),

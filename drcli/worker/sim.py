@@ -135,14 +135,15 @@ class SimWorker:
         self._parameters = parameters
         self._model = build_policy(metadata, parameters)
         self._trials = _evaluation_trials(job) if worker == 0 else 0
-        reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}")
+        num_cars = s.train_lanes or self._share.count + self._trials
+        reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
         track = load_world(s)
         self._track = directed(track, reverse=s.train_reverse_direction)
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker
         simulation = Simulation(
             self._track,
-            num_cars=s.train_lanes or self._share.count + self._trials,
+            num_cars=num_cars,
             reward_function=reward,
             rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
             num_threads=threads,

@@ -116,13 +116,17 @@ def randomize_of(s: Settings) -> Randomize:
     return "textures" if s.randomize_textures else "lights"
 
 
-def load_reward(bucket: Bucket, prefix: str, folder: Path) -> RewardFunction:
-    """The model's own copy of the racer's reward function."""
+def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[RewardFunction]:
+    """The model's own copy of the racer's reward function, once for each car.
+
+    Reward functions keep things in globals from one step to the next, and were written for a single
+    car: those of one car must not see those of another.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / keys.REWARD_FUNCTION_FILE
     path.write_bytes(bucket.get(keys.reward_function(prefix)))
     try:
-        return load_reward_function(path)
+        return [load_reward_function(path) for _ in range(cars)]
     except RewardError as error:
         raise reward_failure(error) from None
 

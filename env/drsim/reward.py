@@ -10,6 +10,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
+from itertools import repeat
 from pathlib import Path
 from types import CodeType, FrameType, ModuleType, TracebackType
 from typing import Any, NoReturn
@@ -81,7 +82,7 @@ def checked_reward(
 
 
 def checked_rewards(
-    function: RewardFunction,
+    functions: RewardFunction | Iterable[RewardFunction],
     calls: Iterable[RewardParams],
     deadline_s: float = REWARD_DEADLINE_S,
 ) -> list[float]:
@@ -91,7 +92,7 @@ def checked_rewards(
     system has such timers; elsewhere the calls are made without it.
 
     Args:
-        function: The user's function.
+        functions: The user's function, or one for each call.
         calls: Parameters of each call; the function may keep and alter them.
         deadline_s: How long one call may take, in seconds.
 
@@ -103,8 +104,9 @@ def checked_rewards(
             finite number within +-1e5. Carries the place and the parameters.
     """
     rewards = []
+    each = repeat(functions) if callable(functions) else functions
     with _alarm() as arm:
-        for params in calls:
+        for params, function in zip(calls, each, strict=False):
             arm(deadline_s)
             try:
                 value = function(params)

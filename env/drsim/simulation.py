@@ -1,5 +1,6 @@
 """Many cars on one track: motion, sensors, reward and episodes, all cars in one array pass."""
 
+from collections.abc import Sequence
 from dataclasses import fields
 from operator import attrgetter
 
@@ -51,7 +52,7 @@ class Simulation:
         track: Track,
         *,
         num_cars: int,
-        reward_function: RewardFunction,
+        reward_function: RewardFunction | Sequence[RewardFunction],
         rules: EpisodeRules | None = None,
         num_threads: int = 2,
         seed: int = 0,
@@ -68,7 +69,8 @@ class Simulation:
         Args:
             track: Where they drive.
             num_cars: How many, at least 1; a multiple of `race.racers`.
-            reward_function: Called once for every driven step of every car.
+            reward_function: Called once for every driven step of every car. One for each car where
+                it keeps something from one step to the next, as in a global.
             rules: When episodes end; those of training when left out.
             num_threads: Threads for physics and camera, the caller's included.
             seed: Seed of everything random in episodes that are begun without one of their own.
@@ -120,7 +122,9 @@ class Simulation:
         self._wheels_on: Ints
         self._look()
         self._ticks: Ints = np.zeros(num_cars, np.int64)
-        self._reward_function = reward_function
+        self._reward_functions = (
+            [reward_function] * num_cars if callable(reward_function) else list(reward_function)
+        )
         self._reward_deadline_s = reward_deadline_s
 
     def reset(
@@ -382,7 +386,8 @@ class Simulation:
         cars = np.flatnonzero(driven)
         rewards = np.zeros(self.num_cars)
         calls = params_of(self._tracks, situation, cars)
-        rewards[cars] = checked_rewards(self._reward_function, calls, self._reward_deadline_s)
+        own = [self._reward_functions[car] for car in cars.tolist()]
+        rewards[cars] = checked_rewards(own, calls, self._reward_deadline_s)
         return rewards
 
     def _result(

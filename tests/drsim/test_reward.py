@@ -250,3 +250,17 @@ def test_a_changed_file_is_quoted_as_it_is_now(write):
 )
 def test_the_centre_line_reward_falls_in_steps(distance_m, reward):
     assert centre_line_reward({"track_width": 1.0, "distance_from_center": distance_m}) == reward
+
+
+def test_what_a_reward_function_keeps_is_kept_for_each_car(tmp_path):
+    path = tmp_path / "reward_function.py"
+    path.write_text(
+        "calls = 0\n\ndef reward_function(params):\n"
+        "    global calls\n    calls += 1\n    return float(calls)\n"
+    )
+    functions = [load_reward_function(path) for _ in range(2)]
+
+    first = checked_rewards(functions, [PARAMS] * 2)
+    second = checked_rewards(functions[:1], [PARAMS])
+
+    assert (first, second) == ([1.0, 1.0], [2.0])
