@@ -2,8 +2,9 @@
 
     python scripts/bench_learn.py [--world NAME] [--rounds 7] [--bucket-rounds 3] [--json]
 
-All trainings have the shipped files but for the network: one camera, the shallow network (which
-others call NatureCNN), minibatches of 64, 3 epochs.
+All trainings have the shipped files: one camera, minibatches of 64, 3 epochs and the network that
+--network names, the shipped one unless told otherwise. The others have the same layers, written as
+their users would. Arithmetic is measured on the shallow network, which others call NatureCNN.
 Everything is measured in turns, round by round, because other programs slow a machine down for a
 while; ratios are medians over the rounds. With --json the last line of stdout is one object with
 
@@ -64,7 +65,7 @@ RATIOS = (
     "flops_ratio_bf16",
 )
 
-SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+SHIPPED, SHALLOW = "COMPACT_CONVOLUTIONAL_NETWORK", "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 
 TRIALS = 3
 """Iterations of each number of cars by which the others choose; the best one counts."""
@@ -90,7 +91,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7, help="0 leaves the others out")
     parser.add_argument("--flops-rounds", type=int, default=7, help="0 leaves arithmetic out")
     parser.add_argument("--bucket-rounds", type=int, default=3, help="0 leaves the bucket out")
-    parser.add_argument("--bucket-network", default=SHALLOW, help="of that part")
+    parser.add_argument("--network", default=SHIPPED, help="neural_network of all trainings")
     parser.add_argument("--iterations", type=int, default=15, help="of a training over the bucket")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
@@ -105,17 +106,19 @@ def main() -> None:
     }
     parts = []
     if options.bucket_rounds:
-        work = Work.load(environment, options.bucket_network, options.threads)
+        work = Work.load(environment, options.network, options.threads)
         parts.append(measure_bucket(work, options.bucket_rounds, options.iterations))
-    work = Work.load(environment, SHALLOW, options.threads)
+    work = Work.load(environment, options.network, options.threads)
     say(work.compute.reason)
-    if options.rounds or options.flops_rounds:
-        ours = warmed_up(work)
+    ours = warmed_up(work)
+    if options.rounds:
         parts.append(
             measure_throughput(work, ours, options.rounds, options.cars, lend=options.lend)
         )
-        parts.append(measure_arithmetic(work, ours.rollout, options.flops_rounds))
-        ours.close()
+    if options.flops_rounds:
+        shallow = Work.load(environment, SHALLOW, options.threads)
+        parts.append(measure_arithmetic(shallow, ours.rollout, options.flops_rounds))
+    ours.close()
     figures = report(parts) | {"threads": options.threads, "versions": versions()}
     for name, value in figures.items():
         say(f"{name:28} {value}")
@@ -172,9 +175,7 @@ def measure_throughput(
     work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int], *, lend: bool
 ) -> Measured:
     """Our training in one process beside those of the others, which choose their cars."""
-    measured = Measured()
-    if rounds == 0:
-        return measured
+    measured = Measured(figures={"network": work.spec.network})
     contestants: dict[str, Training] = {"ours": ours}
     for name, script in scripts().items():
         cars, contestants[name] = fastest(work, script, choices, lend=lend)
@@ -221,9 +222,7 @@ def fastest(work: Work, script: str, choices: Sequence[int], *, lend: bool) -> t
 
 def measure_arithmetic(work: Work, rollout: Rollout, rounds: int) -> Measured:
     """Our update beside bare matrix products, in both number formats."""
-    measured = Measured()
-    if rounds == 0:
-        return measured
+    measured = Measured(figures={"flops_network": work.spec.network})
     for name in ("fp32", "bf16"):
         arithmetic = Arithmetic(work, rollout, bf16=name == "bf16")
         arithmetic.update()

@@ -9,11 +9,12 @@ import time
 
 import numpy as np
 import torch
-from learn_peers import serve
+from learn_peers import plain_body, serve
 from learn_runs import Pace, Work
 from torch import Tensor, nn
 from torch.distributions import Categorical
 
+from drcli.learn.spec import PolicySpec
 from drsim import RacerVectorEnv
 
 UPDATES = 1_000
@@ -21,23 +22,16 @@ UPDATES = 1_000
 
 
 class Agent(nn.Module):
-    """Policy and value on the convolutions of our shallow network."""
+    """Policy and value on the layers of our network."""
 
-    def __init__(self, actions: int) -> None:
+    def __init__(self, spec: PolicySpec) -> None:
         super().__init__()
-        self.network = nn.Sequential(
-            _prepared(nn.Conv2d(1, 32, 8, stride=4)),
-            nn.ReLU(),
-            _prepared(nn.Conv2d(32, 64, 4, stride=2)),
-            nn.ReLU(),
-            _prepared(nn.Conv2d(64, 64, 3, stride=1)),
-            nn.ReLU(),
-            nn.Flatten(),
-            _prepared(nn.Linear(64 * 11 * 16, 512)),
-            nn.ReLU(),
-        )
-        self.actor = _prepared(nn.Linear(512, actions), 0.01)
-        self.critic = _prepared(nn.Linear(512, 1), 1.0)
+        self.network, features = plain_body(spec)
+        for layer in self.network:
+            if isinstance(layer, nn.Conv2d | nn.Linear):
+                _prepare(layer)
+        self.actor = _prepare(nn.Linear(features, spec.num_actions), 0.01)
+        self.critic = _prepare(nn.Linear(features, 1), 1.0)
 
     def value(self, frames: Tensor) -> Tensor:
         """Values, shape (n, 1), of frames of shape (n, 1, 120, 160)."""
@@ -79,7 +73,7 @@ class CleanRlTraining:
         )
         self._random = np.random.default_rng(0)
         torch.manual_seed(0)
-        self._agent = Agent(work.spec.num_actions).to(self._device)
+        self._agent = Agent(work.spec).to(self._device)
         self._optimizer = torch.optim.Adam(self._agent.parameters(), lr=self._p.lr, eps=1e-5)
         self._updates = 0
         shape = (self._length, cars)
@@ -173,7 +167,7 @@ class CleanRlTraining:
         return torch.tensor(frame, dtype=torch.float32, device=self._device).permute(0, 3, 1, 2)
 
 
-def _prepared(layer: nn.Conv2d | nn.Linear, gain: float = 2.0**0.5) -> nn.Module:
+def _prepare(layer: nn.Conv2d | nn.Linear, gain: float = 2.0**0.5) -> nn.Module:
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer

@@ -6,12 +6,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from learn_peers import serve
+from learn_peers import plain_body, serve
 from learn_runs import Pace, Work
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor
 
+from drcli.learn.spec import PolicySpec
 from drsim import Actions, Simulation
 
 
@@ -74,12 +77,25 @@ class CarVecEnv(VecEnv):
         self._simulation.reset(cars, self._random.random(len(cars)))
 
 
+class Body(BaseFeaturesExtractor):
+    """The layers of our network as the library wants them."""
+
+    def __init__(self, observation_space: gym.Space[Any], spec: PolicySpec) -> None:
+        body, features = plain_body(spec)
+        super().__init__(observation_space, features)
+        self.body = body
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """Features, shape (n, features), of frames of shape (n, 1, 120, 160) between 0 and 1."""
+        features: Tensor = self.body(frames)
+        return features
+
+
 class Sb3Training:
     """The library's own training loop, one iteration at a time.
 
-    Its NatureCNN is our shallow network: the same convolutions, one dense layer of 512, policy and
-    value on it. What the library adds by default (gradients clipped, advantages normalised in each
-    minibatch) stays.
+    Its features come from the layers of our network; policy and value stand on them. What the
+    library adds by default (gradients clipped, advantages normalised in each minibatch) stays.
     """
 
     def __init__(self, work: Work, cars: int, steps: int) -> None:
@@ -104,6 +120,10 @@ class Sb3Training:
             gae_lambda=p.gae_lambda,
             clip_range=p.clip_range,
             ent_coef=p.beta_entropy,
+            policy_kwargs={
+                "features_extractor_class": Body,
+                "features_extractor_kwargs": {"spec": work.spec},
+            },
             seed=0,
             device=work.compute.device,
         )

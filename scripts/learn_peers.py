@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Protocol
 
 from learn_runs import Pace, Work
+from torch import nn
 
 from drcli.job import PROCESS_TUNING
+from drcli.learn.encoders import MONO, Encoder
 from drcli.learn.precision import flush_denormals
+from drcli.learn.spec import PolicySpec
 
 STEPS = 1_024
 """Of an iteration, all cars together."""
@@ -83,6 +86,27 @@ class Peer:
     def close(self) -> None:
         """End its process."""
         self._process.communicate()
+
+
+def plain_body(spec: PolicySpec) -> tuple[nn.Sequential, int]:
+    """The layers of one of our bodies for one camera, put together as their users would.
+
+    Returns:
+        The body, with initial weights of PyTorch's, and how many features come out.
+    """
+    layers = MONO[spec.network]
+    body = nn.Sequential()
+    channels = spec.channels
+    for layer in layers.convolutions:
+        body.append(nn.Conv2d(channels, layer.filters, layer.kernel, layer.strides))
+        body.append(nn.ReLU())
+        channels = layer.filters
+    body.append(nn.Flatten())
+    for ours in Encoder(spec).dense:
+        assert isinstance(ours, nn.Linear)
+        body.append(nn.Linear(ours.in_features, ours.out_features))
+        body.append(nn.ReLU())
+    return body, layers.dense[-1]
 
 
 def serve(make: Callable[[Work, int, int], Training]) -> None:

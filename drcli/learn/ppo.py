@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from drcli.learn.buffer import Rollout
+from drcli.learn.crew import Crew
 from drcli.learn.gae import gae
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
@@ -115,6 +116,7 @@ class PPO:
         self.optimizer = torch.optim.Adam(
             model.parameters(), lr=config.lr, eps=config.adam_eps, fused=True
         )
+        self._crew = Crew(self.model, compute.parts, compute.threads)
 
     def optimizer_tensors(self) -> dict[str, Tensor]:
         """The optimizer's memory, to go on with."""
@@ -179,16 +181,28 @@ class PPO:
         Returns:
             Surrogate loss, value loss, entropy, KL divergence and clipped share. Shape (5,).
         """
+        figures = self._crew.backward(
+            lambda model, part: self._loss(model, batch, rows[part], beta_entropy), len(rows)
+        )
+        if self.config.max_grad_norm is not None:
+            torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
+        self.optimizer.step()
+        return figures.cpu()
+
+    def _loss(
+        self, model: ActorCritic, batch: "_Batch", rows: Tensor, beta_entropy: float
+    ) -> tuple[Tensor, Tensor]:
+        """The loss of some steps, and the figures of `_step`."""
         advantages = batch.advantages[rows]
         with self.compute.autocast():
-            policy, value = self.model(batch.observation(rows))
-        log_probs = self.model.log_prob(policy, batch.actions[rows])
+            policy, value = model(batch.observation(rows))
+        log_probs = model.log_prob(policy, batch.actions[rows])
         log_ratio = log_probs - batch.log_probs[rows]
         ratio = log_ratio.exp()
         low, high = 1.0 - self.config.clip_range, 1.0 + self.config.clip_range
         surrogate = torch.minimum(ratio * advantages, ratio.clamp(low, high) * advantages)
         value_loss = self._value_loss(value, batch.values[rows], batch.targets[rows])
-        entropy = self.model.entropy(policy).mean()
+        entropy = model.entropy(policy).mean()
         surrogate_loss = -surrogate.mean()
         loss = surrogate_loss + value_loss - beta_entropy * entropy
 
@@ -197,17 +211,11 @@ class PPO:
                 f"The loss is {loss.item()} (surrogate {surrogate_loss.item():.4g}, "
                 f"value {value_loss.item():.4g}, entropy {entropy.item():.4g})."
             )
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        if self.config.max_grad_norm is not None:
-            torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
-        self.optimizer.step()
-
         with torch.no_grad():
             # The third estimator of Schulman's "Approximating KL divergence": unbiased, positive.
             kl = (ratio - 1.0 - log_ratio).mean()
             clipped = ((ratio - 1.0).abs() > self.config.clip_range).float().mean()
-            return torch.stack([surrogate_loss, value_loss, entropy, kl, clipped]).cpu()
+            return loss, torch.stack([surrogate_loss, value_loss, entropy, kl, clipped])
 
     def _value_loss(self, value: Tensor, before: Tensor, target: Tensor) -> Tensor:
         loss = functional.huber_loss if self.config.huber else functional.mse_loss

@@ -2,10 +2,12 @@
 
 import contextlib
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
+from torch import Tensor
 
+from drcli.learn.crew import Crew, parts_of
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
@@ -34,11 +36,15 @@ class Compute:
         bf16: Whether convolutions and matrix products run in bfloat16. Weights, optimizer and
             losses stay in float32.
         reason: Why, in words for the log.
+        threads: Processor cores of an update; they count on a processor only.
+        parts: Into how many parts they divide a minibatch.
     """
 
     device: torch.device
     bf16: bool
     reason: str
+    threads: int = 1
+    parts: int = 1
 
     def autocast(self) -> contextlib.AbstractContextManager[None]:
         """The context that a forward pass runs in."""
@@ -64,11 +70,16 @@ def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int)
         threads: Processor cores to use.
     """
     torch.set_num_threads(threads)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    where = torch.cuda.get_device_name() if device.type == "cuda" else f"{threads} threads"
+    if torch.cuda.is_available():
+        base = Compute(torch.device("cuda"), False, "")
+        where = torch.cuda.get_device_name()
+    else:
+        parts = parts_of(batch_size, threads)
+        base = Compute(torch.device("cpu"), False, "", threads, parts)
+        where = f"{threads} threads, which compute {parts} parts of a minibatch side by side"
     if wanted != "auto":
         reason = f"{wanted} on {where}, as set; minibatches of {batch_size}, {_EAGER}"
-        return Compute(device, wanted == "bf16", reason)
+        return replace(base, bf16=wanted == "bf16", reason=reason)
 
     # Without bfloat16 units a whole minibatch takes seconds; a few samples show that much sooner.
     speeds = {}
@@ -76,23 +87,22 @@ def choose_compute(wanted: str, spec: PolicySpec, batch_size: int, threads: int)
         speeds = {False: 0.0, True: 0.0}
         for _ in range(trials):
             for bf16 in speeds:
-                speed = _samples_per_s(Compute(device, bf16, ""), spec, samples, seconds)
+                speed = _samples_per_s(replace(base, bf16=bf16), spec, samples, seconds)
                 speeds[bf16] = max(speeds[bf16], speed)
         if speeds[True] < GLANCE_RATIO * speeds[False]:
             break
     faster = speeds[True] > WORTH * speeds[False]
-    return Compute(
-        device,
-        faster,
+    reason = (
         f"{'bf16' if faster else 'fp32'} on {where}: "
         f"{speeds[False]:.0f} samples/s in fp32, {speeds[True]:.0f} in bf16; minibatches of "
-        f"{batch_size}, {_EAGER}",
+        f"{batch_size}, {_EAGER}"
     )
+    return replace(base, bf16=faster, reason=reason)
 
 
 def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int, seconds: float) -> float:
     """Forward and backward passes of a throw-away network, timed for so long, at least once."""
-    model = ActorCritic(spec).to(compute.device)
+    crew = Crew(ActorCritic(spec).to(compute.device), compute.parts, compute.threads)
     shape = (batch_size, spec.channels, FRAME_HEIGHT, FRAME_WIDTH)
     seen = Observation(
         torch.zeros(shape, dtype=torch.uint8, device=compute.device),
@@ -100,10 +110,14 @@ def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int, seconds:
         torch.zeros((batch_size, spec.state_dims), device=compute.device),
     )
 
-    def once() -> None:
+    def loss_of(model: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
         with compute.autocast():
-            policy, value = model(seen)
-        (policy.square().mean() + value.square().mean()).backward()
+            policy, value = model(Observation(*(column[part] for column in seen)))
+        loss = policy.square().mean() + value.square().mean()
+        return loss, loss
+
+    def once() -> None:
+        crew.backward(loss_of, batch_size)
         if compute.device.type == "cuda":
             torch.cuda.synchronize()
 

@@ -29,6 +29,16 @@ class Transitions(NamedTuple):
     after: Observation
     goes_on: Tensor
 
+    def part(self, steps: slice) -> "Transitions":
+        """Some of the steps."""
+        return Transitions(
+            Observation(*(column[steps] for column in self.before)),
+            self.actions[steps],
+            self.rewards[steps],
+            Observation(*(column[steps] for column in self.after)),
+            self.goes_on[steps],
+        )
+
     def to(self, device: torch.device) -> "Transitions":
         """The same on another device."""
         return Transitions(

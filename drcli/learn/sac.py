@@ -9,6 +9,7 @@ from torch.func import functional_call
 from torch.nn import functional
 
 from drcli.learn.buffer import Rollout
+from drcli.learn.crew import Crew
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import Compute
 from drcli.learn.replay import Replay, Transitions
@@ -81,6 +82,7 @@ class SAC:
         self.replay = Replay(model.spec, config.replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(learned, lr=config.lr, fused=True)
+        self._crew = Crew(self.model, compute.parts, compute.threads)
 
     @property
     def memory_steps(self) -> int:
@@ -152,15 +154,31 @@ class SAC:
         Returns:
             Actor's loss, critics' loss, entropy, temperature and value. Shape (5,).
         """
-        model, device = self.model, self.compute.device
-        batch = self.replay.sample(self.config.batch_size, draw).to(device)
-        shape = (2, *batch.actions.shape)
-        here, there = torch.randn(shape, generator=draw).to(device).unbind()
+        batch = self.replay.sample(self.config.batch_size, draw)
+        noise = torch.randn((2, *batch.actions.shape), generator=draw)
         alpha = self.alpha()
+        figures = self._crew.backward(
+            lambda model, part: self._loss(model, batch.part(part), noise[:, part], alpha),
+            len(batch.rewards),
+        )
+        self.optimizer.step()
+        with torch.no_grad():
+            for target, p in zip(
+                self.model.targets.parameters(), self.model.critics.parameters(), strict=True
+            ):
+                target.lerp_(p, self.config.tau)
+        return figures.cpu()
+
+    def _loss(
+        self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The loss of some steps, and the figures of `_step`."""
+        batch = batch.to(self.compute.device)
+        here, there = noise.to(self.compute.device).unbind()
 
         with self.compute.autocast():
             features = model.features(batch.before)
-        target = self._target(batch, there, alpha)
+        target = self._target(model, batch, there, alpha)
         values = model.critics(model.judged(features, batch.before), batch.actions)
         critic_loss = self._critic_loss(values, target)
 
@@ -173,24 +191,16 @@ class SAC:
         actor_loss = (alpha * log_probs - worth).mean()
         loss = critic_loss + actor_loss
         if self.config.auto_alpha:
-            loss = loss + self._alpha_loss(log_probs.detach())
+            loss = loss + self._alpha_loss(model, log_probs.detach())
 
         if not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
                 f"The loss is {loss.item()} (actor {actor_loss.item():.4g}, "
                 f"critics {critic_loss.item():.4g}, temperature {alpha.item():.4g})."
             )
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        self.optimizer.step()
-
         with torch.no_grad():
-            for target_p, p in zip(
-                model.targets.parameters(), model.critics.parameters(), strict=True
-            ):
-                target_p.lerp_(p, self.config.tau)
             means = (actor_loss, critic_loss, -log_probs.mean(), alpha, values.mean())
-            return torch.stack(means).cpu()
+            return loss, torch.stack(means)
 
     def alpha(self) -> Tensor:
         """The temperature now, without gradient."""
@@ -198,9 +208,8 @@ class SAC:
             return self.model.log_alpha.detach().exp()
         return torch.tensor(self.config.sac_alpha, device=self.compute.device)
 
-    def _target(self, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
+    def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
         """What the critics should have said: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
-        model = self.model
         with torch.no_grad():
             with self.compute.autocast():
                 features = model.features(batch.after)
@@ -215,7 +224,7 @@ class SAC:
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         return error(values, target.expand_as(values))
 
-    def _alpha_loss(self, log_probs: Tensor) -> Tensor:
+    def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
         """Falls with the temperature where the entropy is above its target, else rises."""
-        target_entropy = -self.model.spec.num_actions
-        return self.model.log_alpha * (-log_probs.mean() - target_entropy)
+        target_entropy = -model.spec.num_actions
+        return model.log_alpha * (-log_probs.mean() - target_entropy)

@@ -28,7 +28,7 @@ def test_targets_equal_two_steps_worked_by_hand():
     sac.model.targets = _Constant(torch.tensor([[3.0, 7.0], [4.0, 2.0]]))
     batch = _transitions(rewards=[1.0, 2.0], goes_on=[1.0, 0.0])
 
-    target = sac._target(batch, torch.zeros(2, 2), sac.alpha())
+    target = sac._target(sac.model, batch, torch.zeros(2, 2), sac.alpha())
 
     # Mean 0, deviation 1, noise 0: log pi = -log 2 pi. The smaller critic says 3, then nothing.
     first = 1.0 + 0.5 * (3.0 + 0.1 * math.log(2.0 * math.pi))
@@ -55,7 +55,7 @@ def test_the_temperature_grows_when_the_entropy_is_below_minus_one_for_each_dime
     sac = SAC(_agent(), replace(SMALL, auto_alpha=True), CPU)
     before = sac.alpha().item()
 
-    sac._alpha_loss(torch.full((4,), log_prob)).backward()
+    sac._alpha_loss(sac.model, torch.full((4,), log_prob)).backward()
     sac.optimizer.step()
 
     assert (sac.alpha().item() > before) is grows
@@ -64,7 +64,7 @@ def test_the_temperature_grows_when_the_entropy_is_below_minus_one_for_each_dime
 def test_the_temperature_rests_at_an_entropy_of_minus_one_for_each_dimension():
     sac = SAC(_agent(), replace(SMALL, auto_alpha=True), CPU)
 
-    sac._alpha_loss(torch.full((4,), 2.0)).backward()
+    sac._alpha_loss(sac.model, torch.full((4,), 2.0)).backward()
 
     assert sac.model.log_alpha.grad.item() == 0.0
 

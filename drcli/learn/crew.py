@@ -1,0 +1,117 @@
+"""Gradients of one minibatch, computed part by part in threads of their own."""
+
+import copy
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import pairwise
+from typing import Generic, TypeVar
+
+import torch
+from torch import Tensor, nn
+
+SMALLEST_PART = 16
+"""Samples of a part. Convolutions of fewer samples take more time for each."""
+
+
+def parts_of(batch_size: int, threads: int) -> int:
+    """Into how many parts a minibatch is divided. A rule, not a trial: equal seeds, equal sums.
+
+    Args:
+        batch_size: Samples of the minibatch.
+        threads: Processor cores that share the work.
+    """
+    return max(1, min(threads, batch_size // SMALLEST_PART))
+
+
+M = TypeVar("M", bound=nn.Module)
+
+
+class Crew(Generic[M]):
+    """A network, and others with the very same weights that compute beside it.
+
+    Threads inside one operation wait for each other after each of some hundred operations of a
+    gradient step; one thread for each part waits once. On two cores that was 1.07 times as fast
+    on a quiet machine, and 1.5 times beside one other busy program.
+    """
+
+    def __init__(self, model: M, parts: int = 1, threads: int = 1) -> None:
+        """Prepare.
+
+        Args:
+            model: The network that learns. On a GPU there is one part.
+            parts: How many share a minibatch.
+            threads: Processor cores, all parts together.
+        """
+        self._models = [model]
+        self._pool: ThreadPoolExecutor | None = None
+        if parts == 1:
+            return
+        self._models += [_twin(model) for _ in range(parts - 1)]
+        self._pool = ThreadPoolExecutor(
+            parts, "minibatch", initializer=_limit_threads, initargs=(max(1, threads // parts),)
+        )
+        before = torch.get_num_threads()
+        wait([self._pool.submit(torch.get_num_threads) for _ in range(parts)])
+        torch.set_num_threads(before)
+
+    def backward(
+        self, loss_of: Callable[[M, slice], tuple[Tensor, Tensor]], samples: int
+    ) -> Tensor:
+        """Leave the gradient of the mean loss in the network's parameters.
+
+        Args:
+            loss_of: From a network and a range of samples to their mean loss, a scalar, and means
+                of other figures. It is called in several threads at a time.
+            samples: How many there are.
+
+        Returns:
+            Means of the figures over all samples.
+        """
+        if self._pool is None or samples < len(self._models):
+            return self._part(self._models[0], loss_of, slice(0, samples), 1.0)
+        count = len(self._models)
+        bounds = [samples * number // count for number in range(count + 1)]
+        tasks = [
+            self._pool.submit(
+                self._part, model, loss_of, slice(*ends), (ends[1] - ends[0]) / samples
+            )
+            for model, ends in zip(self._models, pairwise(bounds), strict=True)
+        ]
+        wait(tasks)
+        figures = torch.stack([task.result() for task in tasks]).sum(0)
+        self._add_up()
+        return figures
+
+    def _part(
+        self,
+        model: M,
+        loss_of: Callable[[M, slice], tuple[Tensor, Tensor]],
+        part: slice,
+        share: float,
+    ) -> Tensor:
+        model.zero_grad(set_to_none=True)
+        loss, figures = loss_of(model, part)
+        (loss * share).backward()  # type: ignore[no-untyped-call]
+        return figures.detach() * share
+
+    def _add_up(self) -> None:
+        """Take the others' gradients to the network's own."""
+        with torch.no_grad():
+            for own, *others in zip(*(m.parameters() for m in self._models), strict=True):
+                for other in others:
+                    if other.grad is not None:
+                        own.grad = other.grad if own.grad is None else own.grad.add_(other.grad)
+                        other.grad = None
+
+
+def _twin(model: M) -> M:
+    """Another network on the same weights, with gradients of its own."""
+    twin = copy.deepcopy(model)
+    for mine, shared in zip(twin.parameters(), model.parameters(), strict=True):
+        mine.data = shared.data
+    return twin
+
+
+def _limit_threads(threads: int) -> None:
+    torch.set_num_threads(threads)
+    torch.get_num_threads()  # only now the limit holds for this thread whatever others set later
