@@ -6,6 +6,9 @@ Every seed is a run of the real commands (`dr-start-training`, `dr-evaluate`) in
 with the shipped files and the embedded bucket. With --json the last line of stdout is one object
 with `seeds` (a list) and `median`, each holding
 
+    first_evaluation_lap_s    wall time from the command until a checkpoint with a completed
+                              evaluation lap had been learned from, at the latest
+    first_evaluation_lap_steps  steps driven by then
     first_training_lap_s      wall time from the command to the first full training lap
     first_training_lap_steps  steps driven by the end of that iteration
     three_evaluation_laps_s   wall time from the command until all evaluation laps of a checkpoint
@@ -36,6 +39,8 @@ from drcli.store.connect import stop_storage
 
 PROJECT = Path(__file__).resolve().parents[1]
 FIGURES = (
+    "first_evaluation_lap_s",
+    "first_evaluation_lap_steps",
     "first_training_lap_s",
     "first_training_lap_steps",
     "three_evaluation_laps_s",
@@ -141,7 +146,10 @@ def _figures(folder: Path, status: dict[str, Any], begin: float) -> dict[str, An
     # by then or soon after, and what comes before training is the rest of the command's time.
     start_up_s = status["started_at"] - begin
     cycle_s = [r["steps"] / r["steps_per_s"] for r in history]
+    lapped = next((record for record in history if record["evaluation_lap_s"]), None)
     return {
+        "first_evaluation_lap_s": lapped["elapsed_s"] + start_up_s if lapped else None,
+        "first_evaluation_lap_steps": lapped["total_steps"] if lapped else None,
         "first_training_lap_s": first_lap_at - begin if first_lap_at else None,
         "first_training_lap_steps": steps,
         "three_evaluation_laps_s": scored["elapsed_s"] + start_up_s if scored else None,

@@ -98,17 +98,18 @@ class Sb3Training:
     library adds by default (gradients clipped, advantages normalised in each minibatch) stays.
     """
 
-    def __init__(self, work: Work, cars: int, steps: int) -> None:
+    def __init__(self, work: Work, cars: int, steps: int, seed: int = 0) -> None:
         """Begin.
 
         Args:
             work: What to train.
             cars: How many drive side by side.
             steps: Of an iteration, all cars together.
+            seed: Of everything that is random.
         """
         p = work.parameters
         self._steps = steps
-        self._envs = CarVecEnv(work.simulation(cars), work.actions, seed=0)
+        self._envs = CarVecEnv(work.simulation(cars), work.actions, seed)
         self._model = PPO(
             "CnnPolicy",
             self._envs,
@@ -124,7 +125,7 @@ class Sb3Training:
                 "features_extractor_class": Body,
                 "features_extractor_kwargs": {"spec": work.spec},
             },
-            seed=0,
+            seed=seed,
             device=work.compute.device,
         )
 
@@ -133,6 +134,11 @@ class Sb3Training:
         started_s = time.perf_counter()
         self._model.learn(self._steps, log_interval=None, reset_num_timesteps=False)
         return Pace(self._steps, time.perf_counter() - started_s)
+
+    def likeliest(self, frames: NDArray[np.uint8]) -> NDArray[Any]:
+        """The most likely actions, shape (n,), for frames of shape (n, 1, 120, 160)."""
+        actions, _ = self._model.predict(frames, deterministic=True)
+        return actions
 
     def close(self) -> None:
         """Free the threads."""
