@@ -6,13 +6,13 @@ FOLDER is a DeepRacer-for-Cloud model folder of a time trial on `reinvent_base`:
 hyperparameters, action space and centre-line reward are trained with the real commands until as
 many steps are learned from as the folder's traces hold. With --json the last line of stdout is one
 object: `steps`, `wall_s`, `steps_per_s`, `reference_steps_per_s`, `mean_progress_last_5`,
-`reference_progress_last_5`, `drive_s`, `learn_s`, `exchange_s`.
+`reference_progress_last_5`, `drive_s`, `learn_s`, `exchange_s`, `evaluation_laps` of the 3 that
+`dr-evaluate` then drives with the best checkpoint, and `lap_s`, the fastest of them.
 """
 
 import argparse
 import csv
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -50,7 +50,7 @@ def main() -> None:
 
     reference = read_reference(arguments.reference)
     wanted = sum(steps for steps, _ in reference)
-    history = train(arguments.reference, wanted, arguments.seed)
+    history, laps_s = train(arguments.reference, wanted, arguments.seed)
     wall_s = sum(r["steps"] / r["steps_per_s"] for r in history)
     steps = history[-1]["total_steps"]
     result = {
@@ -61,6 +61,8 @@ def main() -> None:
         "mean_progress_last_5": sum(r["mean_progress"] for r in history[-5:]) / 5,
         "reference_progress_last_5": sum(p for _, p in reference[-5:]) / 5,
         **{k: sum(r[k] for r in history) for k in ("drive_s", "learn_s", "exchange_s")},
+        "evaluation_laps": len(laps_s),
+        "lap_s": min(laps_s, default=None),
     }
     if arguments.picture:
         draw(reference, history, arguments.picture)
@@ -79,8 +81,12 @@ def read_reference(folder: Path) -> list[tuple[int, float]]:
     return found
 
 
-def train(reference: Path, steps: int, seed: int) -> list[dict[str, Any]]:
-    """Train with the recorded inputs until that many steps are learned from; the learning curve."""
+def train(reference: Path, steps: int, seed: int) -> tuple[list[dict[str, Any]], list[float]]:
+    """Train with the recorded inputs until that many steps are learned from, then evaluate.
+
+    Returns:
+        The learning curve, and the times of the completed evaluation laps, seconds.
+    """
     with tempfile.TemporaryDirectory(prefix="bench-reference-") as name:
         folder = Path(name)
         for file in ("run.env", "system.env"):
@@ -100,14 +106,20 @@ def train(reference: Path, steps: int, seed: int) -> list[dict[str, Any]]:
             except (OSError, ValueError):  # not there yet, or being replaced
                 continue
         dr(folder, "stop-training")
+        trials = json.loads(dr(folder, "evaluate", "--json", check=False).splitlines()[-1])[
+            "trials"
+        ]
         stop_storage(load_settings(folder), folder)
-        return history
+        return history, [t["lap_s"] for t in trials if t["status"] == "Lap complete"]
 
 
-def dr(folder: Path, *arguments: str) -> None:
-    """Run a command in a folder."""
+def dr(folder: Path, *arguments: str, check: bool = True) -> str:
+    """Run a command in a folder; what it printed."""
     program = Path(sys.executable).parent / "dr"
-    subprocess.run([str(program), *arguments], cwd=folder, env=dict(os.environ), check=True)
+    done = subprocess.run(
+        [str(program), *arguments], cwd=folder, check=check, stdout=subprocess.PIPE, text=True
+    )
+    return done.stdout
 
 
 def draw(reference: list[tuple[int, float]], history: list[dict[str, Any]], path: Path) -> None:

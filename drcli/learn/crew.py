@@ -4,6 +4,7 @@ import copy
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
+from threading import Barrier
 from typing import Generic, TypeVar
 
 import torch
@@ -47,11 +48,11 @@ class Crew(Generic[M]):
         if parts == 1:
             return
         self._models += [_twin(model) for _ in range(parts - 1)]
-        self._pool = ThreadPoolExecutor(
-            parts, "minibatch", initializer=_limit_threads, initargs=(max(1, threads // parts),)
-        )
         before = torch.get_num_threads()
-        wait([self._pool.submit(torch.get_num_threads) for _ in range(parts)])
+        self._pool = ThreadPoolExecutor(parts, "minibatch")
+        together = Barrier(parts)
+        limit = max(1, threads // parts)
+        wait([self._pool.submit(_begin_thread, limit, together) for _ in range(parts)])
         torch.set_num_threads(before)
 
     def backward(
@@ -112,6 +113,8 @@ def _twin(model: M) -> M:
     return twin
 
 
-def _limit_threads(threads: int) -> None:
+def _begin_thread(threads: int, together: Barrier) -> None:
+    """Limit the threads of operations that are called in this thread."""
     torch.set_num_threads(threads)
-    torch.get_num_threads()  # only now the limit holds for this thread whatever others set later
+    torch.get_num_threads()  # only now the limit holds here, whatever others set later
+    together.wait()
