@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from drcli.config import Settings
     from drcli.runs.report import IterationRecord, RunReport
 
-POLL_S = 0.5
-"""How often a run is looked at; a look costs 35 ms of processor time that the training lacks."""
+POLL_S = 1.0
+"""How often a run is looked at; a look takes processor time that the training lacks."""
 
 NEXT = [
     ("dr-logs trainer -f", "follow the learner"),

@@ -55,21 +55,27 @@ class Crew(Generic[M]):
         wait([self._pool.submit(_begin_thread, limit, together) for _ in range(parts)])
         torch.set_num_threads(before)
 
-    def backward(
-        self, loss_of: Callable[[M, slice], tuple[Tensor, Tensor]], samples: int
+    def step(
+        self,
+        loss_of: Callable[[M, slice], tuple[Tensor, Tensor]],
+        samples: int,
+        update: Callable[[], object],
     ) -> Tensor:
-        """Leave the gradient of the mean loss in the network's parameters.
+        """Take the gradient of the mean loss, and act on it.
 
         Args:
             loss_of: From a network and a range of samples to their mean loss, a scalar, and means
                 of other figures. It is called in several threads at a time.
             samples: How many there are.
+            update: Called when the gradient is in the network's parameters.
 
         Returns:
             Means of the figures over all samples.
         """
         if self._pool is None or samples < len(self._models):
-            return self._part(self._models[0], loss_of, slice(0, samples), 1.0)
+            figures = self._part(self._models[0], loss_of, slice(0, samples), 1.0)
+            update()
+            return figures
         count = len(self._models)
         bounds = [samples * number // count for number in range(count + 1)]
         tasks = [
@@ -80,7 +86,9 @@ class Crew(Generic[M]):
         ]
         wait(tasks)
         figures = torch.stack([task.result() for task in tasks]).sum(0)
-        self._add_up()
+        # Also what is left to do is done without threads inside operations: waking them for a
+        # few short ones took as long as those.
+        self._pool.submit(self._finish, update).result()
         return figures
 
     def _part(
@@ -95,14 +103,15 @@ class Crew(Generic[M]):
         (loss * share).backward()  # type: ignore[no-untyped-call]
         return figures.detach() * share
 
-    def _add_up(self) -> None:
-        """Take the others' gradients to the network's own."""
+    def _finish(self, update: Callable[[], object]) -> None:
+        """Take the others' gradients to the network's own, and act on their sum."""
         with torch.no_grad():
             for own, *others in zip(*(m.parameters() for m in self._models), strict=True):
                 for other in others:
                     if other.grad is not None:
                         own.grad = other.grad if own.grad is None else own.grad.add_(other.grad)
                         other.grad = None
+        update()
 
 
 def _twin(model: M) -> M:

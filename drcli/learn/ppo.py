@@ -181,13 +181,18 @@ class PPO:
         Returns:
             Surrogate loss, value loss, entropy, KL divergence and clipped share. Shape (5,).
         """
-        figures = self._crew.backward(
-            lambda model, part: self._loss(model, batch, rows[part], beta_entropy), len(rows)
+        figures = self._crew.step(
+            lambda model, part: self._loss(model, batch, rows[part], beta_entropy),
+            len(rows),
+            self._descend,
         )
+        return figures.cpu()
+
+    def _descend(self) -> None:
+        """Let the optimizer act on the gradient."""
         if self.config.max_grad_norm is not None:
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
         self.optimizer.step()
-        return figures.cpu()
 
     def _loss(
         self, model: ActorCritic, batch: "_Batch", rows: Tensor, beta_entropy: float

@@ -117,7 +117,7 @@ def _samples_per_s(compute: Compute, spec: PolicySpec, batch_size: int, seconds:
         return loss, loss
 
     def once() -> None:
-        crew.backward(loss_of, batch_size)
+        crew.step(loss_of, batch_size, lambda: None)
         if compute.device.type == "cuda":
             torch.cuda.synchronize()
 

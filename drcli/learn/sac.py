@@ -157,17 +157,21 @@ class SAC:
         batch = self.replay.sample(self.config.batch_size, draw)
         noise = torch.randn((2, *batch.actions.shape), generator=draw)
         alpha = self.alpha()
-        figures = self._crew.backward(
+        figures = self._crew.step(
             lambda model, part: self._loss(model, batch.part(part), noise[:, part], alpha),
             len(batch.rewards),
+            self._descend,
         )
+        return figures.cpu()
+
+    def _descend(self) -> None:
+        """Let the optimizer act on the gradient, and the targets follow."""
         self.optimizer.step()
         with torch.no_grad():
             for target, p in zip(
                 self.model.targets.parameters(), self.model.critics.parameters(), strict=True
             ):
                 target.lerp_(p, self.config.tau)
-        return figures.cpu()
 
     def _loss(
         self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor

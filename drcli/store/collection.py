@@ -14,6 +14,10 @@ from drcli.store.rollouts import Manifest, Part, find_manifest
 PREFETCH_BYTES = 24 << 20
 """Most that is fetched ahead: three thousand steps. Longer iterations come while they unfold."""
 
+FIRST_LOOK_S = 0.1
+"""Pause between two looks for rollouts, at first. A look takes 8 ms of the processor time that the
+workers are driving with."""
+
 
 @dataclass(frozen=True)
 class Waiting:
@@ -93,7 +97,7 @@ class RolloutReader:
         enough = len(wanted) if enough is None else enough
         known = dict(arrived or {})
         started_s = reported_s = self._clock()
-        for delay_s in delays_s(growth=SLOW_GROWTH):
+        for delay_s in delays_s(FIRST_LOOK_S, growth=SLOW_GROWTH):
             self._look(iteration, checkpoints, wanted, known)
             missing = tuple(worker for worker in wanted if worker not in known)
             if len(known) >= enough or should_stop():

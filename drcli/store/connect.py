@@ -1,9 +1,10 @@
 """From settings to the bucket they mean."""
 
+from functools import lru_cache
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.store.endpoint import StorageConfig
+from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.s3 import S3Bucket
 from drcli.store.server import connect, ensure_running, find_running, stop
 
@@ -42,7 +43,7 @@ def open_running_bucket(settings: Settings, directory: Path) -> S3Bucket | None:
     endpoint = find_running(storage_config(settings, directory))
     if endpoint is None:
         return None
-    return S3Bucket(endpoint, settings.bucket, patience_s=2.0)
+    return _impatient(endpoint, settings.bucket)
 
 
 def ensure_storage(settings: Settings, directory: Path) -> None:
@@ -53,3 +54,9 @@ def ensure_storage(settings: Settings, directory: Path) -> None:
 def stop_storage(settings: Settings, directory: Path) -> bool:
     """End the local server; objects stay. True when one was running."""
     return stop(storage_config(settings, directory))
+
+
+@lru_cache(maxsize=4)
+def _impatient(endpoint: Endpoint, name: str) -> S3Bucket:
+    """A bucket for those who look again and again: making a client takes longer than a look."""
+    return S3Bucket(endpoint, name, patience_s=2.0)

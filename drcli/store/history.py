@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import Bucket, ObjectMissing
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ class History:
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
     """All iterations so far, oldest first; empty for a model that has none."""
-    key = keys.history(prefix)
-    if not bucket.exists(key):
+    try:
+        written = bucket.get(keys.history(prefix))
+    except ObjectMissing:
         return []
-    return [IterationRecord(**r) for r in json.loads(bucket.get(key))["iterations"]]
+    return [IterationRecord(**r) for r in json.loads(written)["iterations"]]

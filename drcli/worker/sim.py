@@ -57,6 +57,13 @@ SEED_STRIDE = 7_919
 POLL_S = 0.06
 """Pause between two looks for a new checkpoint, seconds."""
 
+QUIET_SHARE = 0.7
+"""Share of the time that the last checkpoint took in which nobody looks for the next one: each
+look takes processor time from the learner that is waited for."""
+
+LONGEST_NAP_S = 0.25
+"""Pause between two looks for a request to leave, seconds."""
+
 FINISHED_EVERY_S = 1.0
 """How often a waiting worker looks whether the training is over."""
 
@@ -164,6 +171,8 @@ class SimWorker:
         self._lag = int(overlaps(s))
         self._newest = -1
         self._evaluated = -1
+        self._driven_steps = 0
+        self._wait_s_per_step = 0.0
 
     def run(self) -> None:
         """Drive with one checkpoint after the other until the training is over.
@@ -197,6 +206,8 @@ class SimWorker:
             StopRequested: When this process was asked to leave.
         """
         looked_for_end = -FINISHED_EVERY_S
+        began = time.monotonic()
+        quiet_until = began + QUIET_SHARE * self._wait_s_per_step * self._driven_steps
         while True:
             if self._lifeline.should_stop():
                 raise StopRequested
@@ -208,9 +219,15 @@ class SimWorker:
                     return None
                 looked_for_end = time.monotonic()
             if found:
+                if self._driven_steps:
+                    self._wait_s_per_step = (time.monotonic() - began) / self._driven_steps
                 return name
             self._activity.say(f"waits for the trainer (checkpoint {number})")
             time.sleep(POLL_S)
+            while (left_s := quiet_until - time.monotonic()) > 0.0:
+                if self._lifeline.should_stop():
+                    raise StopRequested
+                time.sleep(min(left_s, LONGEST_NAP_S))
 
     def _finished(self) -> bool:
         try:
@@ -226,6 +243,7 @@ class SimWorker:
         self._activity.say(f"drives iteration {iteration}")
         training: list[Driven] = []
         evaluation: list[Driven] = []
+        self._driven_steps = 0
         writer = RolloutWriter(
             self._bucket,
             self._prefix,
@@ -243,6 +261,7 @@ class SimWorker:
                 evaluation.append(episode)
                 return
             training.append(episode)
+            self._driven_steps += episode.steps
             shard.append(episode)
             last = len(training) == len(numbers)
             if last or sum(e.steps for e in shard) >= SHARD_STEPS:

@@ -11,8 +11,8 @@ INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)
 def test_parts_leave_the_gradient_of_the_whole_and_the_mean_of_the_figures():
     whole, divided = _network(), _network()
 
-    figures = Crew(whole).backward(_loss, SAMPLES)
-    shared = Crew(divided, parts=3, threads=3).backward(_loss, SAMPLES)
+    figures = Crew(whole).step(_loss, SAMPLES, _nothing)
+    shared = Crew(divided, parts=3, threads=3).step(_loss, SAMPLES, _nothing)
 
     torch.testing.assert_close(shared, figures)
     for one, other in zip(whole.parameters(), divided.parameters(), strict=True):
@@ -23,9 +23,9 @@ def test_gradients_of_the_step_before_do_not_count():
     network = _network()
     crew = Crew(network, parts=2, threads=2)
 
-    crew.backward(_loss, SAMPLES)
+    crew.step(_loss, SAMPLES, _nothing)
     once = network[0].weight.grad.clone()
-    crew.backward(_loss, SAMPLES)
+    crew.step(_loss, SAMPLES, _nothing)
 
     assert torch.equal(network[0].weight.grad, once)
 
@@ -33,14 +33,12 @@ def test_gradients_of_the_step_before_do_not_count():
 def test_all_parts_see_new_weights_at_once():
     network, fresh = _network(), _network()
     crew = Crew(network, parts=2, threads=2)
-    crew.backward(_loss, SAMPLES)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter.sub_(0.1 * parameter.grad)
+    optimizer = torch.optim.SGD(network.parameters(), lr=0.1)
+    crew.step(_loss, SAMPLES, optimizer.step)
     fresh.load_state_dict(network.state_dict())
 
-    crew.backward(_loss, SAMPLES)
-    Crew(fresh).backward(_loss, SAMPLES)
+    crew.step(_loss, SAMPLES, _nothing)
+    Crew(fresh).step(_loss, SAMPLES, _nothing)
 
     torch.testing.assert_close(network[0].weight.grad, fresh[0].weight.grad)
 
@@ -48,7 +46,7 @@ def test_all_parts_see_new_weights_at_once():
 def test_what_no_sample_needs_has_no_gradient():
     network = _network().append(nn.Linear(1, 1))
 
-    Crew(network, parts=2, threads=2).backward(_loss, SAMPLES)
+    Crew(network, parts=2, threads=2).step(_loss, SAMPLES, _nothing)
 
     assert network[2].weight.grad is None
 
@@ -60,7 +58,7 @@ def test_fewer_samples_than_parts_are_one_part():
         seen.append(part)
         return _loss(model, part)
 
-    Crew(_network(), parts=4, threads=4).backward(loss_of, 3)
+    Crew(_network(), parts=4, threads=4).step(loss_of, 3, _nothing)
 
     assert seen == [slice(0, 3)]
 
@@ -72,7 +70,7 @@ def test_the_error_of_a_part_is_the_error_of_the_whole():
         return _loss(model, part)
 
     with pytest.raises(ArithmeticError, match="broken"):
-        Crew(_network(), parts=2, threads=2).backward(loss_of, SAMPLES)
+        Crew(_network(), parts=2, threads=2).step(loss_of, SAMPLES, _nothing)
 
 
 def test_the_threads_of_the_caller_stay_as_they_are():
@@ -83,7 +81,7 @@ def test_the_threads_of_the_caller_stay_as_they_are():
         inside.append(torch.get_num_threads())
         return _loss(model, part)
 
-    Crew(_network(), parts=2, threads=2).backward(loss_of, SAMPLES)
+    Crew(_network(), parts=2, threads=2).step(loss_of, SAMPLES, _nothing)
 
     assert inside == [1, 1]
     assert torch.get_num_threads() == before
@@ -94,6 +92,10 @@ def test_the_threads_of_the_caller_stay_as_they_are():
 )
 def test_parts_are_not_too_small(batch_size, threads, parts):
     assert parts_of(batch_size, threads) == parts
+
+
+def _nothing() -> None:
+    """For tests that look at the gradient itself."""
 
 
 def _network() -> nn.Sequential:
