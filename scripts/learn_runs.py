@@ -17,6 +17,7 @@ import torch
 
 from drcli.config import Settings, load_settings
 from drcli.hyperparameters import Hyperparameters
+from drcli.learn.acting import SideBySide
 from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, PPOConfig
@@ -153,7 +154,8 @@ class MemoryTraining:
         torch.manual_seed(seed)
         self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._driving = ActorCritic(work.spec).eval()
-        pilot = Pilot(self._driving, work.actions)
+        torch.set_num_threads(1)
+        pilot = Pilot(SideBySide(self._driving, work.threads), work.actions)
         self._driver = Driver(self._simulation, [pilot], seed)
 
     def iterate(self) -> Pace:

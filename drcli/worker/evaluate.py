@@ -114,7 +114,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     s = job.settings
     bucket = open_bucket(s, job.directory)
     threads = cores()
-    torch.set_num_threads(threads)
+    torch.set_num_threads(1)
     crews = [_pilot(job, bucket, racer) for racer in racers]
     pilots = [pilot for pilot, _ in crews]
     sensors = crews[0][1]

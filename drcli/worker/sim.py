@@ -17,6 +17,7 @@ from safetensors.torch import load as load_tensors
 
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
+from drcli.learn.acting import SideBySide
 from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -137,7 +138,7 @@ class SimWorker:
         print(announce.start_lines(s, metadata, parameters, "TRAINING"))
 
         threads = driving_threads(s)
-        torch.set_num_threads(threads)
+        torch.set_num_threads(1)
         print(f"Compute> {threads} of {cores()} cores for motion, cameras and policy.")
         self._parameters = parameters
         self._model = build_policy(metadata, parameters)
@@ -160,7 +161,7 @@ class SimWorker:
             realism=realism_of(s, "training"),
             randomize=randomize_of(s),
         )
-        self._driver = Driver(simulation, [Pilot(self._model, actions)], seed)
+        self._driver = Driver(simulation, [Pilot(SideBySide(self._model, threads), actions)], seed)
         self._metrics = TrainingMetrics(
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),

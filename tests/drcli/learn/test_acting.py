@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+import torch
+
+from drcli.learn.acting import FEWEST_CARS, SideBySide, decide, noise_dims
+from drcli.learn.observation import of_frames
+from drcli.learn.policy import ActorCritic
+from drcli.learn.spec import PolicySpec
+
+SPECS = [PolicySpec(5), PolicySpec(2, continuous=True)]
+
+
+@pytest.mark.parametrize("spec", SPECS)
+@pytest.mark.parametrize("cars", [1, 2 * FEWEST_CARS, 2 * FEWEST_CARS + 3])
+def test_parts_choose_what_the_whole_chooses(spec, cars):
+    torch.manual_seed(0)
+    policy = ActorCritic(spec).eval()
+    random = np.random.default_rng(0)
+    seen = of_frames(torch.randint(0, 255, (cars, 1, 120, 160), dtype=torch.uint8))
+    noise = random.random((cars, noise_dims(policy)), dtype=np.float32)
+    deterministic = np.arange(cars) % 2 == 0
+
+    whole = decide(policy, seen, noise, deterministic)
+    parts = decide(SideBySide(policy, threads=2), seen, noise, deterministic)
+
+    np.testing.assert_allclose(parts.actions, whole.actions, atol=1e-6)
+    np.testing.assert_allclose(parts.log_probs, whole.log_probs, rtol=1e-5)
+    np.testing.assert_allclose(parts.values, whole.values, rtol=1e-4, atol=1e-6)
+
+
+def test_new_weights_are_driven_with_at_once():
+    policy = ActorCritic(PolicySpec(2, continuous=True)).eval()
+    beside = SideBySide(policy, threads=2)
+    cars = 2 * FEWEST_CARS
+    seen = of_frames(torch.zeros((cars, 1, 120, 160), dtype=torch.uint8))
+    likeliest = (np.zeros((cars, 2), np.float32), np.ones(cars, np.bool_))
+    decide(beside, seen, *likeliest)
+
+    with torch.no_grad():
+        policy.policy_head.bias.fill_(0.25)
+
+    np.testing.assert_allclose(decide(beside, seen, *likeliest).actions, 0.25)
