@@ -21,7 +21,6 @@ from drcli.learn.acting import SideBySide
 from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
-from drcli.store.bucket import ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
@@ -33,6 +32,7 @@ from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.trace import csv_text, log_lines, schedule
+from drcli.worker.waiting import CheckpointWaiter
 from drcli.worker.world import (
     actions_of,
     load_race,
@@ -54,19 +54,6 @@ SHARD_STEPS = 256
 
 SEED_STRIDE = 7_919
 """Keeps the random numbers of one worker apart from those of the next."""
-
-POLL_S = 0.06
-"""Pause between two looks for a new checkpoint, seconds."""
-
-QUIET_SHARE = 0.7
-"""Share of the time that the last checkpoint took in which nobody looks for the next one: each
-look takes processor time from the learner that is waited for."""
-
-LONGEST_NAP_S = 0.25
-"""Pause between two looks for a request to leave, seconds."""
-
-FINISHED_EVERY_S = 1.0
-"""How often a waiting worker looks whether the training is over."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +160,14 @@ class SimWorker:
         self._newest = -1
         self._evaluated = -1
         self._driven_steps = 0
-        self._wait_s_per_step = 0.0
+        self._handed_in_s = time.monotonic()
+        self._waiter = CheckpointWaiter(
+            self._bucket,
+            self._prefix,
+            job.session,
+            should_stop=lifeline.should_stop,
+            say=self._activity.say,
+        )
 
     def run(self) -> None:
         """Drive with one checkpoint after the other until the training is over.
@@ -183,7 +177,12 @@ class SimWorker:
         """
         iteration = 0
         while True:
-            name = self._wait_for_checkpoint(max(0, iteration - self._lag))
+            name = self._waiter.wait(
+                max(0, iteration - self._lag),
+                self._newest,
+                self._driven_steps,
+                self._handed_in_s,
+            )
             if name is None:
                 print("Received termination signal from trainer. Goodbye.")
                 return
@@ -196,46 +195,6 @@ class SimWorker:
             self._model.load_state_dict(weights)
             self._iterate(iteration, name)
             iteration += 1
-
-    def _wait_for_checkpoint(self, number: int) -> keys.CheckpointName | None:
-        """Wait for a checkpoint of at least this number, or for one from before the last.
-
-        Returns:
-            Its name, or None when the training is finished.
-
-        Raises:
-            StopRequested: When this process was asked to leave.
-        """
-        looked_for_end = -FINISHED_EVERY_S
-        began = time.monotonic()
-        quiet_until = began + QUIET_SHARE * self._wait_s_per_step * self._driven_steps
-        while True:
-            if self._lifeline.should_stop():
-                raise StopRequested
-            name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
-            found = name is not None and (name.number >= number or name.number < self._newest)
-            if found or time.monotonic() - looked_for_end > FINISHED_EVERY_S:
-                # After the name: a trainer that ends marks the end before its last checkpoint.
-                if self._finished():
-                    return None
-                looked_for_end = time.monotonic()
-            if found:
-                if self._driven_steps:
-                    self._wait_s_per_step = (time.monotonic() - began) / self._driven_steps
-                return name
-            self._activity.say(f"waits for the trainer (checkpoint {number})")
-            time.sleep(POLL_S)
-            while (left_s := quiet_until - time.monotonic()) > 0.0:
-                if self._lifeline.should_stop():
-                    raise StopRequested
-                time.sleep(min(left_s, LONGEST_NAP_S))
-
-    def _finished(self) -> bool:
-        try:
-            mark = json.loads(self._bucket.get(keys.finished(self._prefix)))
-        except ObjectMissing:
-            return False
-        return bool(mark["session"] == self._job.session)
 
     def _iterate(self, iteration: int, name: keys.CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish everything about it."""
@@ -275,6 +234,7 @@ class SimWorker:
                         "evaluates": name.number if evaluates else None,
                     }
                 )
+                self._handed_in_s = time.monotonic()
                 self._publish_training(iteration, training, (begin, time.time()))
                 self._activity.say(f"evaluates checkpoint {name.number}")
 

@@ -1,0 +1,126 @@
+import json
+
+import pytest
+
+from drcli.store import keys
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.memory import MemoryBucket
+from drcli.worker.process import StopRequested
+from drcli.worker.waiting import QUIET_SHARE, CheckpointWaiter
+
+PREFIX, SESSION = "model", "this start"
+
+
+class World:
+    """A bucket, a clock that only waiting moves, and what happens at some times."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.looks_s: list[float] = []
+        self.events: list[tuple[float, object]] = []
+        self.stops = False
+        self.bucket = MemoryBucket()
+        self.store = CheckpointStore(self.bucket, PREFIX)
+        self.waiter = CheckpointWaiter(
+            self.bucket,
+            PREFIX,
+            SESSION,
+            should_stop=lambda: self.stops,
+            say=lambda text: self.looks_s.append(self.now_s),
+            clock=lambda: self.now_s,
+            pause=self.pause,
+        )
+
+    def at(self, time_s: float, event) -> None:
+        self.events.append((time_s, event))
+
+    def pause(self, seconds: float) -> None:
+        self.now_s += seconds
+        assert self.now_s < 1000.0, "waits for ever"
+        for due in [e for e in self.events if e[0] <= self.now_s]:
+            self.events.remove(due)
+            due[1]()
+
+    def publish(self, number: int) -> None:
+        self.store.save(number, 100 * number, b"weights")
+
+    def end(self, session: str = SESSION) -> None:
+        self.bucket.put(keys.finished(PREFIX), json.dumps({"session": session}).encode())
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+def test_the_checkpoint_that_is_there_is_taken_at_once(world):
+    world.publish(3)
+
+    name = world.waiter.wait(3, newest=2, steps=500, since_s=0.0)
+
+    assert name.number == 3
+    assert world.now_s == 0.0
+
+
+def test_nobody_looks_while_the_learner_cannot_be_ready_yet(world):
+    world.publish(0)
+    world.at(10.0, lambda: world.publish(1))
+    world.waiter.wait(1, newest=0, steps=500, since_s=0.0)
+    took_s = world.now_s
+    world.looks_s.clear()
+
+    # Twice the steps take twice the time.
+    world.at(took_s + 20.0, lambda: world.publish(2))
+    name = world.waiter.wait(2, newest=1, steps=1000, since_s=took_s)
+
+    assert name.number == 2
+    first, second = world.looks_s[:2]
+    assert first == took_s
+    assert second >= took_s + QUIET_SHARE * 19.0
+    assert world.now_s < took_s + 20.5
+
+
+def test_what_the_worker_did_meanwhile_does_not_make_it_come_late(world):
+    world.publish(0)
+    world.at(10.0, lambda: world.publish(1))
+    world.waiter.wait(1, newest=0, steps=500, since_s=0.0)
+    handed_in_s = world.now_s
+    world.at(handed_in_s + 10.0, lambda: world.publish(2))
+
+    world.pause(8.0)  # evaluates
+    world.waiter.wait(2, newest=1, steps=500, since_s=handed_in_s)
+
+    assert world.now_s < handed_in_s + 10.5
+
+
+def test_a_checkpoint_from_before_the_last_is_taken_too(world):
+    world.publish(4)
+
+    assert world.waiter.wait(8, newest=7, steps=0, since_s=0.0).number == 4
+
+
+def test_the_end_of_the_training_ends_the_wait(world):
+    world.publish(0)
+    world.at(5.0, world.end)
+
+    assert world.waiter.wait(1, newest=0, steps=10, since_s=0.0) is None
+
+
+def test_the_end_of_an_earlier_start_does_not(world):
+    world.end("an earlier start")
+    world.at(5.0, lambda: world.publish(0))
+
+    assert world.waiter.wait(0, newest=-1, steps=0, since_s=0.0).number == 0
+
+
+def test_a_request_to_leave_is_obeyed_in_the_quiet_time_as_well(world):
+    world.publish(0)
+    world.at(100.0, lambda: world.publish(1))
+    world.waiter.wait(1, newest=0, steps=10, since_s=0.0)
+    asked_s = world.now_s + 20.0
+    world.at(asked_s, lambda: setattr(world, "stops", True))
+
+    with pytest.raises(StopRequested):
+        world.waiter.wait(2, newest=1, steps=10, since_s=world.now_s)
+
+    assert world.now_s < asked_s + 1.0
