@@ -159,6 +159,7 @@ class SimWorker:
         self._lag = int(overlaps(s))
         self._newest = -1
         self._evaluated = -1
+        self._warm = False
         self._driven_steps = 0
         self._handed_in_s = time.monotonic()
         self._waiter = CheckpointWaiter(
@@ -250,9 +251,11 @@ class SimWorker:
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
-            self._budget.spend(share * (time.time() - begin))
+            if self._warm:  # the first iteration may have compiled, which is nobody's share
+                self._budget.spend(share * (time.time() - begin))
             evaluation.sort(key=lambda episode: episode.number)
             self._publish_evaluation(name, evaluation, numbers.stop)
+        self._warm = True
 
     def _evaluates(self, name: keys.CheckpointName) -> bool:
         """Whether the checkpoint is to be evaluated beside the driving, which takes time."""
