@@ -96,6 +96,8 @@ def train(reference: Path, steps: int, seed: int) -> tuple[list[dict[str, Any]],
         shutil.copy(reference / "ip" / "hyperparameters.json", custom)
         shutil.copy(reference / "model" / "model_metadata.json", custom)
         (custom / "reward_function.py").write_text(CENTRE_LINE_REWARD)
+        with (folder / "run.env").open("a") as file:
+            file.write("DR_TRAIN_EVAL_SHARE=1\n")
         dr(folder, "start-training", "-q", "--seed", str(seed))
         curve = folder / "data/s3/bucket/rl-deepracer-sagemaker/metrics/history.json"
         history: list[dict[str, Any]] = []

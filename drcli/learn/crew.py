@@ -24,6 +24,10 @@ def parts_of(batch_size: int, threads: int) -> int:
     return max(1, min(threads, batch_size // SMALLEST_PART))
 
 
+LARGE = 2_000_000
+"""Parameters from which on their update gains from threads inside operations. With fewer, waking
+those threads takes as long as the operations."""
+
 M = TypeVar("M", bound=nn.Module)
 
 
@@ -44,6 +48,7 @@ class Crew(Generic[M]):
             threads: Processor cores, all parts together.
         """
         self._models = [model]
+        self._is_large = sum(p.numel() for p in model.parameters()) > LARGE
         self._pool: ThreadPoolExecutor | None = None
         if parts == 1:
             return
@@ -86,9 +91,10 @@ class Crew(Generic[M]):
         ]
         wait(tasks)
         figures = torch.stack([task.result() for task in tasks]).sum(0)
-        # Also what is left to do is done without threads inside operations: waking them for a
-        # few short ones took as long as those.
-        self._pool.submit(self._finish, update).result()
+        if self._is_large:
+            self._finish(update)
+        else:
+            self._pool.submit(self._finish, update).result()
         return figures
 
     def _part(
