@@ -34,11 +34,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from learn_runs import Work
+from learn_runs import Work, rollout_of
 from numpy.typing import NDArray
 
 from drcli.hyperparameters import Hyperparameters
-from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO
 from drcli.learn.precision import flush_denormals
@@ -262,22 +261,6 @@ def blind_share(parameters: Hyperparameters, before: int) -> Callable[[int], flo
         return 1.0 + (parameters.e_greedy_value - 1.0) * done
 
     return share
-
-
-def rollout_of(episodes: Sequence[Driven]) -> Rollout:
-    """Episodes of one camera and discrete actions, as the learner takes them."""
-    return Rollout(
-        frames=np.stack([frame for e in episodes for frame in e.frames]),
-        actions=np.array([action for e in episodes for action in e.actions]),
-        log_probs=np.array([p for e in episodes for p in e.log_probs], np.float32),
-        values=np.array([value for e in episodes for value in e.values], np.float32),
-        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]], np.float32),
-        lengths=np.array([e.steps for e in episodes]),
-        last_values=np.array([e.last_value for e in episodes], np.float32),
-        cut=np.array([e.cut for e in episodes]),
-        scans=np.stack([scan for e in episodes for scan in e.scans]),
-        states=np.stack([state for e in episodes for state in e.states]),
-    )
 
 
 def figures(curves: Sequence[Curve], steps: int) -> dict[str, float]:

@@ -164,7 +164,7 @@ class MemoryTraining:
         self._driving.load_state_dict(self._ppo.model.state_dict())
         driven: list[Driven] = []
         self._driver.drive(self._plans(), driven.append)
-        self.rollout = _rollout([e for e in driven if e.phase == "training"])
+        self.rollout = rollout_of([e for e in driven if e.phase == "training"])
         seed = self._seed + SEED_STRIDE * self._number
         self._ppo.update(self.rollout, seed, steps_before=self._steps)
         self._number += 1
@@ -241,7 +241,7 @@ def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
     return [Pace(record["steps"], record["steps"] / record["steps_per_s"]) for record in history]
 
 
-def _rollout(episodes: Sequence[Driven]) -> Rollout:
+def rollout_of(episodes: Sequence[Driven]) -> Rollout:
     """Episodes as the learner takes them."""
     return Rollout(
         frames=np.stack([frame for e in episodes for frame in e.frames]),
