@@ -11,16 +11,8 @@ from typing import Annotated
 import typer
 
 from drcli import __version__
-from drcli.commands import (
-    evaluate,
-    increment_training,
-    logs,
-    start_training,
-    status,
-    stop_training,
-    tracks,
-)
 from drcli.commands.folder import working_folder
+from drcli.commands.lazy import LazyGroup
 from drcli.errors import DrError
 
 EPILOG = """Every command also has a name of its own: dr-status is dr status.
@@ -28,18 +20,20 @@ EPILOG = """Every command also has a name of its own: dr-status is dr status.
 \b
 Exit codes:
     0  done
-    1  a bug of ours
+    1  a question was not answered with yes, or a bug of ours
     2  wrong command line
     3  wrong setting, parameter file or reward function
     4  storage cannot be reached, read or written
     5  a worker died
     6  training cannot go on
+    7  not built yet, or not installed here
   130  interrupted (Ctrl-C)
   143  stopped (SIGTERM)
 """
 
 app = typer.Typer(
     name="dr",
+    cls=LazyGroup,
     help="Train, watch and race DeepRacer models on this machine.",
     epilog=EPILOG,
     no_args_is_help=True,
@@ -47,14 +41,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("start-training")(start_training.start_training)
-app.command("stop-training")(stop_training.stop_training)
-app.command("status")(status.status)
-app.command("logs")(logs.logs)
-app.command("evaluate")(evaluate.evaluate)
-app.command("start-evaluation", hidden=True)(evaluate.evaluate)
-app.command("increment-training")(increment_training.increment_training)
-app.add_typer(tracks.app, name="tracks")
 
 
 def _version(wanted: bool) -> None:
@@ -105,6 +91,8 @@ def main(args: list[str] | None = None) -> None:
 def _arguments(argv: list[str]) -> list[str]:
     """Arguments as `dr` would have got them."""
     name = Path(argv[0]).name.removesuffix(".exe")
+    if name.startswith("droa-"):
+        return [name, *argv[1:]]
     return [name.removeprefix("dr-"), *argv[1:]] if name.startswith("dr-") else argv[1:]
 
 

@@ -4,11 +4,22 @@ import dataclasses
 import json
 import math
 import os
+import select
 import sys
-from typing import Any, NoReturn
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Literal, NoReturn
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
+
+from drcli.errors import Aborted
+
+Advance = Callable[[int], None]
+"""Takes how much more is done."""
+
+_ANSWER_PATIENCE_S = 1.0
+"""For how long an answer may be on its way through a pipe."""
 
 
 class _Console(Console):
@@ -57,10 +68,63 @@ def warn(text: str) -> None:
     err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
 
 
-def confirm(question: str) -> bool:
-    """Ask for a yes; anything else is a no, and so is an input that has ended."""
-    err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
-    return sys.stdin.readline().strip().casefold() in ("y", "yes")
+def agree(question: str, *, yes: bool) -> None:
+    """Ask before something is lost or replaced, unless the user has said yes already.
+
+    A question is put on a terminal only. Elsewhere an answer that already waits on standard input
+    counts, as in `echo y | dr-...`; where none does, the answer is no.
+
+    Args:
+        question: Ends with a question mark.
+        yes: The flag that asks nothing.
+
+    Raises:
+        Aborted: The answer is no.
+    """
+    if yes:
+        return
+    if sys.stdin.isatty():
+        err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
+        answer = sys.stdin.readline()
+    else:
+        say(f"{question} [y/N]")
+        answer = sys.stdin.readline() if _has_input() else ""
+    if answer.strip().casefold() not in ("y", "yes"):
+        raise Aborted("Aborting. Nothing was changed.", remedy="-f (or --yes) asks nothing.")
+
+
+@contextmanager
+def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator[Advance]:
+    """A bar on a terminal, nothing elsewhere.
+
+    Args:
+        what: What is being done, as `Uploading model`.
+        total: How much there is to do.
+        unit: What is counted.
+
+    Yields:
+        A function that takes how much more is done.
+    """
+    if not is_live():
+        yield lambda amount: None
+        return
+    from rich.progress import BarColumn, DownloadColumn, MofNCompleteColumn, Progress, TextColumn
+
+    done = DownloadColumn() if unit == "bytes" else MofNCompleteColumn()
+    with Progress(TextColumn("{task.description}"), BarColumn(), done, console=err) as bars:
+        task = bars.add_task(escape(what), total=total)
+        yield lambda amount: bars.advance(task, amount)
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[None]:
+    """Say what is waited for: a spinner on a terminal, one line elsewhere."""
+    if not is_live():
+        say(what)
+        yield
+        return
+    with err.status(escape(what)):
+        yield
 
 
 def suggest(commands: list[tuple[str, str]]) -> None:
@@ -88,6 +152,14 @@ def is_live() -> bool:
     """
     attached = sys.stdin.isatty() and sys.stderr.isatty()
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
+
+
+def _has_input() -> bool:
+    """Whether standard input has an answer, or has ended; an open pipe may never say anything."""
+    try:
+        return bool(select.select([sys.stdin], [], [], _ANSWER_PATIENCE_S)[0])
+    except (OSError, ValueError):  # no real file, or closed
+        return False
 
 
 def _with_properties(report: Any) -> dict[str, Any]:

@@ -52,3 +52,17 @@ class TrainingFailed(DrError):
 
     code = 6
     final = True
+
+
+class NotAvailable(DrError):
+    """What was asked for is not built yet, or needs a program that is not installed."""
+
+    code = 7
+    final = True
+
+
+class Aborted(DrError):
+    """A question was not answered with yes; nothing was changed. Source: the reference's code."""
+
+    code = 1
+    final = True

@@ -8,7 +8,7 @@ from drcli.commands.folder import settings, working_folder
 
 
 def increment_training(
-    force: Annotated[bool, typer.Option("-f", "--force", help="Ask nothing.")] = False,
+    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete what lies under the new model prefix.")
     ] = False,
@@ -40,12 +40,9 @@ def increment_training(
     step = planned.step
     console.say(f"Configuration file {step.file} will be updated.")
     console.say(f"Incrementing model from {step.before} to {step.after}")
-    questions = ["Are you sure?"]
+    console.agree("Are you sure?", yes=force)
     if step.wipes:
-        questions.append(f"Delete everything at s3://{step.bucket}/{step.after}?")
-    if not force and not all(console.confirm(question) for question in questions):
-        console.say("Aborting. Nothing was changed; -f asks nothing.")
-        raise typer.Exit(130)
+        console.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     make_increment(planned, loaded, folder)
     console.emit(step, views.increment(step), as_json=as_json)
     console.say("Done.")
