@@ -43,6 +43,36 @@ def training_parameters(settings: Settings) -> bytes:
     return _dump(values)
 
 
+def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
+    """What `training_parameters` wrote, for a copy of the model at another place.
+
+    Args:
+        data: The file of the model that is copied.
+        bucket: Where the copy lies.
+        prefix: Its folder there, which holds all that the file names.
+
+    Raises:
+        ValueError: The data is no such file.
+    """
+    try:
+        values = yaml.safe_load(data)
+    except yaml.YAMLError as e:
+        raise ValueError(f"It is no YAML: {e}") from e
+    if not isinstance(values, dict):
+        raise ValueError("It holds no NAME: value lines.")
+    buckets = ("METRICS_S3_BUCKET", "SAGEMAKER_SHARED_S3_BUCKET", "SIMTRACE_S3_BUCKET")
+    places = {
+        **dict.fromkeys(buckets, bucket),
+        "METRICS_S3_OBJECT_KEY": keys.training_metrics(keys.metrics_prefix(prefix)),
+        "MODEL_METADATA_FILE_S3_KEY": keys.model_metadata(prefix),
+        "REWARD_FILE_S3_KEY": keys.reward_function(prefix),
+        "SAGEMAKER_SHARED_S3_PREFIX": prefix,
+        "SIMTRACE_S3_PREFIX": prefix,
+    }
+    values.pop("S3_ENDPOINT_URL", None)  # the address of the server that it was copied from
+    return _dump({**values, **places})
+
+
 def evaluation_parameters(
     settings: Settings, simtrace_prefix: str, metrics_key: str, opponent_metrics_key: str
 ) -> bytes:

@@ -1,7 +1,7 @@
 """The bucket as everything above storage sees it: five verbs, kept by S3 or by memory."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Protocol
@@ -30,6 +30,9 @@ class ObjectInfo:
     modified: datetime
 
 
+Watch = Callable[[int], None]
+"""Takes how many more bytes have travelled; less than none when they have to travel again."""
+
 Listing = list[ObjectInfo]
 """Named, because inside a bucket `list` is a verb."""
 
@@ -42,15 +45,19 @@ class Bucket(Protocol):
         """Name of the bucket."""
         ...
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object.
+
+        Args:
+            key: The object.
+            watch: Told how far it is.
 
         Raises:
             ObjectMissing: There is none.
         """
         ...
 
-    def put(self, key: str, data: bytes) -> None:
+    def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Write an object, which other readers see whole or not at all. May be repeated."""
         ...
 

@@ -1,26 +1,14 @@
 """From settings to the bucket they mean."""
 
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames
+from drcli.store.look import storage_config
+from drcli.store.profiles import read_profile
 from drcli.store.s3 import S3Bucket
-from drcli.store.server import connect, ensure_running, find_running, stop
-
-
-def storage_config(settings: Settings, directory: Path) -> StorageConfig:
-    """Where the bucket is, relative to the racer's working folder."""
-    return StorageConfig(
-        cloud=settings.cloud,
-        bucket=settings.bucket,
-        data_dir=directory / settings.s3_data_dir,
-        engine=settings.local_s3_engine,
-        port=settings.local_s3_port or None,
-        endpoint_url=settings.remote_minio_url or None,
-        profile=settings.profile or None,
-        region=settings.aws_app_region,
-    )
+from drcli.store.server import connect, ensure_running, last_known, stop
 
 
 def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0) -> S3Bucket:
@@ -38,12 +26,51 @@ def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0
     return connect(storage_config(settings, directory), patience_s=patience_s)
 
 
-def open_running_bucket(settings: Settings, directory: Path) -> S3Bucket | None:
-    """The bucket, or None where its local server does not run; starts nothing."""
-    endpoint = find_running(storage_config(settings, directory))
-    if endpoint is None:
-        return None
-    return _impatient(endpoint, settings.bucket)
+def open_upload_bucket(
+    settings: Settings,
+    *,
+    name: str | None = None,
+    names: SettingNames = UPLOADS,
+    patience_s: float = 60.0,
+) -> S3Bucket:
+    """A bucket on the server that models are copied to and from.
+
+    That server is DR_UPLOAD_S3_ENDPOINT_URL; where it is not set, what DR_UPLOAD_S3_PROFILE says
+    in the AWS files; else Amazon's.
+
+    Args:
+        settings: Say where it is.
+        name: Another bucket there than DR_UPLOAD_S3_BUCKET.
+        names: What to call the settings in errors.
+        patience_s: How long calls wait for a server that does not answer.
+
+    Raises:
+        StorageError: The profile does not exist.
+    """
+    profile = settings.upload_s3_profile or None
+    found = read_profile(profile, names.profile)
+    if not settings.upload_s3_endpoint_url:
+        names = replace(names, address=names.profile)
+    endpoint = Endpoint(
+        settings.upload_s3_endpoint_url or found.endpoint_url,
+        profile=profile,
+        region=found.region or settings.aws_app_region,
+        names=names,
+    )
+    return S3Bucket(endpoint, name or settings.upload_s3_bucket, patience_s=patience_s)
+
+
+def known_endpoint(settings: Settings, directory: Path) -> Endpoint | None:
+    """The bucket's server, None where the local one was never started; starts and asks nobody.
+
+    The `pid` of a local server that does not run is None.
+    """
+    return last_known(storage_config(settings, directory))
+
+
+def running_endpoint(settings: Settings, directory: Path) -> Endpoint:
+    """The bucket's server, the local one started where needed; for other programs to talk to."""
+    return ensure_running(storage_config(settings, directory))
 
 
 def ensure_storage(settings: Settings, directory: Path) -> None:
@@ -54,9 +81,3 @@ def ensure_storage(settings: Settings, directory: Path) -> None:
 def stop_storage(settings: Settings, directory: Path) -> bool:
     """End the local server; objects stay. True when one was running."""
     return stop(storage_config(settings, directory))
-
-
-@lru_cache(maxsize=4)
-def _impatient(endpoint: Endpoint, name: str) -> S3Bucket:
-    """A bucket for those who look again and again: making a client takes longer than a look."""
-    return S3Bucket(endpoint, name, patience_s=2.0)

@@ -35,6 +35,35 @@ class StorageConfig:
 
 
 @dataclass(frozen=True)
+class SettingNames:
+    """What the settings are called that led to a bucket, for the words of an error.
+
+    Args:
+        bucket: Decides the bucket.
+        prefix: Decides the model in it.
+        profile: Decides the access keys.
+        address: Decides the server where it is not Amazon's.
+        amazon: Decides that it is Amazon's.
+    """
+
+    bucket: str = "DR_LOCAL_S3_BUCKET"
+    prefix: str = "DR_LOCAL_S3_MODEL_PREFIX"
+    profile: str = "DR_LOCAL_S3_PROFILE"
+    address: str = "DR_REMOTE_MINIO_URL"
+    amazon: str = "DR_CLOUD=aws"
+
+
+UPLOADS = SettingNames(
+    bucket="DR_UPLOAD_S3_BUCKET",
+    prefix="DR_UPLOAD_S3_PREFIX",
+    profile="DR_UPLOAD_S3_PROFILE",
+    address="DR_UPLOAD_S3_ENDPOINT_URL",
+    amazon="DR_UPLOAD_S3_PROFILE",
+)
+"""Of the second bucket, which models are copied to."""
+
+
+@dataclass(frozen=True)
 class Endpoint:
     """An S3 address together with what is needed to sign requests to it.
 
@@ -47,6 +76,7 @@ class Endpoint:
         engine: Program behind a local address, None for anybody else's server.
         pid: Process of the local server where it is known.
         data_dir: Folder in which the local server keeps its objects.
+        names: What the settings behind all this are called.
     """
 
     url: str | None
@@ -57,13 +87,14 @@ class Endpoint:
     engine: Engine | None = None
     pid: int | None = None
     data_dir: Path | None = None
+    names: SettingNames = SettingNames()
 
     @property
     def setting(self) -> str:
         """Name of the setting that decides where this address points."""
         if self.engine is not None:
             return "DR_CLOUD=local"
-        return "DR_CLOUD=aws" if self.url is None else "DR_REMOTE_MINIO_URL"
+        return self.names.amazon if self.url is None else self.names.address
 
     @property
     def place(self) -> str:

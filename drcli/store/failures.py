@@ -81,10 +81,10 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
         return _explain_answer(error, attempt)
     if isinstance(error, (NoCredentialsError, PartialCredentialsError)):
         return StorageError(
-            f"Cannot {attempt}: boto3 found no access keys (DR_LOCAL_S3_PROFILE is "
+            f"Cannot {attempt}: boto3 found no access keys ({attempt.endpoint.names.profile} is "
             f"'{attempt.endpoint.profile or ''}').",
-            remedy="Set DR_LOCAL_S3_PROFILE to a profile of ~/.aws/credentials, or export "
-            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
+            remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
+            "export AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
         )
     if patience_share(error) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
@@ -97,19 +97,19 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
 def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
     code, status = _answer(error)
     endpoint = attempt.endpoint
+    names = endpoint.names
     if code == "NoSuchBucket" or (code in MISSING_CODES and not attempt.key):
         return StorageError(
-            f"There is no bucket '{attempt.bucket}' at {endpoint.place} (DR_LOCAL_S3_BUCKET).",
-            remedy="Correct DR_LOCAL_S3_BUCKET, or create the bucket.",
+            f"There is no bucket '{attempt.bucket}' at {endpoint.place} ({names.bucket}).",
+            remedy=f"Correct {names.bucket}, or create the bucket.",
         )
     if code in MISSING_CODES:
         return ObjectMissing(
             f"There is no object {attempt.bucket}/{attempt.key} at {endpoint.place}.",
-            remedy="Check the model prefix (DR_LOCAL_S3_MODEL_PREFIX) and the bucket "
-            "(DR_LOCAL_S3_BUCKET).",
+            remedy=f"Check the model prefix ({names.prefix}) and the bucket ({names.bucket}).",
         )
     if code in _REFUSED_CODES or status == 403:
-        whose = "DR_LOCAL_S3_PROFILE" if endpoint.engine is None else endpoint.setting
+        whose = names.profile if endpoint.engine is None else endpoint.setting
         return StorageError(
             f"Cannot {attempt}: the server refuses the access keys of {whose} ({code}).",
             remedy="Check the keys of that profile and that they may read, write, list and delete "
@@ -152,4 +152,4 @@ def _wake_up(endpoint: Endpoint) -> str:
         return "Start the command again; it starts the local server when it is not running."
     if endpoint.url is None:
         return "Check the network connection and DR_AWS_APP_REGION."
-    return "Start that server, or correct DR_REMOTE_MINIO_URL."
+    return f"Start that server, or correct {endpoint.names.address}."

@@ -41,6 +41,11 @@ def model_metadata(prefix: str) -> str:
     return folder(prefix) + "model/model_metadata.json"
 
 
+def root_metadata(prefix: str) -> str:
+    """A second copy of the model's metadata, where import tools look for it."""
+    return folder(prefix) + MODEL_METADATA_FILE
+
+
 def hyperparameters(prefix: str) -> str:
     """The model's own copy of its hyperparameters, all values filled in."""
     return folder(prefix) + "ip/hyperparameters.json"
@@ -213,6 +218,15 @@ def checkpoint_record(prefix: str, name: str) -> str:
 def checkpoint_graph(prefix: str, number: int) -> str:
     """The inference graph of checkpoint `number`, as the physical car takes it."""
     return f"{model_folder(prefix)}model_{number}.pb"
+
+
+TENSORFLOW_PARTS = (".index", ".meta", ".data-00000-of-00001")
+"""What the reference's checkpoints are made of; all three are needed."""
+
+
+def checkpoint_part(prefix: str, name: str, part: str) -> str:
+    """One of the files of a checkpoint, by what follows its name."""
+    return f"{model_folder(prefix)}{name}{part}"
 
 
 def checkpoint_of(prefix: str, key: str) -> CheckpointName | None:

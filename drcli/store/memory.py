@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, checked_folder
+from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.fingerprint import Fingerprint
 
 
@@ -21,7 +21,7 @@ class MemoryBucket:
         """Name of the bucket."""
         return self._name
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing when there is none."""
         with self._lock:
             if key not in self._objects:
@@ -29,12 +29,17 @@ class MemoryBucket:
                     f"There is no object {self._name}/{key} in memory.",
                     remedy="Write it before reading it.",
                 )
-            return self._objects[key][0]
+            data = self._objects[key][0]
+        if watch is not None:
+            watch(len(data))
+        return data
 
-    def put(self, key: str, data: bytes) -> None:
+    def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Keep a copy of the data."""
         with self._lock:
             self._objects[key] = (bytes(data), datetime.now(UTC))
+        if watch is not None:
+            watch(len(data))
 
     def delete(self, keys: Iterable[str]) -> None:
         """Forget objects."""

@@ -4,24 +4,26 @@ import io
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterable, Sequence
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from drcli.errors import StorageError
 from drcli.store.backoff import delays_s
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, checked_folder
+from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
+from drcli.store.profiles import session_of
 
 if TYPE_CHECKING:
-    from boto3.session import Session
     from mypy_boto3_s3.client import S3Client
 
 MULTIPART_FROM_BYTES = 64 << 20
 """Below this an object travels in one request, which a server either keeps whole or not at all."""
 
-_PART_BYTES = 16 << 20
+PART_BYTES = 16 << 20
+_READ_BYTES = 1 << 18
 _CONNECT_TIMEOUT_S = 5
 _PAGE_KEYS = 1000
 """S3 lists and deletes no more keys in one request."""
@@ -76,17 +78,17 @@ class S3Bucket:
         """Close the connections; not needed where the process ends anyway."""
         self._client.close()
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing when there is none."""
-        return self._patiently(
-            lambda: self._client.get_object(Bucket=self._name, Key=key)["Body"].read(),
-            self._attempt("read", key),
-        )
+        return self._patiently(lambda: self._get(key, watch), self._attempt("read", key))
 
-    def put(self, key: str, data: bytes) -> None:
+    def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Write an object, in one request below 64 MiB and in parts above."""
-        call = self._put_whole if len(data) < MULTIPART_FROM_BYTES else self._put_in_parts
-        self._patiently(lambda: call(key, data), self._attempt("write", key, len(data)))
+        if watch is None and len(data) < MULTIPART_FROM_BYTES:
+            call = partial(self._put_whole, key, data)
+        else:
+            call = partial(self._put_in_parts, key, data, watch)
+        self._patiently(call, self._attempt("write", key, len(data)))
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects, a thousand in a request."""
@@ -152,7 +154,7 @@ class S3Bucket:
             if self.get(key) != content or [o.key for o in self.list(folder)] != [key]:
                 raise StorageError(
                     f"{self._endpoint.place} does not give back what was written to "
-                    f"'{self._name}' (DR_LOCAL_S3_BUCKET).",
+                    f"'{self._name}' ({self._endpoint.names.bucket}).",
                     remedy="Use another S3 server; this one would lose a model.",
                 )
         finally:
@@ -178,20 +180,35 @@ class S3Bucket:
                     raise explain(e, attempt) from e
                 self._pause(min(next(delays), left_s))
 
+    def _get(self, key: str, watch: Watch | None) -> bytes:
+        body = self._client.get_object(Bucket=self._name, Key=key)["Body"]
+        if watch is None:
+            return body.read()
+        with _counting(watch) as count:
+            chunks = []
+            for chunk in body.iter_chunks(_READ_BYTES):
+                chunks.append(chunk)
+                count(len(chunk))
+        return b"".join(chunks)
+
     def _put_whole(self, key: str, data: bytes) -> None:
         self._client.put_object(Bucket=self._name, Key=key, Body=data)
 
-    def _put_in_parts(self, key: str, data: bytes) -> None:
+    def _put_in_parts(self, key: str, data: bytes, watch: Watch | None) -> None:
+        """Write an object with the library that cuts large ones into parts and counts bytes."""
         from boto3.s3.transfer import TransferConfig
 
         # One part after the other: the embedded server writes them to disk in that order and
         # would have to hold back in memory what comes too early.
         config = TransferConfig(
             multipart_threshold=MULTIPART_FROM_BYTES,
-            multipart_chunksize=_PART_BYTES,
+            multipart_chunksize=PART_BYTES,
             use_threads=False,
         )
-        self._client.upload_fileobj(io.BytesIO(data), self._name, key, Config=config)
+        with _counting(watch) as count:
+            self._client.upload_fileobj(
+                io.BytesIO(data), self._name, key, Config=config, Callback=count
+            )
 
     def _delete_batch(self, keys: Sequence[str]) -> None:
         answer = self._client.delete_objects(
@@ -217,6 +234,24 @@ class S3Bucket:
         return sorted(found, key=lambda info: info.key)
 
 
+@contextmanager
+def _counting(watch: Watch | None) -> Iterator[Watch]:
+    """Pass on how many bytes travel, and take it back when they did so in vain."""
+    travelled = 0
+
+    def count(more: int) -> None:
+        nonlocal travelled
+        travelled += more
+        if watch is not None:
+            watch(more)
+
+    try:
+        yield count
+    except BaseException:
+        count(-travelled)
+        raise
+
+
 _making_clients = threading.Lock()
 """Clients may be shared by threads, but not made by several at once."""
 
@@ -236,7 +271,7 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
         s3={"addressing_style": "auto" if endpoint.url is None else "path"},
     )
     with _making_clients:
-        return _session(endpoint.profile).client(
+        return session_of(endpoint.profile, endpoint.names.profile).client(
             "s3",
             endpoint_url=endpoint.url,
             region_name=endpoint.region,
@@ -244,20 +279,3 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
             aws_secret_access_key=endpoint.secret_key,
             config=config,
         )
-
-
-@cache
-def _session(profile: str | None) -> "Session":
-    """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse."""
-    # Imported here: boto3 takes a quarter of a second that commands without a bucket need not pay.
-    from boto3.session import Session
-    from botocore.exceptions import ProfileNotFound
-
-    try:
-        return Session(profile_name=profile)
-    except ProfileNotFound as e:
-        raise StorageError(
-            f"There is no profile '{profile}' in the AWS files (DR_LOCAL_S3_PROFILE).",
-            remedy=f"Create it with `aws configure --profile {profile}`, or set "
-            "DR_LOCAL_S3_PROFILE to another one.",
-        ) from e

@@ -1,5 +1,6 @@
 """The best and the last checkpoint of a model: `deepracer_checkpoints.json`."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -90,6 +91,21 @@ def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
     if scores.best_checkpoint.tie_break is not None:
         written[_TIE_BREAK] = scores.best_checkpoint.tie_break
     put_json(bucket, keys.deepracer_checkpoints(prefix), written)
+
+
+def single_score(score: Score) -> bytes:
+    """The file of a model with one checkpoint alone, as after an upload: the last one first.
+
+    Older tools know the metric as `avg_comp_pct`, and -1 as its value before an evaluation.
+    """
+    entry = asdict(score)
+    del entry["tie_break"]
+    metric = score.avg_eval_metric
+    entry["avg_comp_pct"] = -1.0 if metric is None else metric
+    written: dict[str, Any] = {"last_checkpoint": entry, "best_checkpoint": entry}
+    if score.tie_break is not None:
+        written[_TIE_BREAK] = score.tie_break
+    return json.dumps(written, allow_nan=False).encode()
 
 
 def tie_break_of(metric: str, progress: Sequence[float], lap_s: Sequence[float]) -> float:

@@ -66,6 +66,20 @@ def find_running(config: StorageConfig) -> Endpoint | None:
     return state.endpoint(config) if state is not None and _answers(state, config) else None
 
 
+def last_known(config: StorageConfig) -> Endpoint | None:
+    """The server as it was last started, None where the local one never was; asks nobody.
+
+    Its `pid` is None where no such process lives any more.
+    """
+    if config.cloud != "local":
+        return ensure_running(config)
+    state = _State.read(_own(config, "json"))
+    if state is None:
+        return None
+    lives = state.pid is not None and process.is_running(state.pid, state.mark)
+    return (state if lives else replace(state, pid=None)).endpoint(config)
+
+
 def stop(config: StorageConfig) -> bool:
     """End the local server; objects stay (moto's excepted). True when one was running."""
     if config.cloud != "local" or not config.data_dir.exists():

@@ -9,7 +9,7 @@ import pytest
 
 from drcli.errors import SettingsError
 from drcli.runs import lease
-from drcli.runs.increment import make_increment, plan_increment, raised
+from drcli.runs.increment import make_increment, plan_increment
 from drcli.runs.record import RunRecord, run_folder
 
 
@@ -24,31 +24,6 @@ def increment(trained):
         return planned.step
 
     return run
-
-
-@pytest.mark.parametrize(
-    ("written", "prefix", "delimiter", "after"),
-    [
-        ("rl-deepracer-1", "rl-deepracer-1", None, ("rl-deepracer-2", "rl-deepracer-2")),
-        ("m-9", "m-9", None, ("m-10", "m-10")),
-        ("m-99", "m-99", None, ("m-100", "m-100")),
-        ("m-09", "m-09", None, ("m-10", "m-10")),
-        ("model7", "model7", None, ("model8", "model8")),
-        ("model7", "model7", "-", ("model7-1", "model7-1")),
-        ("m_3", "m_3", "_", ("m_4", "m_4")),
-        ("rl-sagemaker", "rl-sagemaker", None, ("rl-sagemaker-1", "rl-sagemaker-1")),
-        ("2024", "2024", None, ("2024-1", "2024-1")),
-        ("team/model-3", "team/model-3", None, ("team/model-4", "team/model-4")),
-        ("team/7", "team/7", None, ("team/8", "team/8")),
-        ("$W/first", "oval/first", None, ("$W/first-1", "oval/first-1")),
-        ("$W/m-2", "oval/m-2", None, ("$W/m-3", "oval/m-3")),
-        ("m-$A7", "m-5", None, ("m-$A7-1", "m-5-1")),
-        ("m-$A", "m-5", "_", ("m-${A}_1", "m-5_1")),
-        ("m-${A}9", "m-29", None, ("m-${A}10", "m-210")),
-    ],
-)
-def test_the_number_at_the_end_is_raised(written, prefix, delimiter, after):
-    assert raised(written, prefix, delimiter) == after
 
 
 def test_the_next_training_starts_from_this_models_weights(trained, increment):

@@ -4,7 +4,11 @@ import pytest
 import yaml
 
 from drcli.config import Settings, load_settings
-from drcli.runs.parameters import evaluation_parameters, training_parameters
+from drcli.runs.parameters import (
+    evaluation_parameters,
+    moved_training_parameters,
+    training_parameters,
+)
 
 
 @pytest.fixture
@@ -49,3 +53,28 @@ def test_a_race_against_a_model_lists_both_racers(settings):
     assert told["METRICS_S3_OBJECT_KEY"] == ["mine/m.json", "yours/m.json"]
     assert told["CAR_COLOR"] == ["Purple", "Orange"]
     assert {len(told[name]) for name in ("MODEL_S3_BUCKET", "DISPLAY_NAME", "RACER_NAME")} == {2}
+
+
+def test_a_copy_of_a_model_is_told_its_own_place_and_keeps_everything_else(settings):
+    written = training_parameters(settings("DR_WORLD_NAME=Oval_track", "DR_CAR_COLOR=Blue"))
+
+    moved = yaml.safe_load(moved_training_parameters(written, "uploads", "team/m-1"))
+
+    same = moved.items() & yaml.safe_load(written).items()
+    assert {("WORLD_NAME", "Oval_track"), ("CAR_COLOR", "Blue")} <= same
+    assert dict(moved.items() - same) == {
+        "METRICS_S3_BUCKET": "uploads",
+        "METRICS_S3_OBJECT_KEY": "team/m-1/metrics/TrainingMetrics.json",
+        "MODEL_METADATA_FILE_S3_KEY": "team/m-1/model/model_metadata.json",
+        "REWARD_FILE_S3_KEY": "team/m-1/reward_function.py",
+        "SAGEMAKER_SHARED_S3_BUCKET": "uploads",
+        "SAGEMAKER_SHARED_S3_PREFIX": "team/m-1",
+        "SIMTRACE_S3_BUCKET": "uploads",
+        "SIMTRACE_S3_PREFIX": "team/m-1",
+    }
+
+
+@pytest.mark.parametrize("data", [b"", b"[1, 2]", b"{", b"\xff"])
+def test_what_is_no_parameter_file_is_refused(data):
+    with pytest.raises(ValueError, match="It "):
+        moved_training_parameters(data, "uploads", "m")

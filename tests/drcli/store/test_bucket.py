@@ -72,3 +72,14 @@ def test_json_that_is_none_is_named(bucket):
 
     with pytest.raises(ObjectDamaged, match=r"bucket/a\.json is not JSON"):
         get_json(bucket, "a.json")
+
+
+def test_a_watcher_is_told_every_byte_that_travels(bucket):
+    sent: list[int] = []
+    read: list[int] = []
+
+    bucket.put("k", b"0123456789", watch=sent.append)
+    data = bucket.get("k", watch=read.append)
+
+    assert data == b"0123456789"
+    assert sum(sent) == sum(read) == 10

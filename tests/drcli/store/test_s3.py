@@ -9,7 +9,7 @@ from botocore.exceptions import ClientError, EndpointConnectionError
 from botocore.response import StreamingBody
 
 from drcli.errors import StorageError
-from drcli.store import failures, s3
+from drcli.store import failures, profiles, s3
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3 import S3Bucket
@@ -154,12 +154,12 @@ def test_missing_keys_name_the_profile_setting(monkeypatch, tmp_path):
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     for name in ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_DEFAULT_PROFILE"):
         monkeypatch.delenv(name, raising=False)
-    s3._session.cache_clear()
+    profiles.session_of.cache_clear()
 
     with pytest.raises(StorageError, match="no access keys"):
         S3Bucket(Endpoint("http://127.0.0.1:1"), "bucket", patience_s=0).get("k")
 
-    s3._session.cache_clear()
+    profiles.session_of.cache_clear()
 
 
 def test_secret_keys_are_not_printed():
@@ -186,7 +186,7 @@ def test_more_keys_than_one_request_takes_are_all_deleted(wire, monkeypatch):
 
 def test_a_large_object_travels_in_parts_and_arrives_whole(wire, monkeypatch):
     monkeypatch.setattr(s3, "MULTIPART_FROM_BYTES", 6 << 20)
-    monkeypatch.setattr(s3, "_PART_BYTES", 5 << 20)
+    monkeypatch.setattr(s3, "PART_BYTES", 5 << 20)
     data = bytes(range(256)) * (12 << 12)
 
     wire.put("m/large", data)

@@ -1,0 +1,43 @@
+"""`dr upload-custom-files` and `dr download-custom-files`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+
+_AsJson = Annotated[
+    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+]
+
+
+def upload_custom_files(as_json: _AsJson = False) -> None:
+    """Copy custom_files/, or that of the experiment, to DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
+
+    All files in it, settings files included; nothing is deleted there.
+
+    Example: dr-upload-custom-files
+    """
+    from drcli import console, views_models
+    from drcli.transfer import custom_files
+
+    report = custom_files.upload_custom_files(settings(), working_folder(), console.say)
+    console.emit(report, views_models.custom_files(report, up=True), as_json=as_json)
+
+
+def download_custom_files(as_json: _AsJson = False) -> None:
+    """Copy DR_LOCAL_S3_CUSTOM_FILES_PREFIX into custom_files/, or into that of the experiment.
+
+    Nothing is deleted; a file that was different stays beside the new one as NAME.bak.
+
+    Example: dr-download-custom-files
+    """
+    from drcli import console, views_models
+    from drcli.transfer import custom_files
+
+    report = custom_files.download_custom_files(settings(), working_folder(), console.say)
+    for name in report.refused:
+        console.warn(f"{report.place}/{name} would lie outside {report.folder} and is left out.")
+    if not report.copied and not report.unchanged:
+        console.warn(f"There is nothing at {report.place}.")
+    console.emit(report, views_models.custom_files(report, up=False), as_json=as_json)

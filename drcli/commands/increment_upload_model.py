@@ -1,0 +1,56 @@
+"""`dr increment-upload-model`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+
+
+def increment_upload_model(
+    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
+    wipe: Annotated[
+        bool, typer.Option("-w", "--wipe", help="Delete what lies there in the upload bucket.")
+    ] = False,
+    prefix: Annotated[
+        str | None, typer.Option("-p", "--prefix", help="The next name, as it shall be.")
+    ] = None,
+    delimiter: Annotated[
+        str | None,
+        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+) -> None:
+    """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
+
+    Edits run.env, of which a copy stays as run.env.bak. A name without a number gets -1.
+
+    Example: dr-increment-upload-model -f
+    """
+    from drcli import console, views_models
+    from drcli.transfer.naming import make_upload_increment, plan_upload_increment
+
+    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
+        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
+    folder = working_folder()
+    planned = plan_upload_increment(
+        settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
+    )
+    step = planned.step
+    console.say(f"Configuration file {step.file} will be updated.")
+    console.say(f"Incrementing model from {step.before} to {step.after}")
+    if step.wiped:
+        place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
+        console.warn(f"{step.wiped} files at {place} will be deleted.")
+    console.agree("Are you sure?", yes=force)
+    make_upload_increment(planned, folder)
+    console.emit(step, views_models.upload_increment(step), as_json=as_json)
+    console.say("Done.")
+    console.suggest(
+        [
+            ("dr-upload-model", "upload the model there"),
+            (f"cp {step.backup} {step.file}", "take it back"),
+        ]
+    )

@@ -1,0 +1,91 @@
+"""The embedded server's bucket, looked at from beside the server: its objects are plain files.
+
+A look needs no S3 client, which takes half a second to make, and no server. Only the server writes:
+it would not notice what others put beside its objects at once.
+"""
+
+import os
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NoReturn
+
+from drcli.errors import StorageError
+from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
+from drcli.store.engines import LEFTOVERS
+
+
+class FolderBucket:
+    """Reads objects; refuses to write any.
+
+    Args:
+        folder: Where the server keeps the objects of the bucket.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @property
+    def name(self) -> str:
+        """Name of the bucket."""
+        return self._folder.name
+
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
+        """Read a whole object; ObjectMissing when there is none."""
+        path = self._folder / key
+        try:
+            data = path.read_bytes()
+        except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as e:
+            raise ObjectMissing(
+                f"There is no object {self.name}/{key} in {self._folder.parent}.",
+                remedy="Check the name, and DR_LOCAL_S3_MODEL_PREFIX.",
+            ) from e
+        except OSError as e:
+            raise self._unreadable(path, e) from e
+        if watch is not None:
+            watch(len(data))
+        return data
+
+    def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> NoReturn:
+        """Refused."""
+        raise self._only_looked_at()
+
+    def delete(self, keys: Iterable[str]) -> NoReturn:
+        """Refused."""
+        raise self._only_looked_at()
+
+    def exists(self, key: str) -> bool:
+        """Whether there is an object under this key."""
+        return (self._folder / key).is_file()
+
+    def list(self, folder: str) -> Listing:
+        """All objects below a folder (which ends with a slash), sorted by key."""
+        top = self._folder / checked_folder(folder)
+        found = []
+        for place, _, names in os.walk(top):
+            for name in names:
+                path = Path(place, name)
+                if not fnmatch(name, LEFTOVERS):
+                    found += self._info(path)
+        return sorted(found, key=lambda info: info.key)
+
+    def _info(self, path: Path) -> Listing:
+        try:
+            facts = path.stat()
+        except FileNotFoundError:  # deleted meanwhile
+            return []
+        except OSError as e:
+            raise self._unreadable(path, e) from e
+        key = path.relative_to(self._folder).as_posix()
+        modified = datetime.fromtimestamp(facts.st_mtime, UTC)
+        return [ObjectInfo(key, facts.st_size, "", modified)]
+
+    def _unreadable(self, path: Path, error: OSError) -> StorageError:
+        return StorageError(
+            f"Cannot read {path}: {error.strerror or error} (DR_S3_DATA_DIR).",
+            remedy="Check that you may read that file and its folders.",
+        )
+
+    def _only_looked_at(self) -> TypeError:
+        return TypeError(f"The bucket in {self._folder} is only looked at; write to its server.")

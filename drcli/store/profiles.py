@@ -1,0 +1,95 @@
+"""Profiles of the AWS files: whose keys to use, and which server and region they name."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from drcli.errors import StorageError
+
+if TYPE_CHECKING:
+    from boto3.session import Session
+
+DEFAULT = "default"
+"""A profile that need not exist: without it the AWS library searches on, down to the role of the
+machine, which is all that a rented one has."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What the AWS files say beside the keys.
+
+    Args:
+        endpoint_url: Address of the server where it is not Amazon's.
+        region: Region to sign for.
+    """
+
+    endpoint_url: str | None
+    region: str | None
+
+
+@cache
+def session_of(profile: str | None, setting: str) -> "Session":
+    """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse.
+
+    Args:
+        profile: None leaves the search for keys to boto3.
+        setting: Name of the setting that chose the profile.
+
+    Raises:
+        StorageError: The profile does not exist.
+    """
+    # Imported here: boto3 takes a quarter of a second that commands without a bucket need not pay.
+    from boto3.session import Session
+    from botocore.exceptions import ProfileNotFound
+
+    try:
+        return Session(profile_name=profile)
+    except ProfileNotFound as e:
+        if profile == DEFAULT:
+            return session_of(None, setting)
+        raise _no_profile(profile, setting) from e
+
+
+def read_profile(profile: str | None, setting: str) -> Profile:
+    """Server and region of a profile, from the environment and the AWS files.
+
+    Args:
+        profile: None for whatever the AWS library takes by itself.
+        setting: Name of the setting that chose the profile.
+
+    Raises:
+        StorageError: The profile does not exist, or the files cannot be read.
+    """
+    from botocore.configprovider import ConfiguredEndpointProvider
+    from botocore.exceptions import BotoCoreError, ProfileNotFound
+    from botocore.session import Session
+
+    try:
+        files = Session(profile=profile)
+        scoped = files.get_scoped_config()
+        provider = ConfiguredEndpointProvider(
+            full_config=files.full_config, scoped_config=scoped, client_name="s3"
+        )
+        return Profile(provider.provide(), scoped.get("region"))
+    except ProfileNotFound as e:
+        if profile == DEFAULT:
+            return read_profile(None, setting)
+        raise _no_profile(profile, setting) from e
+    except BotoCoreError as e:
+        raise StorageError(
+            f"The AWS files cannot be used ({setting} is '{profile or ''}'): {e}.",
+            remedy="Correct ~/.aws/config and ~/.aws/credentials.",
+        ) from e
+
+
+def _no_profile(profile: str | None, setting: str) -> StorageError:
+    if profile is None:
+        return StorageError(
+            "There is no such profile in the AWS files as AWS_PROFILE says.",
+            remedy=f"Correct AWS_PROFILE, or set {setting}.",
+        )
+    return StorageError(
+        f"There is no profile '{profile}' in the AWS files ({setting}).",
+        remedy=f"Create it with `aws configure --profile {profile}`, or set {setting} to "
+        "another one.",
+    )

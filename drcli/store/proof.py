@@ -1,0 +1,57 @@
+"""Proves that an object in a bucket is the one that was sent, with as few bytes as possible."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.store.fingerprint import Fingerprint
+from drcli.store.s3 import PART_BYTES
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What tells whether an object is these bytes.
+
+    Args:
+        fingerprint: Size and hash.
+        etags: What servers call an object of these bytes that was sent by us: its MD5 when it
+            came in one piece, the MD5 of its parts' otherwise.
+    """
+
+    fingerprint: Fingerprint
+    etags: Sequence[str]
+
+    @classmethod
+    def of(cls, data: bytes) -> "Proof":
+        """Proof of these bytes."""
+        parts = [data[start : start + PART_BYTES] for start in range(0, len(data), PART_BYTES)]
+        joined = b"".join(_md5(part).digest() for part in parts)
+        return cls(
+            Fingerprint.of(data),
+            (_md5(data).hexdigest(), f"{_md5(joined).hexdigest()}-{len(parts)}"),
+        )
+
+    def holds(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
+        """Whether an object is these bytes.
+
+        The server's word is taken where its listing has the right etag. An encrypted object, or
+        one of a server without etags, is read.
+
+        Args:
+            bucket: Holds the object.
+            info: From a listing of it, None where it is not listed.
+        """
+        if info is None or info.size_bytes != self.fingerprint.size_bytes:
+            return False
+        if info.etag in self.etags:
+            return True
+        try:
+            return self.fingerprint.fault(bucket.get(info.key)) is None
+        except ObjectMissing:
+            return False
+
+
+def _md5(data: bytes) -> "hashlib._Hash":
+    """For comparison alone; machines that forbid MD5 for safety allow that."""
+    return hashlib.md5(data, usedforsecurity=False)

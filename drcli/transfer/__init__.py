@@ -1,0 +1,1 @@
+"""Moves models and files between buckets: uploads, downloads, what lies where."""

@@ -1,0 +1,110 @@
+"""What a checkpoint needs beside its own files: reward function, parameters, metrics."""
+
+from drcli.config import Settings
+from drcli.errors import SettingsError
+from drcli.runs.parameters import moved_training_parameters, training_parameters
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.transfer.choice import Item
+
+METADATA = "model/" + keys.MODEL_METADATA_FILE
+HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
+METRICS = "metrics/"
+NOTE = "ip/run.json"
+
+SHAPING = (METADATA, HYPERPARAMETERS)
+"""Without the right ones of these, weights cannot be read."""
+
+PARAMETERS_FILE = "training_params.yaml"
+"""What import tools look for, whatever the training called it."""
+
+
+def refuse_incomplete(settings: Settings, bucket: Bucket, prefix: str) -> None:
+    """Check that a model has everything that belongs to it.
+
+    Raises:
+        SettingsError: It has not.
+    """
+    missing = [name for name, found in _places(settings, bucket, prefix).items() if not found]
+    if missing:
+        raise SettingsError(
+            f"Meta-data files are not found. Exiting. s3://{bucket.name}/{prefix} lacks "
+            f"{', '.join(missing)}.",
+            remedy="Name a model that has driven an iteration; `dr-list-models` shows all.",
+        )
+
+
+def read_companions(
+    settings: Settings, bucket: Bucket, prefix: str, target: tuple[str, str]
+) -> list[Item]:
+    """Read everything that goes with a checkpoint.
+
+    Args:
+        settings: For files that lie elsewhere than below the prefix.
+        bucket: Holds the model.
+        prefix: The model.
+        target: Bucket and prefix of the copy, which its parameter file names.
+
+    Raises:
+        StorageError: Something cannot be read.
+    """
+    items: dict[str, Item] = {}
+    for kind, found in _places(settings, bucket, prefix).items():
+        for key in found:
+            name = kind
+            if kind == METRICS:
+                name += key.removeprefix(_metrics_folder(settings, prefix, key))
+            items[name] = Item(name, bucket.get(key))
+    root = keys.MODEL_METADATA_FILE
+    items[root] = Item(root, items[METADATA].data)
+    if bucket.exists(keys.run_note(prefix)):
+        items[NOTE] = Item(NOTE, bucket.get(keys.run_note(prefix)))
+    parameters = _parameters(settings, bucket, prefix, target)
+    items[PARAMETERS_FILE] = Item(PARAMETERS_FILE, parameters)
+    return list(items.values())
+
+
+def _places(settings: Settings, bucket: Bucket, prefix: str) -> dict[str, list[str]]:
+    """Keys of each kind of file that must be there; empty where it is missing."""
+    rewards = [keys.reward_function(prefix)]
+    if prefix == settings.model_prefix:
+        rewards.append(settings.reward_key)
+    return {
+        keys.REWARD_FUNCTION_FILE: _existing(bucket, rewards)[:1],
+        METADATA: _existing(bucket, [keys.model_metadata(prefix)]),
+        HYPERPARAMETERS: _existing(bucket, [keys.hyperparameters(prefix)]),
+        METRICS: [
+            info.key
+            for folder in _metrics_folders(settings, prefix)
+            for info in bucket.list(folder)
+        ],
+    }
+
+
+def _existing(bucket: Bucket, wanted: list[str]) -> list[str]:
+    return [key for key in wanted if bucket.exists(key)]
+
+
+def _metrics_folders(settings: Settings, prefix: str) -> list[str]:
+    """The usual place, and the one of the settings if these are of this model."""
+    folders = [keys.folder(keys.metrics_prefix(prefix))]
+    if prefix == settings.model_prefix:
+        folders.append(keys.folder(settings.metrics_prefix))
+    return list(dict.fromkeys(folders))
+
+
+def _metrics_folder(settings: Settings, prefix: str, key: str) -> str:
+    return next(f for f in _metrics_folders(settings, prefix) if key.startswith(f))
+
+
+def _parameters(settings: Settings, bucket: Bucket, prefix: str, target: tuple[str, str]) -> bytes:
+    """What the model was trained with, for its new place; from the settings where it is unknown."""
+    key = keys.parameter_file(prefix, settings.training_params_file)
+    written = bucket.get(key) if bucket.exists(key) else training_parameters(settings)
+    try:
+        return moved_training_parameters(written, *target)
+    except ValueError as e:
+        raise ObjectDamaged(
+            f"s3://{bucket.name}/{key} cannot be used. {e}",
+            remedy="Delete it; it is written anew from the settings.",
+        ) from e

@@ -1,0 +1,203 @@
+"""Puts objects under a prefix so that whoever reads there never takes half a model for a whole.
+
+What has a name of its own goes first, what is shared by all checkpoints next, the pointers last.
+Every object is proved after it was written, and one that is there already is not sent again, so an
+interrupted delivery is finished by making it once more.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from drcli.errors import StorageError
+from drcli.store import keys
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
+from drcli.store.proof import Proof
+from drcli.store.scores import Score, read_scores, single_score
+from drcli.transfer.choice import Item, missing_parts
+
+POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
+"""Names of the two objects that say which checkpoint counts, in the order of writing."""
+
+_SENDINGS = 3
+"""How often an object is sent before a server that alters it is given up."""
+
+_BATCH_BYTES = 64 << 20
+"""How much is sent before it is proved, and kept in memory until then."""
+
+_LOOKS = 5
+"""How often two deliveries to one place may cross each other before the later one gives up."""
+
+
+class Delivery:
+    """One delivery to one prefix.
+
+    Args:
+        bucket: Where to.
+        prefix: The model there.
+        watch: Told how many bytes have travelled.
+
+    Attributes:
+        copied: Names of the objects sent.
+        copied_bytes: Their size.
+        unchanged: Names of those that were there already.
+        deleted: Names of those that were deleted.
+    """
+
+    def __init__(self, bucket: Bucket, prefix: str, watch: Watch) -> None:
+        self.copied: list[str] = []
+        self.copied_bytes = 0
+        self.unchanged: list[str] = []
+        self.deleted: list[str] = []
+        self._bucket = bucket
+        self._folder = keys.folder(prefix)
+        self._prefix = prefix
+        self._watch = watch
+        self._proofs: dict[str, Proof] = {}
+        self._there = self._look()
+
+    def differs(self, item: Item) -> bool:
+        """Whether something else lies where an item goes."""
+        return item.name in self._there and not self.holds(item)
+
+    def holds(self, item: Item) -> bool:
+        """Whether an item lies there as it is."""
+        return Proof.of(item.data).holds(self._bucket, self._there.get(item.name))
+
+    def has(self, name: str, info: ObjectInfo) -> bool:
+        """Whether the object of a listing elsewhere is here already, by its etag there.
+
+        It counts as unchanged then.
+        """
+        own = self._there.get(name)
+        if own is None or not info.etag or own.size_bytes != info.size_bytes:
+            return False
+        same = info.etag in Proof.of(self._bucket.get(own.key)).etags
+        if same and name not in self.unchanged:
+            self.unchanged.append(name)
+        return same
+
+    def send(self, items: Iterable[Item]) -> None:
+        """Bring objects there, and prove that they are.
+
+        Raises:
+            StorageError: They cannot be written, or do not arrive as they are.
+        """
+        sent: dict[str, bytes] = {}
+        for item in items:
+            proof = Proof.of(item.data)
+            self._proofs[item.name] = proof
+            if proof.holds(self._bucket, self._there.get(item.name)):
+                self.unchanged.append(item.name)
+                self._watch(len(item.data))
+                continue
+            self._put(item)
+            sent[item.name] = item.data
+            if sum(map(len, sent.values())) > _BATCH_BYTES:
+                self._prove(sent)
+                sent = {}
+        self._prove(sent)
+
+    def withdraw(self) -> None:
+        """Take the pointers away: nothing there counts until `publish`."""
+        self._bucket.delete([self._folder + name for name in reversed(POINTERS)])
+        for name in POINTERS:
+            self._there.pop(name, None)
+
+    def publish(self, score: Score) -> None:
+        """Let the pointers name one checkpoint as the last and the best; the index comes last."""
+        self._point(score)
+        self.copied += POINTERS
+
+    def sweep(self, folder: str, kept: Iterable[str]) -> None:
+        """Delete what lies below a folder of the prefix and was not delivered.
+
+        Args:
+            folder: Such as `model/`, or empty for everything.
+            kept: Names that stay besides.
+        """
+        doomed = self.strays(folder, [*self._proofs, *kept])
+        self._bucket.delete([self._folder + name for name in doomed])
+        self.deleted += doomed
+
+    def strays(self, folder: str, kept: Iterable[str]) -> list[str]:
+        """Names of what lies below a folder of the prefix beside these and the pointers."""
+        stay = {*kept, *POINTERS}
+        return [name for name in self._look() if name.startswith(folder) and name not in stay]
+
+    def settle(self, score: Score, checkpoint: Sequence[Item]) -> None:
+        """Look whether somebody else has delivered here meanwhile, and mend what that broke.
+
+        Two deliveries may cross: the index of one, the pointer of the other, and files that one
+        has deleted while the other relied on them. The later index counts, as long as what it
+        names is whole.
+
+        Args:
+            score: The checkpoint that this delivery has published.
+            checkpoint: Its files.
+
+        Raises:
+            StorageError: Others keep changing it.
+        """
+        for _ in range(_LOOKS):
+            listed = self._bucket.list(keys.model_folder(self._prefix))
+            named, pointed = self._named()
+            if named is None or (
+                named != score.name and missing_parts(listed, self._prefix, named)
+            ):
+                self._point(score)
+            elif named == score.name and self._lacks(listed, checkpoint):
+                self._prove({item.name: item.data for item in checkpoint})
+            elif pointed != named:
+                self._bucket.put(keys.coach_checkpoint(self._prefix), named.encode())
+            else:
+                return
+        raise StorageError(
+            f"Others keep changing s3://{self._bucket.name}/{self._prefix}.",
+            remedy="Run the command again when their uploads are done.",
+        )
+
+    def _look(self) -> dict[str, ObjectInfo]:
+        listed = self._bucket.list(self._folder)
+        return {info.key.removeprefix(self._folder): info for info in listed}
+
+    def _put(self, item: Item) -> None:
+        self._bucket.put(self._folder + item.name, item.data, watch=self._watch)
+        self.copied.append(item.name)
+        self.copied_bytes += len(item.data)
+
+    def _prove(self, sent: dict[str, bytes]) -> None:
+        """Compare what lies there with what was sent, and send again what differs."""
+        wrong = dict(sent)
+        for attempt in range(_SENDINGS + 1):
+            there = self._look() if wrong else {}
+            wrong = {
+                name: data
+                for name, data in wrong.items()
+                if not self._proofs[name].holds(self._bucket, there.get(name))
+            }
+            if not wrong or attempt == _SENDINGS:
+                break
+            for name, data in wrong.items():
+                self._bucket.put(self._folder + name, data)
+        if wrong:
+            key = f"{self._bucket.name}/{self._folder}{min(wrong)}"
+            raise ObjectDamaged(
+                f"s3://{key} does not hold what was written to it, {_SENDINGS} times.",
+                remedy="Use another S3 server; this one would lose a model.",
+            )
+
+    def _point(self, score: Score) -> None:
+        self._bucket.put(keys.coach_checkpoint(self._prefix), score.name.encode())
+        self._bucket.put(keys.deepracer_checkpoints(self._prefix), single_score(score))
+
+    def _named(self) -> tuple[str | None, str | None]:
+        """The checkpoint of the index and that of the pointer."""
+        try:
+            scores = read_scores(self._bucket, self._prefix)
+            pointed = self._bucket.get(keys.coach_checkpoint(self._prefix)).decode().strip()
+        except (ObjectMissing, ObjectDamaged):
+            return None, None
+        return (None, None) if scores is None else (scores.last_checkpoint.name, pointed)
+
+    def _lacks(self, listed: Listing, checkpoint: Sequence[Item]) -> bool:
+        sizes = {info.key.removeprefix(self._folder): info.size_bytes for info in listed}
+        return any(sizes.get(item.name) != len(item.data) for item in checkpoint)

@@ -1,0 +1,157 @@
+"""Brings the objects of a model from one bucket to another, though it may be changing there."""
+
+import json
+from collections.abc import Iterator
+
+from drcli.errors import SettingsError, StorageError
+from drcli.runs.parameters import moved_training_parameters
+from drcli.store import keys
+from drcli.store.bucket import (
+    Bucket,
+    Listing,
+    ObjectDamaged,
+    ObjectInfo,
+    ObjectMissing,
+    Watch,
+)
+from drcli.store.checkpoints import CheckpointStore
+from drcli.transfer.choice import Item, missing_parts
+from drcli.transfer.companions import HYPERPARAMETERS, METADATA, PARAMETERS_FILE
+from drcli.transfer.delivery import POINTERS, Delivery
+
+TRANSIENT = (
+    "model/.ready",
+    "model/.lock",
+    "model/.finished",
+    "ip/ip.json",
+    "ip/done",
+)
+"""Signals of a training that runs elsewhere; a copy of them would mislead the next one here."""
+
+_SNAPSHOTS = 5
+"""How often a model is listed anew that a running training changed under our hands."""
+
+
+def list_model(bucket: Bucket, prefix: str) -> Listing:
+    """Everything that belongs to a model.
+
+    Raises:
+        SettingsError: There is none.
+    """
+    folder = keys.folder(prefix)
+    listed = [
+        info
+        for info in bucket.list(folder)
+        if info.key.removeprefix(folder) not in TRANSIENT and not info.key.endswith("/")
+    ]
+    there = {info.key.removeprefix(folder) for info in listed}
+    needed = (keys.REWARD_FUNCTION_FILE, HYPERPARAMETERS, METADATA)
+    missing = [name for name in needed if name not in there]
+    if missing:
+        raise SettingsError(
+            f"Meta-data files are not found. Source model s3://{bucket.name}/{prefix} not valid. "
+            f"Exiting. It lacks {', '.join(missing)}.",
+            remedy="Correct the address after -s; `dr-list-models --upload` shows all models.",
+        )
+    return listed
+
+
+class Fetcher:
+    """Brings the objects of one model to another bucket."""
+
+    def __init__(self, there: Bucket, source: str, here: Bucket, target: str, watch: Watch) -> None:
+        self._there = there
+        self._source = source
+        self._folder = keys.folder(source)
+        self._here = here
+        self._target = target
+        self._watch = watch
+
+    def fetch(self, delivery: Delivery, listed: Listing) -> list[Item]:
+        """Bring everything but the pointers.
+
+        A training that runs at the source deletes old checkpoints and writes new ones: what is
+        gone is left out, and what came meanwhile is fetched too, until the pointers name only what
+        was fetched.
+
+        Returns:
+            The pointers.
+
+        Raises:
+            StorageError: They name something that is not there.
+        """
+        missing: list[str] = []
+        for _ in range(_SNAPSHOTS):
+            delivery.send(self._items(delivery, listed))
+            pointers = [
+                Item(name, self._there.get(self._folder + name))
+                for name in POINTERS
+                if self._there.exists(self._folder + name)
+            ]
+            missing = self._missing(pointers)
+            if not missing:
+                return pointers
+            done = {*delivery.copied, *delivery.unchanged}
+            listed = [o for o in list_model(self._there, self._source) if self._name(o) not in done]
+        raise StorageError(
+            f"s3://{self._there.name}/{self._source} names a checkpoint that cannot be fetched "
+            f"whole: {missing[0]} is missing.",
+            remedy="If it is being trained, run the command again; otherwise fetch another model.",
+        )
+
+    def _name(self, info: ObjectInfo) -> str:
+        return info.key.removeprefix(self._folder)
+
+    def _items(self, delivery: Delivery, listed: Listing) -> Iterator[Item]:
+        for info in listed:
+            name = self._name(info)
+            if name in POINTERS:
+                continue
+            if delivery.has(name, info):
+                self._watch(info.size_bytes)
+                continue
+            try:
+                data = self._there.get(info.key, watch=self._watch)
+            except ObjectMissing:
+                continue
+            yield Item(name, self._moved(data) if name == PARAMETERS_FILE else data)
+
+    def _moved(self, data: bytes) -> bytes:
+        """The parameter file for its new place."""
+        try:
+            return moved_training_parameters(data, self._here.name, self._target)
+        except ValueError:
+            return data  # nothing of ours reads it: the copy is as strange as the original
+
+    def _missing(self, pointers: list[Item]) -> list[str]:
+        """Keys that were not fetched although the pointers name their checkpoint.
+
+        Raises:
+            ObjectDamaged: A checkpoint that was fetched is not what was written.
+        """
+        listed = self._here.list(keys.model_folder(self._target))
+        missing: list[str] = []
+        for name in sorted(_named(pointers, self._source)):
+            missing += missing_parts(listed, self._target, name)
+            record = keys.checkpoint_record(self._target, name)
+            if not missing and any(info.key == record for info in listed):
+                CheckpointStore(self._here, self._target).load(name)
+        return missing
+
+
+def _named(pointers: list[Item], source: str) -> set[str]:
+    """Checkpoints that the pointers name."""
+    names = set()
+    for item in pointers:
+        try:
+            if item.name.endswith(".json"):
+                index = json.loads(item.data)
+                names |= {str(index[e]["name"]) for e in ("best_checkpoint", "last_checkpoint")}
+            else:
+                names.add(item.data.decode().strip())
+        except (ValueError, KeyError, TypeError) as e:
+            raise ObjectDamaged(
+                f"{source}/{item.name} does not name a checkpoint: {e!r}.",
+                remedy="Restore it from a copy, or fetch another model.",
+            ) from e
+    return names

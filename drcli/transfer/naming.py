@@ -1,0 +1,118 @@
+"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in the run.env that counts."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.config import Settings, catalogue, load_settings
+from drcli.errors import SettingsError
+from drcli.runs.prefix import contains
+from drcli.runs.run_env import Edit, plan_edit, raised, written
+from drcli.store import keys
+from drcli.store.connect import open_bucket
+from drcli.transfer.places import (
+    COPY_PATIENCE_S,
+    PLAN_PATIENCE_S,
+    refuse_overlap,
+    refuse_training,
+    target_bucket,
+)
+
+PREFIX = "DR_UPLOAD_S3_PREFIX"
+
+
+@dataclass(frozen=True)
+class UploadIncrement:
+    """A step from one upload to the next.
+
+    Attributes:
+        file: The run.env that is edited.
+        backup: Copy of it as it was before.
+        before: Where the last upload went.
+        after: Where the next one goes.
+        wiped: How many objects lie there, to be deleted.
+    """
+
+    file: str
+    backup: str
+    before: str
+    after: str
+    wiped: int = 0
+
+
+@dataclass(frozen=True)
+class PlannedUploadIncrement:
+    """An increment that can be made.
+
+    Attributes:
+        step: What it changes.
+        edit: The change of run.env.
+        settings: As they will be.
+    """
+
+    step: UploadIncrement
+    edit: Edit
+    settings: Settings
+
+
+def plan_upload_increment(
+    settings: Settings,
+    directory: Path,
+    *,
+    prefix: str | None = None,
+    delimiter: str | None = None,
+    wiping: bool = False,
+) -> PlannedUploadIncrement:
+    """Check everything and work out the edit; nothing is changed yet.
+
+    Args:
+        settings: As they are before.
+        directory: The racer's working folder.
+        prefix: The next name; the present one with its number raised if left out.
+        delimiter: What must stand before that number; anything but a digit if left out.
+        wiping: Whether what lies at the new prefix is to be deleted.
+
+    Raises:
+        DrError: The first thing that is wrong.
+    """
+    before = settings.upload_s3_prefix
+    default = catalogue()[PREFIX].default_text
+    text = written(settings, directory, PREFIX) or (
+        default if settings.source(PREFIX) == "default" else before
+    )
+    if prefix is not None:
+        text = after = prefix
+    else:
+        text, after = raised(text, before, delimiter)
+    if before == after:
+        raise SettingsError(f"{PREFIX} is {after} already.", remedy="Name another one with -p.")
+    edit = plan_edit(settings, directory, {PREFIX: text})
+    changed = load_settings(directory, flags={PREFIX: after})
+    wiped = _count(changed, directory) if wiping else 0
+    step = UploadIncrement(str(edit.path), str(edit.backup), before, after, wiped)
+    return PlannedUploadIncrement(step, edit, changed)
+
+
+def make_upload_increment(planned: PlannedUploadIncrement, directory: Path) -> None:
+    """Delete what is to be wiped, then edit the file.
+
+    Raises:
+        SettingsError: The file was changed since it was looked at, or cannot be written.
+        StorageError: The bucket could not be wiped; the file is as it was.
+    """
+    planned.edit.check()
+    if planned.step.wiped:
+        bucket = target_bucket(planned.settings, directory, local=False, patience_s=COPY_PATIENCE_S)
+        folder = keys.folder(planned.step.after)
+        bucket.delete([info.key for info in bucket.list(folder)])
+    planned.edit.make()
+
+
+def _count(settings: Settings, directory: Path) -> int:
+    """How many objects lie where the next upload goes, which must be no model of ours."""
+    there = target_bucket(settings, directory, local=False, patience_s=PLAN_PATIENCE_S)
+    prefix = settings.upload_s3_prefix
+    refuse_training(there, prefix)
+    if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
+        here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+        refuse_overlap((here, settings.model_prefix), (there, prefix), may_write=True)
+    return len(there.list(keys.folder(prefix)))

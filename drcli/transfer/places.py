@@ -1,0 +1,163 @@
+"""The two ends of a transfer: the bucket of the settings, and the one that models are copied to."""
+
+import re
+import uuid
+from dataclasses import replace
+from pathlib import Path
+
+from drcli.config import Settings
+from drcli.errors import SettingsError
+from drcli.runs import lease
+from drcli.runs.prefix import contains
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket, open_upload_bucket, running_endpoint
+from drcli.store.endpoint import UPLOADS, SettingNames
+from drcli.store.look import open_running_bucket
+from drcli.store.s3 import S3Bucket
+
+PLAN_PATIENCE_S = 5.0
+"""How long a server may be silent while somebody waits for the first word."""
+
+COPY_PATIENCE_S = 120.0
+"""How long it may be silent while a model travels: a bad network is given time."""
+
+UNDEFINED = "not-defined"
+"""DR_UPLOAD_S3_BUCKET of somebody who has not chosen one. Source: the reference's template."""
+
+_ADDRESS = SettingNames(bucket="-s", prefix="-s")
+
+_URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
+
+
+def target_bucket(settings: Settings, directory: Path, *, local: bool, patience_s: float) -> Bucket:
+    """The bucket of uploads, or our own.
+
+    Raises:
+        SettingsError: There is none.
+        StorageError: It cannot be reached.
+    """
+    if local:
+        return open_bucket(settings, directory, patience_s=patience_s)
+    if settings.upload_s3_bucket in ("", UNDEFINED):
+        raise SettingsError(
+            "No upload bucket defined. Exiting.",
+            remedy="Set DR_UPLOAD_S3_BUCKET in system.env, or stay in the local bucket with -L.",
+        )
+    return open_upload_bucket(settings, patience_s=patience_s)
+
+
+def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> Bucket:
+    """Our own bucket, or that of uploads, for those who only read; the first without its server.
+
+    Raises:
+        SettingsError: There is no bucket of uploads.
+        StorageError: It cannot be reached.
+    """
+    if not upload:
+        found = open_running_bucket(settings, directory)
+        if found is not None:
+            return found
+    return target_bucket(settings, directory, local=not upload, patience_s=PLAN_PATIENCE_S)
+
+
+def source_bucket(
+    settings: Settings, directory: Path, name: str, *, local: bool, patience_s: float
+) -> Bucket:
+    """A bucket to download from: on the server of uploads, or on our own."""
+    if local:
+        own = running_endpoint(settings, directory)
+        return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
+    return open_upload_bucket(
+        settings, name=name, names=replace(UPLOADS, bucket="-s", prefix="-s"), patience_s=patience_s
+    )
+
+
+def parse_url(url: str) -> tuple[str, str]:
+    """Bucket and prefix of an address such as `s3://bucket/team/model-1`.
+
+    Raises:
+        SettingsError: It is none.
+    """
+    found = _URL.fullmatch(url.strip())
+    prefix = found[2].strip("/") if found else ""
+    if found is None or not keys.is_valid_prefix(prefix):
+        raise SettingsError(
+            f"{url} is no address of a model.", remedy="Write it as s3://bucket/team/model-1."
+        )
+    return found[1], prefix
+
+
+def checked_prefix(prefix: str, flag: str) -> str:
+    """A prefix from the command line.
+
+    Raises:
+        SettingsError: No model can be called so.
+    """
+    plain = prefix.rstrip("/")
+    if not keys.is_valid_prefix(plain):
+        raise SettingsError(
+            f"{flag} {prefix!a} cannot be the name of a model.",
+            remedy="Use letters, digits and . _ - and / between folders, as in team/model-1.",
+        )
+    return plain
+
+
+def refuse_overlap(
+    source: tuple[Bucket, str], target: tuple[Bucket, str], *, may_write: bool
+) -> None:
+    """Refuse to copy a model onto itself, or into its own folder.
+
+    Args:
+        source: Bucket and prefix.
+        target: The same.
+        may_write: Whether an object may be put at the target to see whether it shows at the
+            source: one server can have many addresses.
+
+    Raises:
+        SettingsError: They overlap.
+    """
+    before, after = source[1], target[1]
+    if not (contains(before, after) or contains(after, before)):
+        return
+    if not _is_same(source[0], target[0], may_write=may_write):
+        return
+    if before == after:
+        raise SettingsError(
+            "Target equals source. Exiting.",
+            remedy="Choose another prefix with `dr-set-upload-model PREFIX`, or another bucket.",
+        )
+    raise SettingsError(
+        f"{after} is not beside {before}, and wiping one would delete the other.",
+        remedy="Choose another prefix.",
+    )
+
+
+def refuse_training(bucket: Bucket, prefix: str) -> None:
+    """Refuse to write into a model that is being trained.
+
+    Raises:
+        SettingsError: It is.
+    """
+    held = lease.holder(bucket, prefix)
+    if held is not None and lease.is_owner_alive(held):
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on {held.host}.",
+            remedy="Choose another prefix, or stop that training first.",
+        )
+
+
+def _is_same(source: Bucket, target: Bucket, *, may_write: bool) -> bool:
+    """Whether two buckets are one."""
+    if source is target:
+        return True
+    if source.name != target.name:
+        return False
+    if not may_write:
+        return getattr(source, "endpoint", None) == getattr(target, "endpoint", 0)
+    probe = f".probe-{uuid.uuid4().hex}"
+    target.put(probe, b"probe")
+    try:
+        return source.exists(probe)
+    finally:
+        target.delete([probe])

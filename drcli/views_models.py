@@ -1,0 +1,111 @@
+"""What the commands that move models and files show."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from drcli.transfer.custom_files import CustomFilesReport
+    from drcli.transfer.download import DownloadReport
+    from drcli.transfer.listing import CheckpointEntry, ModelList
+    from drcli.transfer.naming import UploadIncrement
+    from drcli.transfer.upload import UploadReport
+
+
+def upload(report: "UploadReport") -> RenderableType:
+    """What came of an upload."""
+    would = "Would upload" if report.dry_run else "Uploaded"
+    lines = [
+        f"{would} {report.checkpoint} of {report.source} to {report.target}: "
+        f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
+    ]
+    if report.deleted:
+        verb = "would be deleted" if report.dry_run else "deleted"
+        lines.append(f"{_files(len(report.deleted))} of earlier uploads {verb}.")
+    if report.older:
+        lines.append(
+            f"Older checkpoints stay there: {len(report.older)}, {decimal(report.older_bytes)}; "
+            "-w deletes them."
+        )
+    return Text("\n".join(lines))
+
+
+def download(report: "DownloadReport") -> RenderableType:
+    """What came of a download."""
+    would = "Would download" if report.dry_run else "Downloaded"
+    lines = [
+        f"{would} {report.source} to {report.target}: "
+        f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
+    ]
+    if report.deleted:
+        lines.append(f"{_files(len(report.deleted))} that are no part of it deleted.")
+    if report.strays:
+        lines.append(
+            f"{_files(len(report.strays))} that are no part of it stay there; -w deletes them."
+        )
+    lines += [f"Wrote {path}" for path in report.custom_files]
+    return Text("\n".join(lines))
+
+
+def upload_increment(step: "UploadIncrement") -> RenderableType:
+    """What the next upload is called."""
+    wiped = f" {_files(step.wiped)} deleted there." if step.wiped else ""
+    return Text(f"The next upload goes to {step.after}.{wiped}")
+
+
+def custom_files(report: "CustomFilesReport", *, up: bool) -> RenderableType:
+    """Which of the racer's files were copied, and where to."""
+    place = report.place if up else report.folder
+    lines = [*report.copied, f"{_files(len(report.copied))} copied to {place}"]
+    lines[-1] += f", {len(report.unchanged)} unchanged." if report.unchanged else "."
+    return Text("\n".join(lines))
+
+
+def models(found: "ModelList", width: int) -> RenderableType:
+    """The models of a bucket.
+
+    Args:
+        found: What was found.
+        width: Columns of the terminal; a narrow one gets what matters most.
+    """
+    if not found.models:
+        what = f"No model in s3://{found.bucket} has {found.pattern} in its name."
+        return Text(what if found.pattern else f"There is no model in s3://{found.bucket}.")
+    table = Table(box=None, pad_edge=False)
+    table.add_column("model", overflow="fold")
+    for name in ("ckpts", "best", "last", "size"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("modified", no_wrap=True)
+    wide = width >= 100
+    for model in found.models:
+        prefix = Text(model.prefix)
+        if model.training:
+            prefix.append(" (training)", style="green")
+        table.add_row(
+            prefix,
+            str(model.checkpoints),
+            _checkpoint(model.best),
+            _checkpoint(model.last),
+            decimal(model.size_bytes),
+            model.modified[:16].replace("T", " ") if wide else model.modified[:10],
+        )
+    return Group(Text(f"s3://{found.bucket}", style="bold"), table)
+
+
+def _checkpoint(entry: "CheckpointEntry | None") -> str:
+    if entry is None:
+        return "-"
+    number = entry.name.partition("_")[0]
+    return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
+
+
+def _counted(copied: list[str], size_bytes: int, unchanged: list[str]) -> str:
+    same = f", {len(unchanged)} there already" if unchanged else ""
+    return f"{_files(len(copied))}, {decimal(size_bytes)}{same}"
+
+
+def _files(count: int) -> str:
+    return "1 file" if count == 1 else f"{count} files"

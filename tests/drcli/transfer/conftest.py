@@ -1,0 +1,136 @@
+"""A racer with two buckets in memory: one of the working folder, one for uploads."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drcli.config import Settings, load_settings
+from drcli.store import keys
+from drcli.store.bucket import Watch
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.memory import MemoryBucket
+from drcli.transfer.download import DownloadOptions, DownloadReport, download, plan_download
+from drcli.transfer.upload import UploadOptions, UploadReport, plan_upload, upload
+
+RUN_ENV = (
+    "DR_WORLD_NAME=reinvent_base",
+    "DR_LOCAL_S3_MODEL_PREFIX=team/model",
+    "DR_UPLOAD_S3_PREFIX=$DR_LOCAL_S3_MODEL_PREFIX-1",
+)
+
+
+class Mover:
+    """Makes models and moves them.
+
+    Attributes:
+        here: The bucket of the working folder.
+        there: The bucket of uploads.
+    """
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder = folder
+        self._patch = monkeypatch
+        (folder / "system.env").write_text("DR_UPLOAD_S3_BUCKET=uploads\n")
+        self.run_env(*RUN_ENV)
+        self.here = MemoryBucket("bucket")
+        self.use(MemoryBucket("uploads"))
+        monkeypatch.setattr("drcli.transfer.places.open_running_bucket", lambda *_: self.here)
+        for module in ("upload", "download", "places", "naming", "custom_files"):
+            monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: self.here)
+
+    def use(self, there: MemoryBucket) -> None:
+        """Take another bucket for uploads."""
+        self.there = there
+        self._patch.setattr("drcli.transfer.places.open_upload_bucket", lambda *_, **__: self.there)
+
+    def use_as_source(self) -> None:
+        """Let addresses lead to the bucket of uploads."""
+        self._patch.setattr("drcli.transfer.download.source_bucket", lambda *_, **__: self.there)
+
+    def run_env(self, *lines: str) -> None:
+        (self.folder / "run.env").write_text("\n".join(lines) + "\n")
+
+    def settings(self) -> Settings:
+        return load_settings(self.folder)
+
+    def upload(self, **options: Any) -> UploadReport:
+        settings = self.settings()
+        planned = plan_upload(settings, self.folder, UploadOptions(**options))
+        return upload(planned, settings, self.folder, no_bar)
+
+    def download(self, url: str, prefix: str, **options: Any) -> DownloadReport:
+        settings = self.settings()
+        planned = plan_download(settings, self.folder, DownloadOptions(url, prefix, **options))
+        return download(planned, settings, self.folder, no_bar)
+
+
+@contextmanager
+def no_bar(what: str, total: int) -> Iterator[Watch]:
+    """Shows nothing."""
+    yield lambda more: None
+
+
+def put_model(
+    bucket: MemoryBucket, prefix: str, *, design: str = "a", numbers: tuple[int, ...] = (3, 5)
+) -> None:
+    """Lay down a model whose best checkpoint is the first and whose last is the last number."""
+    store = CheckpointStore(bucket, prefix)
+    for number in numbers:
+        weights = f"weights {number} of design {design}".encode()
+        record = store.save(number, 100 * number, weights, counters={"episodes": number})
+        store.record_evaluation(record.name, 90.0 if number == numbers[0] else 50.0)
+    store.attach_optimizer(record, b"moments")
+    bucket.put(keys.model_metadata(prefix), json.dumps({"design": design}).encode())
+    bucket.put(keys.hyperparameters(prefix), b'{"lr": 0.001}')
+    bucket.put(keys.reward_function(prefix), b"def reward_function(params): ...")
+    bucket.put(keys.run_note(prefix), b'{"seed": 7}')
+    bucket.put(keys.training_metrics(keys.metrics_prefix(prefix)), b'{"metrics": []}')
+    bucket.put(keys.history(prefix), b'{"iterations": []}')
+    bucket.put(keys.training_trace(prefix, 0), b"episode,steps")
+    bucket.put(keys.log(prefix, "sagemaker", "trainer"), b"a log")
+    bucket.put(keys.finished(prefix), b"")
+    bucket.put(
+        keys.parameter_file(prefix, "training_params.yaml"),
+        b"WORLD_NAME: Oval_track\nSAGEMAKER_SHARED_S3_BUCKET: bucket\nS3_ENDPOINT_URL: http://x\n",
+    )
+
+
+def driven(bucket: MemoryBucket, prefix: str) -> str | None:
+    """What somebody who takes the model there would drive: its weights and design.
+
+    Returns:
+        None where there is no model; that is said cleanly, by missing pointers.
+    """
+    store = CheckpointStore(bucket, prefix)
+    best, last = store.best_name(), store.latest_name()
+    if best is None:
+        return None
+    assert last is not None
+    store.load(last)
+    weights = store.load(best).tensors.decode()
+    design = json.loads(bucket.get(keys.model_metadata(prefix)))["design"]
+    assert weights.endswith(f"of design {design}")
+    return weights
+
+
+@pytest.fixture
+def mover(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Mover:
+    """A racer with a model of two checkpoints, 3 (the best) and 5 (the last)."""
+    mover = Mover(working_folder, monkeypatch)
+    put_model(mover.here, "team/model")
+    return mover
+
+
+@pytest.fixture
+def names() -> Callable[[MemoryBucket, str], list[str]]:
+    """Names of all objects below a prefix."""
+
+    def of(bucket: MemoryBucket, prefix: str) -> list[str]:
+        folder = keys.folder(prefix)
+        return [info.key.removeprefix(folder) for info in bucket.list(folder)]
+
+    return of

@@ -1,0 +1,193 @@
+"""A model that is fetched is the model that was there, and nothing of the racer's is lost."""
+
+import pytest
+import yaml
+
+from drcli.errors import SettingsError, StorageError
+from drcli.runs import lease
+from drcli.store import keys
+from drcli.store.memory import MemoryBucket
+
+from .conftest import driven, put_model
+
+URL = "s3://uploads/theirs/fast"
+
+
+@pytest.fixture
+def theirs(mover):
+    """Somebody's model in the bucket of uploads."""
+    put_model(mover.there, "theirs/fast", numbers=(2, 8))
+    mover.use_as_source()
+    return mover.there
+
+
+def test_everything_but_the_signals_of_a_training_is_fetched(mover, theirs, names):
+    report = mover.download(URL, "mine")
+
+    fetched = names(mover.here, "mine")
+    assert fetched == [n for n in names(theirs, "theirs/fast") if n != "model/.finished"]
+    assert sorted(report.copied) == fetched
+    assert driven(mover.here, "mine") == "weights 2 of design a"
+    assert report.checkpoint == "8_Step-800.ckpt"
+
+
+def test_the_parameter_file_names_the_copy(mover, theirs):
+    mover.download(URL, "mine")
+
+    values = yaml.safe_load(mover.here.get("mine/training_params.yaml"))
+    assert values["SAGEMAKER_SHARED_S3_BUCKET"] == "bucket"
+    assert values["SAGEMAKER_SHARED_S3_PREFIX"] == "mine"
+
+
+def test_what_lies_there_stays_and_w_deletes_it(mover, theirs, names):
+    mover.here.put("mine/note.txt", b"?")
+
+    beside = mover.download(URL, "mine")
+    wiped = mover.download(URL, "mine", wipe=True)
+
+    assert beside.strays == ["note.txt"]
+    assert wiped.deleted == ["note.txt"]
+    assert "note.txt" not in names(mover.here, "mine")
+
+
+def test_a_dry_run_writes_nothing(mover, theirs):
+    before = [o.key for o in mover.here.list("")]
+
+    report = mover.download(URL, "mine", dry_run=True)
+
+    assert [o.key for o in mover.here.list("")] == before
+    assert "model/8_Step-800.ckpt.safetensors" in report.copied
+
+
+def test_a_download_that_was_cut_short_is_no_model_until_it_is_repeated(mover, theirs):
+    class CutError(Exception):
+        pass
+
+    class Breaking(MemoryBucket):
+        left = 9
+
+        def put(self, key, data, *, watch=None):
+            self.left -= 1
+            if not self.left:
+                raise CutError
+            super().put(key, data, watch=watch)
+
+    mover.here = Breaking("bucket")
+    with pytest.raises(CutError):
+        mover.download(URL, "mine")
+    halfway = driven(mover.here, "mine")
+
+    report = mover.download(URL, "mine")
+
+    assert halfway is None
+    assert driven(mover.here, "mine") == "weights 2 of design a"
+    assert report.unchanged
+
+
+def test_c_fills_custom_files_and_keeps_what_was_different(mover, theirs):
+    custom = mover.folder / "custom_files"
+    custom.mkdir()
+    (custom / "reward_function.py").write_text("mine")
+    (custom / "model_metadata.json").write_bytes(
+        theirs.get("theirs/fast/model/model_metadata.json")
+    )
+
+    report = mover.download(URL, "mine", custom_files=True)
+
+    assert report.custom_files == [
+        str(custom / "reward_function.py"),
+        str(custom / "hyperparameters.json"),
+    ]
+    assert (custom / "reward_function.py").read_bytes() == theirs.get(
+        "theirs/fast/reward_function.py"
+    )
+    assert (custom / "reward_function.py.bak").read_text() == "mine"
+    assert not (custom / "model_metadata.json.bak").exists()
+
+
+def test_c_fills_the_folder_of_the_experiment(mover, theirs):
+    experiment = mover.folder / "experiments" / "first"
+    experiment.mkdir(parents=True)
+    (experiment / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
+    (mover.folder / "system.env").write_text("DR_EXPERIMENT_NAME=first\n")
+
+    mover.download(URL, "mine", custom_files=True)
+
+    assert (experiment / "custom_files" / "reward_function.py").is_file()
+    assert not (mover.folder / "custom_files").exists()
+
+
+@pytest.mark.parametrize(
+    "missing", ["reward_function.py", "ip/hyperparameters.json", "model/model_metadata.json"]
+)
+def test_what_lacks_one_of_its_files_is_no_model(mover, theirs, missing):
+    theirs.delete([f"theirs/fast/{missing}"])
+
+    with pytest.raises(SettingsError) as caught:
+        mover.download(URL, "mine")
+
+    assert str(caught.value).startswith(
+        f"Meta-data files are not found. Source model {URL} not valid. Exiting."
+    )
+    assert missing in str(caught.value)
+
+
+@pytest.mark.parametrize("url", ["theirs/fast", "s3://uploads", "s3://uploads/", "http://x/y", ""])
+def test_an_address_that_is_none_is_refused(mover, theirs, url):
+    with pytest.raises(SettingsError, match="is no address of a model"):
+        mover.download(url, "mine")
+
+
+def test_a_slash_at_the_end_of_address_and_name_is_no_matter(mover, theirs):
+    mover.download(URL + "/", "mine/")
+
+    assert driven(mover.here, "mine") == "weights 2 of design a"
+
+
+def test_a_model_that_is_being_trained_is_not_overwritten(mover, theirs):
+    lease.renew(mover.here, "mine", "session")
+
+    with pytest.raises(SettingsError, match="is being trained"):
+        mover.download(URL, "mine")
+
+
+def test_a_model_whose_index_names_what_is_not_there_is_given_up(mover, theirs):
+    theirs.delete([keys.checkpoint_tensors("theirs/fast", "8_Step-800.ckpt")])
+
+    with pytest.raises(StorageError, match=r"8_Step-800\.ckpt\.safetensors is missing"):
+        mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") is None
+
+
+def test_weights_that_are_damaged_at_the_source_are_found_out(mover, theirs):
+    theirs.put(keys.checkpoint_tensors("theirs/fast", "2_Step-200.ckpt"), b"?")
+
+    with pytest.raises(StorageError, match="is damaged"):
+        mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") is None
+
+
+def test_a_model_that_trains_on_while_it_is_fetched_comes_with_its_newest_checkpoint(mover):
+    class Training(MemoryBucket):
+        steps = 2
+
+        def get(self, key, *, watch=None):
+            if self.steps and key.endswith(".coach_checkpoint"):
+                number, self.steps = 10 * (3 - self.steps), self.steps - 1
+                left, self.steps = self.steps, 0
+                put_model(self, "theirs/fast", numbers=(number,))
+                self.steps = left
+            return super().get(key, watch=watch)
+
+    bucket = Training("uploads")
+    bucket.steps = 0
+    put_model(bucket, "theirs/fast", numbers=(2,))
+    bucket.steps = 2
+    mover.use(bucket)
+    mover.use_as_source()
+
+    mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") == "weights 20 of design a"

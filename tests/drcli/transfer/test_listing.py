@@ -1,0 +1,65 @@
+"""Which models a bucket holds."""
+
+import pytest
+
+from drcli.runs import lease
+from drcli.store import keys
+from drcli.store.memory import MemoryBucket
+from drcli.transfer.listing import CheckpointEntry, list_models
+
+from .conftest import put_model
+
+
+@pytest.fixture
+def bucket():
+    bucket = MemoryBucket()
+    put_model(bucket, "team/model-1")
+    put_model(bucket, "team/model-1/inside", numbers=(4,))
+    put_model(bucket, "other", numbers=(9,))
+    bucket.put("custom_files/reward_function.py", b"")
+    lease.renew(bucket, "other", "session")
+    return bucket
+
+
+def test_models_are_found_wherever_they_lie_and_nothing_else_is(bucket):
+    found = list_models(bucket)
+
+    assert [m.prefix for m in found.models] == ["other", "team/model-1", "team/model-1/inside"]
+
+
+def test_a_model_has_its_checkpoints_size_and_time(bucket):
+    model = list_models(bucket, "team/model-1").models[0]
+
+    own = [o for o in bucket.list("team/model-1/") if "/inside/" not in o.key]
+    assert model.checkpoints == 2
+    assert model.best == CheckpointEntry("3_Step-300.ckpt", 90.0)
+    assert model.last == CheckpointEntry("5_Step-500.ckpt", 50.0)
+    assert (model.objects, model.size_bytes) == (len(own), sum(o.size_bytes for o in own))
+    assert model.modified == max(o.modified for o in own).isoformat(timespec="seconds")
+
+
+def test_a_model_in_training_says_so(bucket):
+    training = {model.prefix: model.training for model in list_models(bucket).models}
+
+    assert training == {"other": True, "team/model-1": False, "team/model-1/inside": False}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "prefixes"),
+    [
+        ("mod", ["team/model-1", "team/model-1/inside"]),
+        ("*-1", ["team/model-1"]),
+        ("?ther", ["other"]),
+        ("nothing", []),
+    ],
+)
+def test_a_pattern_chooses(bucket, pattern, prefixes):
+    assert [m.prefix for m in list_models(bucket, pattern).models] == prefixes
+
+
+def test_a_damaged_index_hides_no_model(bucket):
+    bucket.put(keys.deepracer_checkpoints("other"), b"{")
+
+    (model,) = list_models(bucket, "other").models
+
+    assert (model.checkpoints, model.best, model.last) == (1, None, None)
