@@ -1,0 +1,1 @@
+"""Tries reward functions on a drive of scripted drivers: checks, pictures and comparisons."""

@@ -1,0 +1,141 @@
+"""A racer's function and its parameters, watched from outside. For a process of their own."""
+
+import faulthandler
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO
+
+from drcli.reward.effects import line_in
+from drcli.reward.statement import HANGS, FailureKind
+from drsim.reward import RewardFunction, RewardParams
+
+
+class Call:
+    """A reward function with a watch and a witness.
+
+    Attributes:
+        took_s: How long the last call took.
+        returned: Type of what it returned; empty if it returned nothing.
+    """
+
+    def __init__(self, function: RewardFunction) -> None:
+        self._function = function
+        # Failures are placed by the code of the function itself.
+        if hasattr(function, "__code__"):
+            self.__code__ = function.__code__
+        self.took_s = 0.0
+        self.returned = ""
+        self._numeric = False
+        self._raised = False
+
+    def __call__(self, params: RewardParams) -> float:
+        self.returned, self._raised = "", True
+        begun_ns = time.perf_counter_ns()
+        try:
+            value = self._function(params)
+            self._raised = False
+        except (Exception, SystemExit):
+            raise
+        except BaseException:
+            self._raised = False  # the deadline's own; it is no exception of theirs
+            raise
+        finally:
+            self.took_s = (time.perf_counter_ns() - begun_ns) / 1e9
+        kind = type(value)
+        own = kind.__module__ in ("builtins", "__main__")
+        self.returned = kind.__name__ if own else f"{kind.__module__}.{kind.__name__}"
+        self._numeric = not isinstance(value, str | bytes) and hasattr(value, "__float__")
+        return value
+
+    @property
+    def blamed(self) -> FailureKind:
+        """Why the last call failed."""
+        if self._raised:
+            return "raises"
+        if not self.returned:
+            return "endless"
+        return "range" if self._numeric else "returns"
+
+
+class Guard:
+    """Ends the process when a call goes on and on, though it was interrupted.
+
+    Args:
+        faults: Open file for where that was.
+        end: What ends the process, with an exit code.
+    """
+
+    def __init__(self, faults: TextIO, end: Callable[[int], object]) -> None:
+        self._faults = faults
+        self._end = end
+        self._deadline_s = math.inf
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def begin(self, limit_s: float) -> None:
+        """A call begins."""
+        self._deadline_s = time.monotonic() + limit_s
+
+    def end(self) -> None:
+        """It is over."""
+        self._deadline_s = math.inf
+
+    def _watch(self) -> None:
+        while time.monotonic() < self._deadline_s:
+            time.sleep(0.5)
+        self._faults.write(f"{HANGS}\n")
+        self._faults.flush()
+        faulthandler.dump_traceback(self._faults)
+        self._end(1)
+
+
+class Watched(dict[str, Any]):
+    """Parameters that take note of what is looked at."""
+
+    def __init__(
+        self,
+        params: RewardParams,
+        reads: set[str],
+        unknown: dict[str, int | None],
+        file: str,
+    ) -> None:
+        super().__init__(params)
+        self._reads = reads
+        self._unknown = unknown
+        self._file = file
+
+    def __getitem__(self, key: str) -> Any:
+        self._look(key)
+        return super().__getitem__(key)
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """As a dictionary does."""
+        self._look(key)
+        return super().get(key, default)
+
+    def __iter__(self) -> Iterator[str]:
+        self._look_at_all()
+        return super().__iter__()
+
+    def items(self) -> Any:
+        """As a dictionary does."""
+        self._look_at_all()
+        return super().items()
+
+    def values(self) -> Any:
+        """As a dictionary does."""
+        self._look_at_all()
+        return super().values()
+
+    def _look(self, key: str) -> None:
+        if super().__contains__(key):
+            self._reads.add(key)
+        elif isinstance(key, str):
+            self._unknown.setdefault(key, line_in(self._file, sys._getframe(2)))
+
+    def _look_at_all(self) -> None:
+        # The sentence about a failure quotes the parameters, which is not the racer's doing.
+        if line_in(self._file, sys._getframe(2)) is not None:
+            self._reads.update(super().keys())

@@ -1,0 +1,100 @@
+"""`dr reward`: what people and scripts see of it."""
+
+import json
+
+import pytest
+from PIL import Image
+
+GOOD = """def reward_function(params):
+    return params["speed"] ** 2 * params["all_wheels_on_track"]
+"""
+BAD = "def reward_function(params):\n    return params['sped']\n"
+
+
+@pytest.fixture
+def racer(working_folder, course, monkeypatch):
+    """A working folder whose drive has been driven already."""
+    for module in ("check", "plot", "compare"):
+        monkeypatch.setattr(f"drcli.reward.{module}.drive", lambda settings: course.drive)
+    (working_folder / "custom_files").mkdir()
+    (working_folder / "custom_files" / "reward_function.py").write_text(GOOD)
+    return working_folder
+
+
+def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, capsys):
+    code = dr("reward", "check", "--json")
+
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert code == 0
+    assert told["works"] is True
+    assert told["file"] == "custom_files/reward_function.py"
+    assert len(told["parameters"]) == 27
+    assert {p["name"] for p in told["parameters"] if p["read"]} == {"speed", "all_wheels_on_track"}
+    assert [driver["name"] for driver in told["drivers"]][:2] == ["steady", "fast"]
+    assert told["returns"] == ["float"]
+    assert told["least"]["reward"] == 0.0
+    assert told["errors"] == []
+
+
+def test_a_check_of_a_failing_file_names_the_line_and_exits_3(racer, dr, capsys):
+    (racer / "bad.py").write_text(BAD)
+
+    code = dr("reward", "check", "bad.py")
+
+    out, err = capsys.readouterr()
+    assert code == 3
+    assert "Error: bad.py line 2 (works)" in out
+    assert "KeyError: 'sped'" in out
+    assert "Did you mean `speed`?" in out
+    assert "bad.py has 1 error." in err
+    assert all(len(line) <= 80 for line in out.splitlines())
+
+
+def test_a_plot_is_written_and_says_what_it_replaces(racer, dr, capsys):
+    (racer / "reward.png").write_text("old")
+
+    code = dr("reward", "plot")
+
+    out = capsys.readouterr().out
+    assert code == 0
+    assert "Picture: reward.png (the old one was replaced)" in out
+    with Image.open(racer / "reward.png") as picture:
+        assert picture.format == "PNG"
+
+
+def test_a_failing_function_is_not_drawn(racer, dr, capsys):
+    (racer / "bad.py").write_text(BAD)
+
+    code = dr("reward", "plot", "bad.py")
+
+    assert code == 3
+    assert "bad.py line 2" in capsys.readouterr().err
+    assert not (racer / "reward.png").exists()
+
+
+def test_two_functions_are_compared(racer, dr, capsys):
+    (racer / "other.py").write_text("def reward_function(params):\n    return params['x']\n")
+
+    code = dr("reward", "compare", "custom_files/reward_function.py", "other.py", "--json")
+
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert code == 0
+    assert told["second"] == "other.py"
+    assert -1.0 <= told["correlation"] <= 1.0
+    assert told["picture"] is None
+
+
+def test_a_missing_file_is_refused_with_what_to_name_instead(racer, dr, capsys):
+    code = dr("reward", "compare", "none.py", "other.py")
+
+    assert code == 3
+    assert "none.py: there is no such file" in capsys.readouterr().err
+
+
+def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):
+    code = dr("reward", "check", "--world", "bena")
+
+    assert code == 3
+    err = capsys.readouterr().err
+    assert "DR_WORLD_NAME=bena (flag)" in err
+    assert "bean" in err

@@ -1,0 +1,124 @@
+"""The scripted drive: whole laps, mishaps, and every parameter with its values."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drcli.errors import SettingsError
+from drcli.reward.check import _parameters
+from drcli.reward.drive import drive
+from drcli.reward.pilots import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
+from drcli.reward.statement import Statement
+from drcli.reward.trial import Trial
+
+ALWAYS_THE_SAME = {"track_length"}
+
+
+def ranges(course):
+    parameters = _parameters(Trial("", course, Statement(values=[])))
+    return {found.name: (found.least, found.greatest) for found in parameters}
+
+
+def test_slow_fast_and_weaving_drivers_complete_their_laps(course):
+    trips = [course.drive.trip(pilot) for pilot in (STEADY, FAST, WEAVING)]
+
+    assert all(trip.whole for trip in trips)
+    assert trips[1].seconds < 0.8 * trips[0].seconds
+    assert trips[0].mishaps == 0
+
+
+def test_the_driver_that_leaves_ends_off_the_road(course):
+    trip = course.drive.trip(LEAVING)
+
+    assert trip.end == "off_track"
+    assert trip.calls[-1]["is_offtrack"]
+    assert not trip.calls[0]["is_offtrack"]
+
+
+def test_the_driver_that_stands_hardly_moves(course):
+    trip = course.drive.trip(STANDING)
+
+    assert {call["speed"] for call in trip.calls} == {0.0}
+    assert trip.progress < 5.0
+
+
+def test_the_driver_that_rams_ends_in_a_crash(obstacle_course):
+    trip = obstacle_course.drive.trip(RAMMING)
+
+    assert trip.end == "crashed"
+    assert trip.calls[-1]["is_crashed"]
+
+
+def test_both_directions_are_driven_where_training_turns_round(obstacle_course):
+    directions = {
+        trip.pilot: {call["is_reversed"] for call in trip.calls}
+        for trip in obstacle_course.drive.trips
+    }
+
+    assert directions[TURNED] == {True}
+    assert directions[STEADY] == {False}
+
+
+def test_laps_are_whole_although_boxes_stand_in_the_way(obstacle_course):
+    assert obstacle_course.drive.trip(STEADY).whole
+    assert obstacle_course.drive.trip(FAST).whole
+
+
+def test_every_parameter_takes_on_its_values_with_objects_on_the_road(obstacle_course):
+    found = ranges(obstacle_course)
+
+    assert len(found) == 27
+    still = {"objects_speed", "objects_heading"}  # boxes neither move nor tell their heading
+    constant = {name for name, (least, greatest) in found.items() if least == greatest}
+    assert constant == ALWAYS_THE_SAME | still
+
+
+def test_every_parameter_of_a_car_takes_on_its_values_in_a_time_trial(course):
+    found = ranges(course)
+
+    assert len(found) == 27
+    constant = {name for name, (least, greatest) in found.items() if least == greatest}
+    assert {name for name in constant if "object" not in name} == {
+        *ALWAYS_THE_SAME,
+        "is_crashed",
+        "is_reversed",
+    }
+    assert found["progress"][1] == 100.0
+    assert found["steps"][0] == 2.0
+    assert found["objects_location"] == (None, None)
+
+
+def test_places_of_the_field_are_told_like_those_of_a_drive(course):
+    field, driven = course.field, course.drive.trip(STEADY).calls[0]
+    middle = field.calls[len(field.along_m) * (len(field.off) // 2) :][: len(field.along_m)]
+
+    assert {key: type(value) for key, value in middle[0].items()} == {
+        key: type(value) for key, value in driven.items()
+    }
+    assert max(call["distance_from_center"] for call in middle) < 1e-6
+    assert field.off[[0, -1]].all()
+    assert not field.off[2:-2].any()
+
+
+def test_a_race_of_two_models_is_refused_with_the_setting_to_change(settings_of):
+    settings = settings_of(DR_RACE_TYPE="HEAD_TO_MODEL", DR_EVAL_OPP_S3_MODEL_PREFIX="other")
+
+    with pytest.raises(SettingsError, match="HEAD_TO_MODEL") as refused:
+        drive(settings)
+
+    assert "DR_RACE_TYPE" in refused.value.remedy
+
+
+def test_the_page_about_rewards_explains_exactly_the_parameters_there_are(course):
+    page = (Path(__file__).resolve().parents[3] / "docs" / "reward-functions.md").read_text("utf-8")
+    table = page.partition("\n## Parameters\n")[2].partition("\n## ")[0]
+
+    explained = {
+        name
+        for row in table.splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    }
+
+    assert explained == set(ranges(course))

@@ -1,0 +1,106 @@
+"""Which rewards are said to have loopholes, and how findings are put into words."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from drcli.reward.lint import remarks
+from drcli.reward.statement import Effect, Growth, Place, Printed, Statement, Timing
+from drcli.reward.trial import Trial
+
+DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
+
+
+def on_the_road(params):
+    return params["all_wheels_on_track"] and not params["is_offtrack"]
+
+
+@pytest.fixture
+def rules(trial_of):
+    def of(function) -> list[str]:
+        return [remark.rule for remark in remarks(trial_of(function))]
+
+    return of
+
+
+def test_a_constant_reward_is_told_and_nothing_follows_from_it(rules):
+    assert rules(lambda params: 1.0) == ["constant"]
+
+
+def test_pay_for_speed_alone_cancels_out(rules, trial_of):
+    found = remarks(trial_of(lambda params: params["speed"] if on_the_road(params) else 0.0))
+
+    assert [remark.rule for remark in found] == ["cancels-out"]
+    assert "12.1 s" in found[0].message
+
+
+def test_pay_by_the_step_is_more_for_a_slow_lap(rules):
+    assert rules(lambda params: 0.1 + params["speed"] ** 0.1 * on_the_road(params)) == ["slow-lap"]
+
+
+def test_pay_for_standing_is_told(rules):
+    found = rules(lambda params: 1.0 if on_the_road(params) else 0.0)
+
+    assert found == ["standing"]
+
+
+def test_a_car_off_the_road_that_is_paid_as_before_is_told(rules):
+    assert rules(lambda params: params["speed"] ** 2) == ["off-track"]
+
+
+def test_a_lap_that_costs_more_than_its_end_is_told(rules):
+    assert rules(lambda params: -1.0 - params["distance_from_center"]) == ["short"]
+
+
+def test_pay_that_grows_with_every_step_is_told(rules):
+    found = rules(lambda params: params["steps"] ** 2 / 1e3 if on_the_road(params) else 0.0)
+
+    assert "unbounded" in found
+
+
+def test_large_rewards_are_told(rules):
+    assert "large" in rules(lambda params: 4e3 * on_the_road(params) * params["speed"] ** 2)
+
+
+def test_the_shipped_example_for_speed_has_no_loophole(rules):
+    shipped = runpy.run_path(str(DEFAULTS / "rewards" / "speed" / "reward_function.py"))
+
+    assert rules(shipped["reward_function"]) == []
+
+
+def test_the_shipped_example_is_known_to_pay_a_slow_lap_more(rules):
+    shipped = runpy.run_path(str(DEFAULTS / "reward_function.py"))
+
+    assert rules(shipped["reward_function"]) == ["standing"]
+
+
+def test_effects_and_habits_are_put_into_words_errors_first(course):
+    values = [[float(k % 7) for k in range(len(calls))] for calls in course.questions().sequences]
+    statement = Statement(
+        values=values,
+        made=course.size,
+        effects=[
+            Effect(kind="reads", what="line.npy", line=3, times=1),
+            Effect(kind="writes", what="log.txt", line=9, times=500),
+        ],
+        printed=Printed(lines=course.size, characters=20 * course.size, line=7, calls=course.size),
+        growing=[Growth(name="SEEN", before=10, after=110, calls=100)],
+        changed={"speed": 3},
+        unknown={"sped": 5},
+        timing=Timing(
+            median_s=1e-3, mean_s=1e-3, worst_s=2.0, worst=Place(sequence=0, index=1), load_s=0.1
+        ),
+    )
+
+    found = remarks(Trial("custom_files/reward_function.py", course, statement))
+
+    assert found[0].severity == "error"
+    assert found[0].where == "custom_files/reward_function.py line 9"
+    assert "log.txt (500 times" in found[0].message
+    told = {remark.rule: remark for remark in found[1:]}
+    assert "20 MB in a million steps" in told["prints"].message
+    assert told["parameters"].remedy == "Did you mean `speed`?"
+    assert "17 minutes" in told["costly"].message
+    assert "2.0 s (steady driver, step 3" in told["costly-call"].message
+    assert {"reads", "globals", "changes-params"} <= set(told)
