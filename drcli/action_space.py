@@ -48,18 +48,18 @@ class ActionSpace(BaseModel):
 
 
 class ActionSpaceReader:
-    """Checks the action space of a file; problems are added to the two lists.
+    """Checks the action space of a file; what is noticed is added to the two lists.
 
     Args:
         file: The file.
         findings: What is wrong.
-        warnings: What is legal but odd.
+        notes: What is legal but odd.
     """
 
-    def __init__(self, file: JsonFile, findings: list[Finding], warnings: list[str]) -> None:
+    def __init__(self, file: JsonFile, findings: list[Finding], notes: list[Finding]) -> None:
         self._file = file
         self._findings = findings
-        self._warnings = warnings
+        self._notes = notes
 
     def discrete(self, written: Any) -> ActionSpace:
         """A list of actions."""
@@ -78,11 +78,17 @@ class ActionSpaceReader:
         first: dict[Pair, int] = {}
         for number, pair in enumerate(values):
             if pair is not None and first.setdefault(pair, number) != number:
-                self._warn(
-                    ("action_space", number), f"action {number} repeats action {first[pair]}"
+                self._note(
+                    ("action_space", number),
+                    f"action {number} repeats action {first[pair]}",
+                    "Remove one of them: it costs learning and adds nothing.",
                 )
         if len(values) > MANY_ACTIONS:
-            self._warn(("action_space",), f"{len(values)} actions learn slowly")
+            self._note(
+                ("action_space",),
+                f"{len(values)} actions learn slowly",
+                f"Keep {MANY_ACTIONS} at most, or use ranges.",
+            )
         return ActionSpace(values=tuple(pair for pair in values if pair is not None))
 
     def continuous(self, written: Any) -> ActionSpace:
@@ -150,7 +156,11 @@ class ActionSpaceReader:
             self._reject(path, number, "is far too large", remedy)
             return None
         if not usual[0] <= number <= usual[1]:
-            self._warn(path, f"{_dotted(path)}={number} is beyond what the car does, {usual}")
+            self._note(
+                path,
+                f"{_dotted(path)}={number} is beyond what the car does, {usual}",
+                f"Write a number from {usual[0]:g} to {usual[1]:g}; others are cut to that.",
+            )
         return float(number)
 
     def _check_indices(self, written: list[Any]) -> None:
@@ -172,15 +182,16 @@ class ActionSpaceReader:
     ) -> None:
         for key in holder:
             if key not in known:
-                self._warn((*path, key), f"{_dotted((*path, shown(key)))} has no meaning")
+                what = f"{_dotted((*path, shown(key)))} has no meaning"
+                self._note((*path, key), what, "Keep or remove it.")
 
     def _reject(self, path: tuple[str | int, ...], written: Any, problem: str, remedy: str) -> None:
         value = "" if problem == "is missing" else f"={shown(json.dumps(written))}"
         what = f"{_dotted(path)}{value} {problem}"
         self._findings.append(Finding(self._file.where(*path), what, remedy))
 
-    def _warn(self, path: tuple[str | int, ...], text: str) -> None:
-        self._warnings.append(f"{self._file.where(*path)}: {text}.")
+    def _note(self, path: tuple[str | int, ...], what: str, remedy: str) -> None:
+        self._notes.append(Finding(self._file.where(*path), what, remedy))
 
 
 def _dotted(path: tuple[str | int, ...]) -> str:

@@ -66,8 +66,8 @@ class Hyperparameters(BaseModel):
 
     extra: Mapping[str, Any] = Field(default={}, exclude=True)
     """Keys of the reference's trainer process, with their values."""
-    warnings: tuple[str, ...] = Field(default=(), exclude=True)
-    """Sentences about values that are legal but unusual."""
+    notes: tuple[Finding, ...] = Field(default=(), exclude=True)
+    """Values that are legal but unusual, each with what to do about it."""
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "hyperparameters.json") -> "Hyperparameters":
@@ -81,6 +81,11 @@ class Hyperparameters(BaseModel):
             SettingsError: A key is unknown, misspelt, of the wrong type or out of range.
         """
         return _check(read_json_object(data, name))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes as sentences."""
+        return tuple(map(str, self.notes))
 
     @property
     def huber(self) -> bool:
@@ -127,7 +132,7 @@ class Hyperparameters(BaseModel):
         return None
 
 
-KEYS = tuple(name for name in Hyperparameters.model_fields if name not in ("extra", "warnings"))
+KEYS = tuple(name for name in Hyperparameters.model_fields if name not in ("extra", "notes"))
 """Every key of the file."""
 
 REFERENCE_KEYS = KEYS[: KEYS.index("clip_range")]
@@ -143,14 +148,15 @@ _SPELLINGS = {
 
 def _check(file: JsonFile) -> Hyperparameters:
     findings: list[Finding] = []
-    warnings: list[str] = []
+    notes: list[Finding] = []
     values: dict[str, Any] = {}
     extra: dict[str, Any] = {}
     for key, written in file.values.items():
         where = file.where(key)
         if key in PASSED_THROUGH:
             extra[key] = written
-            warnings.append(f"{where}: {key} steers the reference's trainer and does nothing here.")
+            what = f"{key} steers the reference's trainer and does nothing here"
+            notes.append(Finding(where, what, "Keep or remove the line."))
         elif key not in KEYS:
             findings.append(_unknown(where, key, written))
         else:
@@ -161,8 +167,12 @@ def _check(file: JsonFile) -> Hyperparameters:
     if findings:
         raise settings_error(findings)
     unusual = Hyperparameters(**values)
-    warnings += [f"{file.where(key)}: {text}" for key, text in _unusual(unusual) if key in values]
-    return Hyperparameters(**values, extra=extra, warnings=tuple(warnings))
+    notes += [
+        Finding(file.where(key), what, remedy)
+        for key, what, remedy in _unusual(unusual)
+        if key in values
+    ]
+    return Hyperparameters(**values, extra=extra, notes=tuple(notes))
 
 
 def _unknown(where: str, key: str, written: Any) -> Finding:
@@ -217,41 +227,58 @@ def _word(
     return word, None
 
 
-def _unusual(values: Hyperparameters) -> Iterator[tuple[str, str]]:
-    """Keys with a sentence about each value outside what the DeepRacer console offers."""
+def _unusual(values: Hyperparameters) -> Iterator[tuple[str, str, str]]:
+    """Keys outside what the DeepRacer console offers, what to know about each, and a remedy."""
     v = values
     if v.batch_size == 34:
-        yield "batch_size", "batch_size=34 is used as it is; 32 is probably meant."
+        yield (
+            "batch_size",
+            "batch_size=34 is used as it is; 32 is probably meant",
+            "Write 32.",
+        )
     elif v.batch_size not in (32, 64, 128, 256, 512):
         yield (
             "batch_size",
-            f"batch_size={v.batch_size} is unusual; common are 32, 64, 128, 256, 512.",
+            f"batch_size={v.batch_size} is unusual; common are 32, 64, 128, 256, 512",
+            "Write 64 if you have no reason for another.",
         )
     if not 3 <= v.num_epochs <= 10:
-        yield "num_epochs", f"num_epochs={v.num_epochs} is unusual; common are 3 to 10."
+        yield (
+            "num_epochs",
+            f"num_epochs={v.num_epochs} is unusual; common are 3 to 10",
+            "Write 3 to 10 if you have no reason for another.",
+        )
     if v.num_episodes_between_training < 5:
         yield (
             "num_episodes_between_training",
             f"num_episodes_between_training={v.num_episodes_between_training} leaves the learner "
-            "little to learn from; 10, 20 or 40 are usual with clipped_ppo.",
+            "little to learn from; 10, 20 or 40 are usual with clipped_ppo",
+            "Write 20, unless the algorithm is sac.",
         )
     if not 35_000 <= v.term_cond_avg_score <= 100_000:
         yield (
             "term_cond_avg_score",
             f"term_cond_avg_score={v.term_cond_avg_score:g} ends the training once the mean reward "
-            "of the last 100 episodes reaches it; other trainers ignored it. Usual is 100000.",
+            "of the last 100 episodes reaches it; other trainers ignored it. Usual is 100000",
+            "Write 100000 to train on.",
         )
     if v.term_cond_max_episodes < 10_000:
         yield (
             "term_cond_max_episodes",
             f"term_cond_max_episodes={v.term_cond_max_episodes} ends the training after so many "
-            "episodes; other trainers counted iterations. Usual is 100000.",
+            "episodes; other trainers counted iterations. Usual is 100000",
+            "Write 100000 to train on.",
         )
     if v.stack_size > 1:
         yield (
             "stack_size",
             f"stack_size={v.stack_size}: the network sees {v.stack_size} frames at a time; other "
-            "trainers ignored this key, and the physical car drives with a single frame only.",
+            "trainers ignored this key, and the physical car drives with a single frame only",
+            "Write 1 for a model that shall drive elsewhere.",
         )
     if v.discount_factor >= 1.0:
-        yield "discount_factor", "discount_factor=1 looks ahead without end; 0.999 is usual."
+        yield (
+            "discount_factor",
+            "discount_factor=1 looks ahead without end; 0.999 is usual",
+            "Write 0.999 or less.",
+        )

@@ -58,7 +58,7 @@ class ModelMetadata(BaseModel):
         lidar: Sectors of a lidar.
         original: The file's content, byte by byte, to be copied into the bucket.
         action_space_json: The file's `action_space`, for readers of its own layout.
-        warnings: Sentences about what is legal but odd.
+        notes: What is legal but odd, each with what to do about it.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -71,7 +71,7 @@ class ModelMetadata(BaseModel):
     lidar: LidarConfig = LidarConfig()
     original: bytes
     action_space_json: str
-    warnings: tuple[str, ...]
+    notes: tuple[Finding, ...]
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "model_metadata.json") -> "ModelMetadata":
@@ -85,6 +85,11 @@ class ModelMetadata(BaseModel):
             SettingsError: A value is missing, unknown or does not fit the others.
         """
         return _Reader(read_json_object(data, name), data).read()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes as sentences."""
+        return tuple(map(str, self.notes))
 
     @property
     def eyes(self) -> int:
@@ -105,13 +110,13 @@ class ModelMetadata(BaseModel):
 
 
 class _Reader:
-    """One file: gathers findings and warnings until it can raise or return."""
+    """One file: gathers findings and notes until it can raise or return."""
 
     def __init__(self, file: JsonFile, original: bytes) -> None:
         self._file = file
         self._original = original
         self._findings: list[Finding] = []
-        self._warnings: list[str] = []
+        self._notes: list[Finding] = []
 
     def read(self) -> ModelMetadata:
         self._unknown_keys()
@@ -142,7 +147,7 @@ class _Reader:
             lidar=lidar,
             original=self._original,
             action_space_json=json.dumps(self._file.values["action_space"]),
-            warnings=tuple(self._warnings),
+            notes=tuple(self._notes),
         )
 
     def _unknown_keys(self) -> None:
@@ -152,7 +157,8 @@ class _Reader:
             meant = closest(key, KEYS, cutoff=0.75)
             where = self._file.where(key)
             if meant is None:
-                self._warnings.append(f"{where}: {shown(key)} has no meaning here.")
+                what = f"{shown(key)} has no meaning here"
+                self._notes.append(Finding(where, what, "Keep or remove the line."))
             else:
                 what = f"{shown(key)}={shown(json.dumps(written))} is no key of this file"
                 self._findings.append(Finding(where, what, f"Did you mean {meant}?"))
@@ -176,7 +182,7 @@ class _Reader:
                 )
             )
             return ActionSpace()
-        reader = ActionSpaceReader(self._file, self._findings, self._warnings)
+        reader = ActionSpaceReader(self._file, self._findings, self._notes)
         written = self._file.values["action_space"]
         if space_type == "continuous":
             return reader.continuous(written)
@@ -215,10 +221,9 @@ class _Reader:
                 "sensor", "holds more than one lidar", f"Keep at most one of {', '.join(LIDARS)}."
             )
         if version < 2 and "sensor" in self._file.values and names != ["observation"]:
-            self._warnings.append(
-                f"{self._file.where('sensor')}: version {version:g} has one camera; "
-                "its sensor list is ignored."
-            )
+            what = f"version {version:g} has one camera; its sensor list is ignored"
+            remedy = 'Write "version": "5", or remove the sensors.'
+            self._notes.append(Finding(self._file.where("sensor"), what, remedy))
             return ("observation",)
         return tuple(names)
 

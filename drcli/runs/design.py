@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.errors import SettingsError
+from drcli.findings import Finding, settings_error
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
@@ -42,6 +42,21 @@ class Design:
             parameters,
         )
 
+    def refuse_conflict(self) -> None:
+        """Check that the two files fit each other.
+
+        Raises:
+            SettingsError: They do not.
+        """
+        conflict = self.parameters.conflict(
+            self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
+        )
+        if conflict is not None:
+            what = conflict.removesuffix(".")
+            raise settings_error(
+                [Finding(self.parameters_origin, what, "Change one of the two files.")]
+            )
+
 
 def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
     """Check that weights of one model fit another.
@@ -58,22 +73,29 @@ def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
         Sentences about what fits but means something else.
 
     Raises:
-        SettingsError: They do not fit; the sentence names file, key and both values.
+        SettingsError: They do not fit; a line for each key that differs names file and both values.
     """
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin
-    _refuse_other_actions(old, new, where, model)
-    for key, before, now in (
-        ("training_algorithm", old.training_algorithm, new.training_algorithm),
-        ("neural_network", old.neural_network, new.neural_network),
-        ("sensor", _sensors(old), _sensors(new)),
-    ):
-        _refuse_difference(where, key, before, now, model)
-    for key, before, now in (
-        ("stack_size", str(trained.parameters.stack_size), str(wanted.parameters.stack_size)),
-        ("critic", trained.parameters.critic, wanted.parameters.critic),
-    ):
-        _refuse_difference(wanted.parameters_origin, key, before, now, model)
+    misfits = [_other_actions(old, new, where, model)]
+    misfits += [
+        _difference(where, key, before, now, model)
+        for key, before, now in (
+            ("training_algorithm", old.training_algorithm, new.training_algorithm),
+            ("neural_network", old.neural_network, new.neural_network),
+            ("sensor", _sensors(old), _sensors(new)),
+        )
+    ]
+    misfits += [
+        _difference(wanted.parameters_origin, key, before, now, model)
+        for key, before, now in (
+            ("stack_size", str(trained.parameters.stack_size), str(wanted.parameters.stack_size)),
+            ("critic", trained.parameters.critic, wanted.parameters.critic),
+        )
+    ]
+    findings = [misfit for misfit in misfits if misfit is not None]
+    if findings:
+        raise settings_error(findings)
     if old.action_space == new.action_space:
         return []
     return [
@@ -82,28 +104,32 @@ def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
     ]
 
 
-def _refuse_other_actions(old: ModelMetadata, new: ModelMetadata, where: str, model: str) -> None:
+def _other_actions(
+    old: ModelMetadata, new: ModelMetadata, where: str, model: str
+) -> Finding | None:
     before = f"{old.action_space.num_actions} {old.action_space_type} actions"
     now = f"{new.action_space.num_actions} {new.action_space_type} ones"
     if (old.action_space_type, old.action_space.num_actions) == (
         new.action_space_type,
         new.action_space.num_actions,
     ):
-        return
-    raise SettingsError(
-        f"{where}: {model} was trained with {before}, action_space has {now} here.",
-        remedy="Keep type and number of actions (their values may change), or start a new model "
+        return None
+    return Finding(
+        where,
+        f"{model} was trained with {before}, action_space has {now} here",
+        "Keep type and number of actions (their values may change), or start a new model "
         "with fresh weights.",
     )
 
 
-def _refuse_difference(where: str, key: str, before: str, now: str, model: str) -> None:
+def _difference(where: str, key: str, before: str, now: str, model: str) -> Finding | None:
     if before == now:
-        return
-    raise SettingsError(
-        f"{where}: {key}={now}, but {model} was trained with {key}={before}, and its weights fit "
-        "nothing else.",
-        remedy=f"Write {key}={before} there, or start a new model with fresh weights.",
+        return None
+    return Finding(
+        where,
+        f"{key}={now}, but {model} was trained with {key}={before}, and its weights fit nothing "
+        "else",
+        f"Write {key}={before} there, or start a new model with fresh weights.",
     )
 
 

@@ -1,22 +1,25 @@
 """The racer's three files: found, checked, and frozen below the model prefix."""
 
+import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.hyperparameters import Hyperparameters
-from drcli.job import Job, LastWords
-from drcli.model_metadata import ModelMetadata
-from drcli.runs.design import Design
+from drcli.findings import Finding
+from drcli.job import Job
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.validate.report import Violation
 
 TRIAL_TIMEOUT_S = 60.0
 """How long the trial of world and reward function may take, endless loops included."""
+
+TRIAL_RESULT = "trial.json"
+"""File in which the trial leaves what it found."""
 
 
 @dataclass(frozen=True)
@@ -42,63 +45,61 @@ class Inputs:
     hyperparameters: InputFile
     metadata: InputFile
 
-    def check(self) -> Design:
-        """Read the two parameter files; the reward function needs a track to be tried on.
 
-        Raises:
-            SettingsError: With file, key, value and remedy.
-        """
-        parameters = Hyperparameters.from_bytes(
-            self.hyperparameters.data, self.hyperparameters.origin
-        )
-        metadata = ModelMetadata.from_bytes(self.metadata.data, self.metadata.origin)
-        conflict = parameters.conflict(
-            metadata.training_algorithm, continuous=metadata.action_space.continuous
-        )
-        if conflict is not None:
-            origin = self.hyperparameters.origin
-            raise SettingsError(
-                f"{origin}: {conflict}", remedy=f"Change {self.hyperparameters.name}."
-            )
-        return Design(metadata, parameters, self.metadata.origin, self.hyperparameters.origin)
-
-
-def gather(settings: Settings, directory: Path, bucket: Bucket) -> Inputs:
+def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str, InputFile]:
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
     The shipped examples only serve a racer who has brought no file at all: one file missing
     among others is a mistake.
 
-    Raises:
-        SettingsError: A file is missing.
+    Args:
+        settings: Say where they are.
+        directory: The racer's working folder.
+        bucket: None where it cannot be read.
+
+    Returns:
+        What was found, by file name.
     """
-    wanted = {
+    local = custom_files_folder(settings, directory)
+    found: dict[str, InputFile] = {}
+    for name, key in places(settings).items():
+        path = local / name
+        if path.is_file():
+            found[name] = InputFile(name, path.read_bytes(), str(path))
+        elif bucket is not None:
+            try:
+                found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
+            except ObjectMissing:
+                continue
+    if found or bucket is None:
+        return found
+    shipped = {name: shipped_file(name) for name in places(settings)}
+    return {name: InputFile(name, path.read_bytes(), str(path)) for name, path in shipped.items()}
+
+
+def places(settings: Settings) -> dict[str, str]:
+    """Where the three files lie in the bucket, by file name."""
+    return {
         keys.REWARD_FUNCTION_FILE: settings.reward_key,
         keys.HYPERPARAMETERS_FILE: settings.hyperparameters_key,
         keys.MODEL_METADATA_FILE: settings.model_metadata_key,
     }
+
+
+def missing_files(
+    found: Mapping[str, InputFile], settings: Settings, directory: Path, bucket: str
+) -> dict[str, Finding]:
+    """A finding for each of the three files that is not there, by file name."""
     local = custom_files_folder(settings, directory)
-    found: dict[str, InputFile] = {}
-    for name, key in wanted.items():
-        path = local / name
-        if path.is_file():
-            found[name] = InputFile(name, path.read_bytes(), str(path))
-            continue
-        try:
-            found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
-        except ObjectMissing:
-            continue
-    missing = [name for name in wanted if name not in found]
-    if missing and found:
-        raise SettingsError(
-            f"There is no {missing[0]} in {local} nor in the bucket at "
-            f"{bucket.name}/{wanted[missing[0]]}.",
-            remedy=f"Put your {missing[0]} into {local}; an example is {shipped_file(missing[0])}.",
+    return {
+        name: Finding(
+            str(local),
+            f"there is no {name} here nor in the bucket at {bucket}/{key}",
+            f"Put your {name} into {local}; an example is {shipped_file(name)}.",
         )
-    for name in missing:
-        path = shipped_file(name)
-        found[name] = InputFile(name, path.read_bytes(), str(path))
-    return Inputs(*(found[name] for name in wanted))
+        for name, key in places(settings).items()
+        if name not in found
+    }
 
 
 def upload_custom_files(
@@ -116,40 +117,50 @@ def upload_custom_files(
             bucket.put(key, file.data)
 
 
-def try_inputs(job: Job, inputs: Inputs) -> None:
-    """Load the world and try the reward function on it, in a process that can be given up.
+def try_inputs(job: Job, reward: InputFile | None) -> list[Violation]:
+    """Load the worlds and try the reward function on them, in a process that can be given up.
 
     The launcher itself never imports a racer's code.
 
-    Raises:
-        SettingsError: The world or the reward function does not work; the sentence says how.
+    Args:
+        job: Its settings and folder count.
+        reward: The reward function; None loads the worlds only.
     """
     job.folder.mkdir(parents=True, exist_ok=True)
-    path = job.folder / keys.REWARD_FUNCTION_FILE
-    path.write_bytes(inputs.reward.data)
+    result = job.folder / TRIAL_RESULT
+    result.unlink(missing_ok=True)
+    arguments: list[str] = []
+    if reward is not None:
+        path = job.folder / keys.REWARD_FUNCTION_FILE
+        path.write_bytes(reward.data)
+        arguments = [str(path), reward.origin]
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "drcli.worker.trial", str(path), inputs.reward.origin],
+            [sys.executable, "-m", "drcli.worker.trial", *arguments],
             env=job.to_environment(),
             cwd=job.directory,
             stdin=subprocess.DEVNULL,
-            capture_output=True,
+            # What a reward function prints may be without end.
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             text=True,
+            errors="replace",
             timeout=TRIAL_TIMEOUT_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise SettingsError(
-            f"{inputs.reward.origin}: trying the reward function took longer than "
-            f"{TRIAL_TIMEOUT_S:.0f} seconds.",
-            remedy="Look for an endless loop in it.",
-        ) from None
-    if done.returncode == 0:
-        return
-    words = LastWords.find(job.folder, "trial")
-    if words is not None and words.code == SettingsError.code:
-        raise SettingsError(words.message, remedy=words.remedy)
-    raise RuntimeError(f"The trial of the reward function failed:\n{done.stdout}{done.stderr}")
+        what = f"Trying the reward function took longer than {TRIAL_TIMEOUT_S:.0f} seconds."
+        return [_lost(reward, what, "Look for an endless loop in it.")]
+    if result.exists():
+        return [Violation(**fields) for fields in json.loads(result.read_text("utf-8"))]
+    if reward is None or "Traceback" in done.stderr:
+        raise RuntimeError(f"The trial of the reward function failed:\n{done.stderr}")
+    what = f"The reward function ended the process that tried it (exit code {done.returncode})."
+    return [_lost(reward, what, "Remove what ends the process, such as os._exit or os.kill.")]
+
+
+def _lost(reward: InputFile | None, message: str, remedy: str) -> Violation:
+    return Violation("V-21", "error", reward.origin if reward is not None else "", message, remedy)
 
 
 def custom_files_folder(settings: Settings, directory: Path) -> Path:

@@ -9,23 +9,27 @@ from typing import Any, Literal
 
 from drcli.config import Settings, catalogue
 from drcli.errors import SettingsError
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
-from drcli.runs import lease, pretrained
-from drcli.runs.design import Design, refuse_misfit
-from drcli.runs.inputs import Inputs, gather, try_inputs, upload_custom_files
+from drcli.runs import lease
+from drcli.runs.design import Design
+from drcli.runs.inputs import Inputs, find, upload_custom_files
 from drcli.runs.note import read_note, take_note, write_note
 from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
-from drcli.runs.pretrained import Pretrained, Transfer
+from drcli.runs.pretrained import Pretrained
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.validate.examination import Plans, examine
+from drcli.validate.report import by_severity, refuse
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
+
+UNTOLD = ("V-20",)
+"""Rules whose warnings nobody needs at a start; `dr validate` tells them."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class RunPlan:
         warnings: Sentences about what is allowed and may surprise.
         resumes: The checkpoint to go on from, None for a new model.
         pretrained: Whose weights a new model begins with, None where they are fresh.
+        wiped: Whether a model was deleted first.
     """
 
     job: Job
@@ -64,6 +69,7 @@ class RunPlan:
     warnings: list[str]
     resumes: str | None
     pretrained: Pretrained | None = None
+    wiped: bool = False
 
 
 def prepare(settings: Settings, options: StartOptions, directory: Path | None = None) -> RunPlan:
@@ -75,7 +81,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         directory: The racer's working folder; the current one if left out.
 
     Raises:
-        DrError: The first thing that is wrong.
+        SettingsError: Something is wrong; the message has a line for each finding.
+        StorageError: The bucket cannot be used.
     """
     directory = (directory or Path.cwd()).absolute()
     if options.wipe and options.resume:
@@ -91,33 +98,13 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     lease.refuse_other_owner(bucket, settings.model_prefix)
 
     prefix = settings.model_prefix
-    model = f"s3://{bucket.name}/{prefix}"
     newest = newest_checkpoint(bucket, prefix)
-    used = is_used(bucket, prefix)
-    if used and not (options.wipe or options.resume):
-        raise SettingsError(
-            f"Selected path {model} exists. Delete it, or use -w option.",
-            remedy="Continue that training with --resume, replace it with -w, or choose another "
-            "DR_LOCAL_S3_MODEL_PREFIX in run.env.",
-        )
     if options.resume and newest is None:
         raise SettingsError(
-            f"There is no checkpoint at {model} to resume from.",
+            f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
             remedy="Start a new training without --resume.",
         )
-    inputs = gather(_resumed(settings) if options.resume else settings, directory, bucket)
-    design = inputs.check()
-    parameters, metadata = design.parameters, design.metadata
-    _check_workers(settings, parameters, design.parameters_origin)
-    warnings = [*settings.warnings, *parameters.warnings, *metadata.warnings]
-    before: Mapping[str, Any] | None = None
-    transfer: Transfer | None = None
-    if options.resume:
-        warnings += refuse_misfit(Design.of_model(bucket, prefix), design, model)
-        before = read_note(bucket, prefix)
-    elif settings.pretrained:
-        transfer = pretrained.find(settings, bucket, design, wiping=options.wipe)
-        warnings += transfer.warnings
+    before = read_note(bucket, prefix) if options.resume else None
     job = Job(
         settings=settings,
         directory=directory,
@@ -128,9 +115,19 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         folder=folder,
         launcher_pid=os.getpid(),
     )
-    try_inputs(job, inputs)
+    examined = examine(
+        job,
+        find(_resumed(settings) if options.resume else settings, directory, bucket),
+        bucket,
+        Plans(options.wipe, Design.of_model(bucket, prefix) if options.resume else None),
+    )
+    refuse(examined.violations)
+    inputs, design, transfer = examined.inputs, examined.design, examined.transfer
+    _, odd = by_severity(examined.violations)
+    warnings = [*settings.warnings, *(item.sentence for item in odd if item.rule not in UNTOLD)]
 
-    if options.wipe and used:
+    wiping = options.wipe and is_used(bucket, prefix)
+    if wiping:
         wipe(bucket, prefix)
     _freeze(settings, directory, bucket, inputs, design)
     warnings += _forget_other_scores(settings, bucket, before)
@@ -138,7 +135,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
     if transfer is not None:
         transfer.hand_over(bucket, prefix)
-    return RunPlan(job, inputs, warnings, str(newest) if options.resume else None, source)
+    resumes = str(newest) if options.resume else None
+    return RunPlan(job, inputs, warnings, resumes, source, wiping)
 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
@@ -157,17 +155,6 @@ def refuse_second_run(settings: Settings, folder: Path) -> None:
             f"(process {record.pid}).",
             remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
             "another DR_LOCAL_S3_MODEL_PREFIX.",
-        )
-
-
-def _check_workers(settings: Settings, parameters: Hyperparameters, origin: str) -> None:
-    """A worker without an episode would never hand anything in, and everybody would wait for it."""
-    episodes = parameters.num_episodes_between_training
-    if settings.workers > episodes:
-        raise SettingsError(
-            f"{settings.source('DR_WORKERS')}: DR_WORKERS={settings.workers} is more than "
-            f"num_episodes_between_training={episodes} in {origin}.",
-            remedy=f"Set DR_WORKERS to {episodes} at most, or drive more episodes an iteration.",
         )
 
 

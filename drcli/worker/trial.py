@@ -1,25 +1,40 @@
 """Tries a racer's inputs before anything starts: does the world load, does the reward work on it?
 
-Run by the launcher as `python -m drcli.worker.trial FILE NAME`: FILE is a copy of the reward
-function, NAME is what its author calls it. Needs no torch and no bucket, so it is quick.
+Run by the launcher as `python -m drcli.worker.trial [FILE NAME]`: FILE is a copy of the reward
+function, NAME is what its author calls it; without them only worlds and races are loaded. Needs no
+torch and no bucket, so it is quick.
 """
 
+import json
 import sys
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
+from drcli.config import Settings
 from drcli.errors import SettingsError
-from drcli.job import Job, LastWords
+from drcli.job import Job
+from drcli.validate.report import Violation
 from drcli.worker.world import load_race, load_world
 from drsim.car import CONTROL_HZ
 from drsim.errors import RewardError
 from drsim.params import Situation, params_of
 from drsim.race import TIME_TRIAL, Race
-from drsim.reward import RewardParams, checked_rewards, load_reward_function
+from drsim.reward import (
+    REWARD_DEADLINE_S,
+    RewardFunction,
+    RewardParams,
+    checked_rewards,
+    load_reward_function,
+)
 from drsim.track import Track
 from drsim.traffic import Traffic
+from drsim.worlds import load_track
+
+RESULT = "trial.json"
+"""File in the job's folder that the violations are written to."""
 
 POSITIONS = 40
 """Places along the lap at which the reward function is tried."""
@@ -27,27 +42,63 @@ POSITIONS = 40
 OFFSETS = (0.0, 0.3, -0.3, 1.0)
 """Distances to the left of the centre line, in widths of the road: the last is off the track."""
 
+STATES = {
+    "on the road": POSITIONS // 4,
+    "on the start line": 0,
+    "after half a lap": POSITIONS // 2,
+    "off the track": 3 * POSITIONS + POSITIONS // 4,
+    "at the finish": POSITIONS - 1,
+}
+"""Five of the samples, tried first and each for itself. Source: the console's validator."""
+
 TRIAL_SPEED_MPS = 1.0
 
+FALLBACK_WORLD = "reinvent_base"
+"""Where the reward function is tried when the racer's own track does not load."""
 
-def try_inputs(job: Job, path: Path, name: str) -> None:
-    """Load worlds and reward function and call it along the laps, on and beside the road.
 
-    Raises:
-        SettingsError: What the racer has to correct.
+def try_inputs(
+    settings: Settings, reward: tuple[Path, str] | None, deadline_s: float = REWARD_DEADLINE_S
+) -> list[Violation]:
+    """Load the worlds and races of all workers and call the reward function along the laps.
+
+    Args:
+        settings: Of the training.
+        reward: The file, and what to call it; None tries the worlds only.
+        deadline_s: How long one call may take, in seconds.
     """
-    settings = [job.settings.for_worker(k) for k in range(len(job.settings.overrides) + 1)]
-    tracks = [load_world(own) for own in settings]
-    races = [load_race(own, track) for own, track in zip(settings, tracks, strict=True)]
+    found: list[Violation] = []
+    courses: list[tuple[Track, Race]] = []
+    for worker in range(len(settings.overrides) + 1):
+        try:
+            courses.append(_course(settings.for_worker(worker), found))
+        except SettingsError as error:
+            where = str(error).partition(": ")[0]
+            found.append(Violation("V-07", "error", where, str(error), error.remedy))
+    if reward is None:
+        return found
+    path, name = reward
     try:
-        function = load_reward_function(path)
-        for track, race in zip(tracks, races, strict=True):
-            checked_rewards(function, sample_params(track, race))
+        function = _Watched(load_reward_function(path))
     except RewardError as error:
-        raise SettingsError(
-            str(error).replace(str(path), name),
-            remedy=f"Correct {name}; nothing was started.",
-        ) from None
+        named = "exactly one argument" in str(error) or "defines no function" in str(error)
+        return [*found, _violation(error, "V-20" if named else "V-02", path, name)]
+    for track, race in courses or [(load_track(FALLBACK_WORLD), TIME_TRIAL)]:
+        wrong = list(_try(function, sample_params(track, race), deadline_s))
+        found += [_violation(error, rule, path, name, state) for error, rule, state in wrong]
+        if wrong:
+            return found
+    if function.odd is not None:
+        found.append(
+            Violation(
+                "V-20",
+                "warning",
+                f"{name} line {function.line}",
+                f"returned {function.odd}, which is converted to a number.",
+                "End it with `return float(reward)`.",
+            )
+        )
+    return found
 
 
 def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
@@ -87,11 +138,73 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
     return list(params_of(tracks, situation, np.arange(count)))
 
 
+class _Watched:
+    """A reward function that remembers the first value which was no float."""
+
+    def __init__(self, function: RewardFunction) -> None:
+        self.odd: str | None = None
+        self._function = function
+        # Failures are placed by the code of the racer's own function.
+        self.__code__ = getattr(function, "__code__", None)
+
+    @property
+    def line(self) -> int:
+        return self.__code__.co_firstlineno if self.__code__ is not None else 1
+
+    def __call__(self, params: RewardParams) -> float:
+        value = self._function(params)
+        if self.odd is None and not isinstance(value, float):
+            self.odd = f"{type(value).__name__} {value!r:.40}"
+        return value
+
+
+def _course(settings: Settings, found: list[Violation]) -> tuple[Track, Race]:
+    """The track and race of a worker; on another track where its own does not load."""
+    try:
+        track = load_world(settings)
+    except SettingsError as error:
+        where = settings.source("DR_WORLD_NAME")
+        found.append(Violation("V-05", "error", where, str(error), error.remedy))
+        return load_track(FALLBACK_WORLD), TIME_TRIAL
+    return track, load_race(settings, track)
+
+
+def _try(
+    function: Callable[[RewardParams], float], samples: Sequence[RewardParams], deadline_s: float
+) -> Iterator[tuple[RewardError, str, str]]:
+    """Each failure with the rule it breaks and the state it happens in, the same failure once."""
+    said: set[tuple[int | None, str]] = set()
+    calls = [(state, [samples[index]]) for state, index in STATES.items()]
+    rest = [call for index, call in enumerate(samples) if index not in STATES.values()]
+    for state, params in [*calls, ("", rest)]:
+        if said and not state:
+            return
+        try:
+            checked_rewards(function, params, deadline_s)
+        except RewardError as error:
+            what = str(error).partition("\n")[0]
+            if (error.line, what) not in said:
+                said.add((error.line, what))
+                yield error, "V-20" if "it returned" in what else "V-21", state
+            if "did not return" in what:  # five times the patience would try the racer's own
+                return
+
+
+def _violation(error: RewardError, rule: str, path: Path, name: str, state: str = "") -> Violation:
+    place = f" in {path}, line {error.line}," if error.line else f" in {path}"
+    message = str(error).replace(place, "", 1).replace(str(path), name)
+    if state:
+        message = message.replace(" failed: ", f" failed {state}: ", 1)
+    where = f"{name} line {error.line}" if error.line else name
+    return Violation(rule, "error", where, message, f"Correct {name}; nothing was started.")
+
+
+def write(violations: Sequence[Violation], folder: Path) -> None:
+    """Leave what was found for the launcher."""
+    (folder / RESULT).write_text(json.dumps([asdict(item) for item in violations]), "utf-8")
+
+
 if __name__ == "__main__":
     the_job = Job.from_environment()
-    LastWords.forget(the_job.folder, "trial")
-    try:
-        try_inputs(the_job, Path(sys.argv[1]), sys.argv[2])
-    except SettingsError as failure:
-        LastWords.of(failure).leave(the_job.folder, "trial")
-        raise SystemExit(failure.code) from None
+    given = (Path(sys.argv[1]), sys.argv[2]) if len(sys.argv) == 3 else None
+    write(try_inputs(the_job.settings, given), the_job.folder)

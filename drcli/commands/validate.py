@@ -1,0 +1,38 @@
+"""`dr validate`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import working_folder
+from drcli.errors import SettingsError
+
+
+def validate(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+    console_compatible: Annotated[
+        bool,
+        typer.Option(
+            "--console-compatible", help="Refuse what a DeepRacer console would refuse as well."
+        ),
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Exit 0 even with errors.")] = False,
+) -> None:
+    """Check settings, your three files, the bucket and this machine, by rule.
+
+    Everything that is wrong is reported at once, with rule, place and remedy; docs/validation.md
+    lists the rules. Nothing is started or changed. Exits 3 when a training could not start.
+
+    Example: dr-validate --console-compatible
+    """
+    from drcli import console, views_validate
+    from drcli.validate import everything
+
+    folder = working_folder()
+    with console.waiting(f"Checking {folder} ..."):
+        report = everything.validate(folder, console_compatible=console_compatible)
+    console.emit(report, views_validate.report(report), as_json=as_json)
+    if not report.ok and not force:
+        raise typer.Exit(SettingsError.code)

@@ -1,0 +1,195 @@
+"""All rules on a working folder, whatever is in it: what `dr validate` reports."""
+
+import os
+import secrets
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from drcli.config import Settings
+from drcli.errors import StorageError
+from drcli.job import Job
+from drcli.runs.inputs import InputFile, find
+from drcli.runs.record import RunRecord, run_folder
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+from drcli.validate.elsewhere import review_actions, review_balance, review_names
+from drcli.validate.examination import FILE_RULES, Examined, Plans, examine
+from drcli.validate.machine import review_gpu, review_memory
+from drcli.validate.parameters import review_parameters
+from drcli.validate.report import Report, Skipped, Violation, by_severity
+from drcli.validate.reward import read_source, review_source
+from drcli.validate.reward_style import review_style
+from drcli.validate.settings import SettingsReview, review_settings
+from drcli.validate.storage import probe, review_rivals
+
+PATIENCE_S = 5.0
+"""How long to wait for a bucket that does not answer."""
+
+BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
+
+
+def validate(
+    directory: Path,
+    *,
+    console_compatible: bool = False,
+    environ: Mapping[str, str] | None = None,
+) -> Report:
+    """Try all rules and report everything that is wrong or odd; nothing in the folder changes.
+
+    Args:
+        directory: The racer's working folder.
+        console_compatible: Whether the model shall train on a DeepRacer console too: then what a
+            console refuses is an error.
+        environ: Process environment; `os.environ` when None.
+    """
+    directory = directory.absolute()
+    reviewed = review_settings(directory, environ)
+    found, skipped = list(reviewed.violations), list[Skipped]()
+    if reviewed.settings is None:
+        found += _files_alone(directory, skipped)
+    else:
+        found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
+    found += review_gpu()
+    errors, warnings = by_severity(_relative(item, directory) for item in found)
+    return Report(str(directory), console_compatible, errors, warnings, tuple(skipped))
+
+
+def _with_settings(
+    reviewed: SettingsReview, settings: Settings, skipped: list[Skipped], console: bool
+) -> list[Violation]:
+    directory = settings.directory
+    found: list[Violation] = []
+    record = RunRecord.read(run_folder(settings, directory))
+    trains = record is not None and record.alive
+    if record is not None and trains:
+        found.append(
+            Violation(
+                "V-13",
+                "warning",
+                settings.source("DR_RUN_ID"),
+                f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} "
+                f"(process {record.pid}).",
+                "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID.",
+            )
+        )
+    bucket = _bucket(reviewed, settings, found, skipped)
+    if bucket is not None and not trains:
+        found += review_rivals(settings, bucket)
+    files = _files(settings, bucket, found, skipped)
+    examined = _examined(settings, files, bucket, found, skipped, trains=trains)
+    found += review_names(settings, console=console)
+    if examined.source is not None:
+        found += review_style(examined.source, console=console)
+    parameters, metadata = examined.review.parameters, examined.review.metadata
+    if metadata is not None:
+        where = files[keys.MODEL_METADATA_FILE].origin
+        found += review_actions(metadata, parameters, settings, where, console=console)
+    if parameters is not None:
+        found += review_balance(settings, parameters, files[keys.HYPERPARAMETERS_FILE].origin)
+    found += review_memory(settings, parameters, metadata)
+    return found
+
+
+def _bucket(
+    reviewed: SettingsReview, settings: Settings, found: list[Violation], skipped: list[Skipped]
+) -> Bucket | None:
+    """The bucket, if it can be used; what is wrong with it goes to the findings."""
+    if not reviewed.whole:
+        reason = "The bucket is not asked before the settings are right."
+        skipped.append(Skipped(BUCKET_RULES, reason))
+        return None
+    try:
+        bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
+        bucket.probe()
+        wrong = probe(bucket)
+    except StorageError as error:
+        place = settings.source("DR_CLOUD")
+        wrong = [Violation("V-50", "error", place, str(error), error.remedy)]
+    found += wrong
+    if any(item.severity == "error" for item in wrong):
+        skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket cannot be used."))
+        return None
+    return bucket
+
+
+def _files(
+    settings: Settings, bucket: Bucket | None, found: list[Violation], skipped: list[Skipped]
+) -> dict[str, InputFile]:
+    try:
+        files = find(settings, settings.directory, bucket)
+    except (OSError, StorageError) as error:
+        remedy = "Make your files readable for yourself."
+        found.append(Violation("V-02", "error", "", f"{error}.", remedy))
+        files = {}
+    if bucket is None:
+        unseen = [name for name in FILE_RULES if name not in files]
+        rules = tuple(FILE_RULES[name] for name in unseen)
+        if unseen:
+            reason = f"{', '.join(unseen)} may lie in the bucket, which cannot be read."
+            skipped.append(Skipped(rules, reason))
+    return files
+
+
+def _examined(
+    settings: Settings,
+    files: Mapping[str, InputFile],
+    bucket: Bucket | None,
+    found: list[Violation],
+    skipped: list[Skipped],
+    *,
+    trains: bool,
+) -> Examined:
+    """The rules of the start, in a folder that no training uses."""
+    with tempfile.TemporaryDirectory() as folder:
+        job = Job(
+            settings=settings,
+            directory=settings.directory,
+            session=secrets.token_hex(6),
+            seed=0,
+            until_laps=None,
+            max_minutes=None,
+            folder=Path(folder),
+            launcher_pid=os.getpid(),
+        )
+        plans = Plans(wiping=trains)  # a model that is being trained lies where it should
+        try:
+            examined = examine(job, files, bucket, plans)
+        except StorageError as error:
+            found.append(Violation("V-50", "error", "", str(error), error.remedy))
+            skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed meanwhile."))
+            examined = examine(job, files, None, plans)
+    found += examined.violations
+    return examined
+
+
+def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:
+    """What can be said about the three files where no settings say which bucket and track."""
+    found: list[Violation] = []
+    files = {
+        name: InputFile(name, path.read_bytes(), str(path))
+        for name in FILE_RULES
+        if (path := directory / "custom_files" / name).is_file()
+    }
+    reward = files.get(keys.REWARD_FUNCTION_FILE)
+    if reward is not None:
+        source, wrong = read_source(reward)
+        found += wrong if source is None else review_source(source)
+    found += review_parameters(
+        files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
+    ).violations
+    skipped.append(
+        Skipped(
+            ("V-05", "V-20", "V-21", *BUCKET_RULES),
+            "Track and bucket are not known before the settings are right.",
+        )
+    )
+    return found
+
+
+def _relative(item: Violation, directory: Path) -> Violation:
+    """The same with places inside the folder named from there."""
+    start = f"{directory}{os.sep}"
+    texts = (text.replace(start, "") for text in (item.where, item.message, item.remedy))
+    return Violation(item.rule, item.severity, *texts)

@@ -1,0 +1,139 @@
+"""Every rule that keeps a training from starting, tried at once."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from drcli.config import Settings
+from drcli.job import Job
+from drcli.runs.design import Design
+from drcli.runs.inputs import InputFile, Inputs, missing_files, try_inputs
+from drcli.runs.pretrained import Transfer
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.validate.machine import review_disk
+from drcli.validate.parameters import ParametersReview, review_parameters
+from drcli.validate.report import Violation
+from drcli.validate.reward import Source, read_source, review_source
+from drcli.validate.storage import review_fit, review_prefix, review_pretrained
+
+FILE_RULES = {
+    keys.REWARD_FUNCTION_FILE: "V-02",
+    keys.MODEL_METADATA_FILE: "V-03",
+    keys.HYPERPARAMETERS_FILE: "V-04",
+}
+"""Which rule a missing file breaks."""
+
+
+@dataclass(frozen=True)
+class Plans:
+    """What is going to be started.
+
+    Attributes:
+        wiping: What lies under the model prefix is deleted first.
+        resumed: Design of the model there, which the training goes on with.
+    """
+
+    wiping: bool = False
+    resumed: Design | None = None
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What the rules found, and what they read on the way.
+
+    Attributes:
+        files: The racer's files, by name.
+        source: The reward function, if it compiles.
+        review: The two parameter files.
+        transfer: The weights to start from, if the settings name some that fit.
+        violations: Everything that is wrong or odd.
+    """
+
+    files: Mapping[str, InputFile]
+    source: Source | None
+    review: ParametersReview
+    transfer: Transfer | None
+    violations: list[Violation]
+
+    @property
+    def inputs(self) -> Inputs:
+        """All three files; to be asked for when nothing is wrong."""
+        return Inputs(
+            self.files[keys.REWARD_FUNCTION_FILE],
+            self.files[keys.HYPERPARAMETERS_FILE],
+            self.files[keys.MODEL_METADATA_FILE],
+        )
+
+    @property
+    def design(self) -> Design:
+        """Both parameter files; to be asked for when nothing is wrong."""
+        if self.review.design is None:
+            raise ValueError("there is no design where the parameter files are wrong")
+        return self.review.design
+
+
+def examine(
+    job: Job, files: Mapping[str, InputFile], bucket: Bucket | None, plans: Plans = Plans()
+) -> Examined:
+    """Try every rule about the racer's files, the bucket and the disk.
+
+    The reward function is called in a process of its own, and all other rules are tried while that
+    one starts, so that they cost a start no time.
+
+    Args:
+        job: Its settings, directory and folder count.
+        files: What was found of the racer's three files.
+        bucket: None where it cannot be used; the rules about it are left out then.
+        plans: What is going to be started.
+    """
+    settings = job.settings
+    reward = files.get(keys.REWARD_FUNCTION_FILE)
+    source, found = (None, []) if reward is None else read_source(reward)
+    with ThreadPoolExecutor(1) as pool:
+        trial = pool.submit(try_inputs, job, reward if source is not None else None)
+        if source is not None:
+            found += review_source(source)
+        review = review_parameters(
+            files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
+        )
+        found += review.violations
+        transfer = None
+        if bucket is not None:
+            found += _missing(files, settings, job, bucket)
+            transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
+            found += wrong
+        found += review_disk(settings, job.directory)
+        found += _news(trial.result(), found)
+    return Examined(files, source, review, transfer, found)
+
+
+def _news(tried: list[Violation], found: list[Violation]) -> list[Violation]:
+    """What the trial found, without names that are known to be undefined before they are used."""
+    undefined = {item.where for item in found if item.rule == "V-22"}
+    return [
+        item for item in tried if item.where not in undefined or "NameError" not in item.message
+    ]
+
+
+def _missing(
+    files: Mapping[str, InputFile], settings: Settings, job: Job, bucket: Bucket
+) -> list[Violation]:
+    missing = missing_files(files, settings, job.directory, bucket.name)
+    return [
+        Violation(FILE_RULES[name], "error", item.where, f"{item.what}.", item.remedy)
+        for name, item in missing.items()
+    ]
+
+
+def _of_bucket(
+    settings: Settings, bucket: Bucket, design: Design | None, plans: Plans
+) -> tuple[Transfer | None, list[Violation]]:
+    if plans.resumed is not None:
+        model = f"s3://{bucket.name}/{settings.model_prefix}"
+        return None, [] if design is None else review_fit(plans.resumed, design, model)
+    found = [] if plans.wiping else review_prefix(settings, bucket)
+    if not settings.pretrained:
+        return None, found
+    reviewed = review_pretrained(settings, bucket, design, wiping=plans.wiping)
+    return reviewed.transfer, found + reviewed.violations

@@ -1,0 +1,285 @@
+"""The rules by number, and the page of the documentation that lists them."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a rule is about.
+
+    Attributes:
+        number: As in reports.
+        subject: What it looks at.
+        demand: What it demands, as the documentation says it.
+        breach: What becomes of a breach.
+        known: Whether the reference's tools have a rule of this number; ours fill the gaps.
+    """
+
+    number: str
+    subject: str
+    demand: str
+    breach: str
+    known: bool = True
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "V-01",
+        "settings",
+        "the last part of the model's and the upload's prefix has letters, digits and hyphens"
+        " only, 64 at most: models elsewhere cannot be called otherwise",
+        "warning; error for the console",
+    ),
+    Rule(
+        "V-02",
+        "reward",
+        "`reward_function.py` is there, compiles, and can be imported",
+        "error",
+    ),
+    Rule(
+        "V-03",
+        "metadata",
+        "`model_metadata.json` is there, one JSON object, every key known",
+        "error; keys without meaning: warning",
+    ),
+    Rule(
+        "V-04",
+        "hyperparameters",
+        "`hyperparameters.json` is there, one JSON object, every key known",
+        "error; keys of the reference's trainer process: warning",
+    ),
+    Rule(
+        "V-05",
+        "settings",
+        "`DR_WORLD_NAME` is exactly the name of a track that is there",
+        "error with the closest names",
+    ),
+    Rule(
+        "V-06",
+        "settings",
+        "X servers, displays and GPUs of containers need no settings here",
+        "warning",
+    ),
+    Rule(
+        "V-07",
+        "settings",
+        "`DR_RACE_TYPE` is exactly TIME_TRIAL, OBJECT_AVOIDANCE or HEAD_TO_BOT (HEAD_TO_MODEL"
+        " in evaluations), and its obstacles or bots have room on the track",
+        "error",
+    ),
+    Rule(
+        "V-08",
+        "settings",
+        "`DR_CAR_COLOR` is one of seven colours, in any letter case",
+        "warning: it shows in videos only",
+    ),
+    Rule(
+        "V-09",
+        "bucket",
+        "nothing lies under `DR_LOCAL_S3_MODEL_PREFIX`; a model whose name only begins alike "
+        "is no matter",
+        "error",
+    ),
+    Rule(
+        "V-10",
+        "bucket",
+        "the model to start from has the chosen checkpoint, whole",
+        "error",
+    ),
+    Rule(
+        "V-11",
+        "report",
+        "with errors the exit code is 3; `--force` makes it 0; nothing is asked",
+        "-",
+    ),
+    Rule(
+        "V-12",
+        "settings",
+        "every setting is known, of its type and in its range, and fits the others",
+        "error; names without meaning: warning",
+        known=False,
+    ),
+    Rule(
+        "V-13",
+        "bucket",
+        "nobody trains this run or this model already",
+        "warning; a start refuses",
+        known=False,
+    ),
+    Rule(
+        "V-20",
+        "reward",
+        "`reward_function(params)` has exactly one parameter and returns a finite float from "
+        "-1e5 to 1e5",
+        "error; other numbers than float, and parameters with defaults: warning, error for "
+        "the console",
+    ),
+    Rule(
+        "V-21",
+        "reward",
+        "it works, within 5 s a call, on the road, on the start line, after half a lap, off "
+        "the track and at the finish of your track, and at 155 places more",
+        "error",
+    ),
+    Rule(
+        "V-22",
+        "reward",
+        "no undefined names; imports at the top; pyflakes and pycodestyle (class E without "
+        "E5, E226, E261) have no remarks; `# noqa` silences a line",
+        "undefined names: error; all else: warning, error for the console",
+    ),
+    Rule(
+        "V-23",
+        "reward",
+        "imports only math, random, numpy, scipy, shapely, and reaches no files",
+        "error for the console, else not looked at",
+    ),
+    Rule(
+        "V-24",
+        "reward",
+        "no `else if`, and no `progress == 1`: progress runs from 0 to 100",
+        "error; warning",
+    ),
+    Rule(
+        "V-30",
+        "metadata",
+        "a list of actions has `steering_angle` and `speed` in each; `index`, if given, "
+        "counts from 0",
+        "error; an action that stands twice: warning",
+    ),
+    Rule(
+        "V-31",
+        "metadata",
+        "ranges of actions have `low` below `high`; the car wants steering as far to the left"
+        " as to the right",
+        "error; the car's wish: warning",
+    ),
+    Rule(
+        "V-32",
+        "metadata",
+        "steering within 30 degrees, speed 0.1 to 4 m/s (0.5 to 4 for ranges), 2 to 30 actions",
+        "warning; ranges and single actions: error for the console",
+    ),
+    Rule(
+        "V-33",
+        "metadata",
+        "sensors are known, one camera and at most one lidar; version and sectors fit",
+        "error; a lidar that the car refuses: warning",
+    ),
+    Rule(
+        "V-34",
+        "both",
+        "sac has ranges of actions; exploration and algorithm fit. More than one worker or "
+        "episode with sac works here only",
+        "error; what works here only: warning, error for the console",
+    ),
+    Rule(
+        "V-35",
+        "bucket",
+        "weights to start from have the same actions, sensors, network and algorithm",
+        "error; other values of the actions: warning",
+    ),
+    Rule(
+        "V-36",
+        "metadata",
+        "network and type of actions are known",
+        "error",
+        known=False,
+    ),
+    Rule(
+        "V-40",
+        "hyperparameters",
+        "`batch_size` is 32, 64, 128, 256 or 512; 34 is probably 32",
+        "warning; below 1: error",
+    ),
+    Rule(
+        "V-41",
+        "hyperparameters",
+        "`num_epochs` 3 to 10, `lr` 1e-8 to 1e-3, `beta_entropy` and `discount_factor` 0 to "
+        "1, `num_episodes_between_training` 1 to 100",
+        "error; other epochs, fewer than 5 episodes: warning",
+    ),
+    Rule(
+        "V-42",
+        "both",
+        "(`num_episodes_between_training` / `DR_WORKERS`) x "
+        "`DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST` is 1",
+        "warning with the fix; here starts are balanced anyway",
+    ),
+    Rule(
+        "V-43",
+        "hyperparameters",
+        "`loss_type` is `huber` or `mean squared error`",
+        "error",
+    ),
+    Rule(
+        "V-44",
+        "hyperparameters",
+        "`term_cond_avg_score` 35000 to 100000, `term_cond_max_episodes` 100000",
+        "warning",
+    ),
+    Rule(
+        "V-45",
+        "both",
+        "workers divide the episodes and are not more than them; every `worker-N.env` is there",
+        "error; an uneven division: warning",
+    ),
+    Rule(
+        "V-46",
+        "hyperparameters",
+        "all other keys are of their type and in their range",
+        "error; unusual: warning",
+        known=False,
+    ),
+    Rule(
+        "V-50",
+        "machine",
+        "the bucket can be written, read, listed and deleted in; clock, disk, memory and GPU "
+        "memory suffice",
+        "bucket: error; all else: warning",
+    ),
+)
+"""Every rule that a report may name."""
+
+_HEAD = """# Rules
+
+`dr-validate` tries every rule below and reports all breaches at once; `dr-start-training` tries
+those that end in errors by itself. This page is written by `scripts/write_docs.py` from
+`drcli/validate/rules.py`.
+
+The numbers are those of deepracer-on-the-spot and of the community's notes; those marked * are
+ours. "For the console" means `dr-validate --console-compatible`, for a model that shall train on
+DeepRacer on AWS as well.
+
+| rule | about | demands | breach |
+| --- | --- | --- | --- |
+"""
+
+_TAIL = """
+## Report
+
+Errors first, then warnings, each with its rule, place, value and remedy. Exit code 0 without
+errors, 3 with errors, 0 with `--force`. A training need not run; where the bucket is broken or
+files are missing, that is reported and all other rules are tried. Your reward function runs in a
+process of its own.
+
+`--json` prints one object on the last line of stdout:
+
+| key | value |
+| --- | --- |
+| `ok` | whether a training could start |
+| `directory` | the working folder; places inside it are named from there |
+| `console_compatible` | whether `--console-compatible` was given |
+| `errors`, `warnings` | lists of `{"rule", "severity", "where", "message", "remedy"}` |
+| `skipped` | list of `{"rules", "reason"}`: what could not be tried |
+"""
+
+
+def document() -> str:
+    """The page `docs/validation.md`."""
+    lines = [
+        f"| {rule.number}{'' if rule.known else ' *'} | {rule.subject} | {rule.demand} "
+        f"| {rule.breach} |"
+        for rule in RULES
+    ]
+    return _HEAD + "\n".join(lines) + "\n" + _TAIL

@@ -1,0 +1,51 @@
+"""From the report of the rules to what people see."""
+
+from textwrap import indent
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from drcli.validate.report import Report, Violation
+
+INDENT = " " * 8
+"""Before what is wrong, below its rule."""
+
+
+def report(found: "Report") -> RenderableType:
+    """Errors, warnings, what was not tried, and how many there are of each."""
+    parts: list[RenderableType] = []
+    for title, style, group in (
+        ("Errors", "bold red", found.errors),
+        ("Warnings", "yellow", found.warnings),
+    ):
+        if group:
+            parts.append(Text(title, style=style))
+            parts += [part for item in group for part in _violation(item)]
+    if found.skipped:
+        parts.append(Text("Not tried", style="bold"))
+        parts += [Text(f"  {', '.join(item.rules)}: {item.reason}") for item in found.skipped]
+    parts.append(Text(_sum(found), style="bold green" if found.ok else "bold red"))
+    return Group(*parts)
+
+
+def _violation(item: "Violation") -> list[RenderableType]:
+    lines = [Text(f"  {item.rule}  {item.where}".rstrip())]
+    lines.append(Text(indent(item.message, INDENT)))
+    if item.remedy:
+        lines.append(Text(indent(f"Try: {item.remedy}", INDENT), style="dim"))
+    return [*lines]
+
+
+def _sum(found: "Report") -> str:
+    counts = f"{_count(len(found.errors), 'error')}, {_count(len(found.warnings), 'warning')}."
+    if not found.ok:
+        return f"{counts} A training would not start."
+    if any(item.rule == "V-13" for item in found.warnings):
+        return f"{counts} A training can start when the present one has ended."
+    return f"{counts} A training can start."
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

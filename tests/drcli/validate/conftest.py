@@ -1,0 +1,100 @@
+"""A working folder in which nothing is wrong, to spoil in one place at a time."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drcli.job import Job
+from drcli.runs.inputs import InputFile
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.memory import MemoryBucket
+from drcli.validate.everything import validate
+from drcli.validate.report import Report, Violation
+from drcli.worker import trial
+
+REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
+
+
+class ProbedBucket(MemoryBucket):
+    """Can be asked whether it answers, as the real one."""
+
+    def probe(self) -> None:
+        """It always does."""
+
+
+class Folder:
+    """The racer's files, with the values that a test changes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.bucket = ProbedBucket()
+        (path / "custom_files").mkdir()
+        (path / "system.env").write_text("DR_CLOUD=local\n")
+        self.settings()
+        self.hyperparameters()
+        self.metadata()
+        self.reward(REWARD)
+
+    def settings(self, **values: object) -> None:
+        own = {"DR_WORLD_NAME": "reinvent_base", "DR_LOCAL_S3_MODEL_PREFIX": "model-1", **values}
+        self.write("../run.env", "".join(f"{name}={value}\n" for name, value in own.items()))
+
+    def hyperparameters(self, **values: Any) -> None:
+        self.write("hyperparameters.json", json.dumps(values, indent=1))
+
+    def metadata(self, **changes: Any) -> None:
+        steering = (-20.0, 0.0, 20.0)
+        values = {
+            "action_space": [{"steering_angle": angle, "speed": 2.0} for angle in steering],
+            "sensor": ["FRONT_FACING_CAMERA"],
+            "version": "5",
+        }
+        self.write("model_metadata.json", json.dumps({**values, **changes}, indent=1))
+
+    def reward(self, text: str) -> None:
+        self.write("reward_function.py", text)
+
+    def write(self, name: str, text: str) -> None:
+        (self.path / "custom_files" / name).write_text(text, "utf-8")
+
+    def remove(self, name: str) -> None:
+        (self.path / "custom_files" / name).unlink()
+
+    def train(self, prefix: str, **metadata: Any) -> None:
+        """Put a trained model of these files into the bucket."""
+        CheckpointStore(self.bucket, prefix).save(3, 300, b"weights")
+        self.metadata(**metadata)
+        custom = self.path / "custom_files"
+        for name, key in (
+            ("model_metadata.json", f"{prefix}/model/model_metadata.json"),
+            ("hyperparameters.json", f"{prefix}/ip/hyperparameters.json"),
+        ):
+            self.bucket.put(key, (custom / name).read_bytes())
+        self.metadata()
+
+    def report(self, *, console: bool = False) -> Report:
+        return validate(self.path, console_compatible=console, environ={})
+
+    def breaches(self, rule: str, *, console: bool = False) -> list[Violation]:
+        report = self.report(console=console)
+        return [item for item in (*report.errors, *report.warnings) if item.rule == rule]
+
+
+@pytest.fixture
+def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
+    """A folder whose bucket is in memory and whose trial needs no process."""
+    made = Folder(working_folder)
+
+    def try_inputs(job: Job, reward: InputFile | None) -> list[Violation]:
+        if reward is None:
+            return trial.try_inputs(job.settings, None)
+        job.folder.mkdir(parents=True, exist_ok=True)
+        path = job.folder / "reward_function.py"
+        path.write_bytes(reward.data)
+        return trial.try_inputs(job.settings, (path, reward.origin))
+
+    monkeypatch.setattr("drcli.validate.everything.open_bucket", lambda *_, **__: made.bucket)
+    monkeypatch.setattr("drcli.validate.examination.try_inputs", try_inputs)
+    return made

@@ -1,0 +1,95 @@
+"""Rule V-50: a machine with room, and one without."""
+
+import shutil
+import subprocess
+from types import SimpleNamespace
+
+import psutil
+import pytest
+
+from drcli.config import load_settings
+from drcli.hyperparameters import Hyperparameters
+from drcli.model_metadata import ModelMetadata
+from drcli.store.memory import MemoryBucket
+from drcli.validate.machine import review_disk, review_gpu, review_memory
+from drcli.validate.storage import probe
+
+GB = 1_000_000_000
+
+
+class ForgetfulBucket(MemoryBucket):
+    """Takes everything and keeps nothing of it."""
+
+    def get(self, key: str) -> bytes:
+        return b""
+
+
+@pytest.fixture
+def settings(working_folder):
+    """Two workers on a local bucket."""
+    return load_settings(working_folder)
+
+
+@pytest.mark.parametrize(("free_gb", "told"), [(2.1, 0), (1.9, 1)])
+def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb, told):
+    usage = SimpleNamespace(free=int(free_gb * GB))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+
+    found = list(review_disk(settings, settings.directory))
+
+    assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
+    assert all("Only 1.9 GB of the disk are free" in item.message for item in found)
+
+
+@pytest.mark.parametrize(("free_gb", "told"), [(2.2, 0), (2.0, 1)])
+def test_memory_has_to_suffice_for_trainer_and_workers(settings, monkeypatch, free_gb, told):
+    memory = SimpleNamespace(available=int(free_gb * GB))
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
+
+    found = list(review_memory(settings, None, None))
+
+    assert [item.where for item in found] == ["run.env line 3"] * told
+
+
+@pytest.mark.parametrize(("steps", "told"), [(10_000, 0), (100_000, 1)])
+def test_the_replay_of_sac_counts_as_memory(settings, monkeypatch, steps, told):
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=3 * GB))
+    space = b'{"speed": {"low": 1, "high": 2}, "steering_angle": {"low": -9, "high": 9}}'
+    kinds = b'"action_space_type": "continuous", "training_algorithm": "sac"'
+    metadata = ModelMetadata.from_bytes(b'{"action_space": ' + space + b", " + kinds + b"}")
+
+    found = list(review_memory(settings, Hyperparameters(sac_replay_steps=steps), metadata))
+
+    assert ["sac_replay_steps" in item.remedy for item in found] == [True] * told
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"), [("9000\n800\n", 0), ("800\n", 1), ("", 0), ("Failed to initialize", 0)]
+)
+def test_a_gpu_needs_free_memory_where_there_is_one(monkeypatch, answer, told):
+    monkeypatch.setattr(shutil, "which", lambda _: "/usr/bin/nvidia-smi")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=answer))
+
+    found = list(review_gpu())
+
+    assert ["0.8 GB of GPU memory" in item.message for item in found] == [True] * told
+
+
+def test_without_a_gpu_nothing_is_said_about_one(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+
+    assert list(review_gpu()) == []
+
+
+def test_a_bucket_that_works_is_left_empty():
+    bucket = MemoryBucket()
+
+    assert probe(bucket) == []
+    assert bucket.list("") == []
+
+
+def test_a_bucket_that_gives_back_something_else_is_an_error():
+    [found] = probe(ForgetfulBucket())
+
+    assert (found.rule, found.severity) == ("V-50", "error")
+    assert "does not give back" in found.message

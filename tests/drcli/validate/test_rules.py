@@ -1,0 +1,535 @@
+"""Every rule on a folder that keeps it, and on one that breaks it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+from drcli.errors import StorageError
+from drcli.runs import lease
+from drcli.store.bucket import ObjectInfo
+from drcli.validate.rules import RULES
+
+Spoil = Callable[[Any], object]
+"""Changes a folder."""
+
+SAC = {
+    "training_algorithm": "sac",
+    "action_space_type": "continuous",
+    "action_space": {
+        "steering_angle": {"low": -20, "high": 20},
+        "speed": {"low": 1.0, "high": 2.0},
+    },
+}
+
+
+def ranges(steering: tuple[float, float], speed: tuple[float, float]) -> dict[str, object]:
+    """Continuous actions of model_metadata.json."""
+    limits = {"steering_angle": steering, "speed": speed}
+    space = {key: {"low": low, "high": high} for key, (low, high) in limits.items()}
+    return {"action_space_type": "continuous", "action_space": space}
+
+
+def reward(*lines: str) -> str:
+    """A reward function whose body is these lines."""
+    return "def reward_function(params):\n" + "".join(f"    {line}\n" for line in lines)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A rule, a folder that just keeps it, one that breaks it, and what is said then.
+
+    Attributes:
+        rule: Its number.
+        keep: Makes a folder that keeps it.
+        spoil: Makes one that breaks it.
+        severity: Of the breach.
+        words: Stand in its place, message or remedy.
+        console: Whether the console shall take the model.
+    """
+
+    rule: str
+    keep: Spoil
+    spoil: Spoil
+    severity: str
+    words: tuple[str, ...]
+    console: bool = False
+
+
+CASES = (
+    Case(
+        "V-01",
+        lambda f: f.settings(DR_LOCAL_S3_MODEL_PREFIX="team/my-model-1"),
+        lambda f: f.settings(DR_LOCAL_S3_MODEL_PREFIX="team/my_model"),
+        "warning",
+        ("run.env line 2", "my_model", "letters, digits and hyphens"),
+    ),
+    Case(
+        "V-02",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward(reward("return 1 +")),
+        "error",
+        ("custom_files/reward_function.py line 2", "not valid Python", "return 1 +"),
+    ),
+    Case(
+        "V-02",
+        lambda f: f.reward("import math\n" + reward("return math.pi")),
+        lambda f: f.reward("import nonsense_module\n" + reward("return 1.0")),
+        "error",
+        ("reward_function.py line 1", "nonsense_module"),
+    ),
+    Case(
+        "V-02",
+        lambda f: None,
+        lambda f: f.remove("reward_function.py"),
+        "error",
+        ("custom_files", "there is no reward_function.py", "an example is"),
+    ),
+    Case(
+        "V-03",
+        lambda f: f.metadata(),
+        lambda f: f.write("model_metadata.json", ""),
+        "error",
+        ("custom_files/model_metadata.json", "is empty"),
+    ),
+    Case(
+        "V-03",
+        lambda f: f.metadata(sensor=["LEFT_CAMERA"]),
+        lambda f: f.metadata(sensors=["LEFT_CAMERA"]),
+        "error",
+        ("sensors", "Did you mean sensor?"),
+    ),
+    Case(
+        "V-04",
+        lambda f: f.hyperparameters(),
+        lambda f: f.write("hyperparameters.json", "{"),
+        "error",
+        ("custom_files/hyperparameters.json line 1", "no valid JSON"),
+    ),
+    Case(
+        "V-04",
+        lambda f: f.hyperparameters(batch_size=64),
+        lambda f: f.hyperparameters(bach_size=64),
+        "error",
+        ("line 2", "bach_size=64", "Did you mean batch_size?"),
+    ),
+    Case(
+        "V-05",
+        lambda f: f.settings(DR_WORLD_NAME="reinvent_base"),
+        lambda f: f.settings(DR_WORLD_NAME="reinvent_bas"),
+        "error",
+        ("run.env line 1", "DR_WORLD_NAME=reinvent_bas", "reinvent_base"),
+    ),
+    Case(
+        "V-06",
+        lambda f: f.settings(DR_HOST_X="False"),
+        lambda f: f.settings(DR_HOST_X="True", DR_SAGEMAKER_CUDA_DEVICES="0"),
+        "warning",
+        ("run.env line 3", "DR_HOST_X=True", "no X server is needed"),
+    ),
+    Case(
+        "V-07",
+        lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDANCE"),
+        lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDENCE"),
+        "error",
+        ("run.env line 3", "DR_RACE_TYPE=OBJECT_AVOIDENCE", "Did you mean OBJECT_AVOIDANCE?"),
+    ),
+    Case(
+        "V-07",
+        lambda f: f.settings(DR_RACE_TYPE="HEAD_TO_BOT"),
+        lambda f: f.settings(DR_RACE_TYPE="HEAD_TO_MODEL"),
+        "error",
+        ("run.env line 3", "evaluations only"),
+    ),
+    Case(
+        "V-07",
+        lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDANCE", DR_OA_NUMBER_OF_OBSTACLES=3),
+        lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDANCE", DR_OA_NUMBER_OF_OBSTACLES=400),
+        "error",
+        ("run.env line 4", "DR_OA_NUMBER_OF_OBSTACLES"),
+    ),
+    Case(
+        "V-08",
+        lambda f: f.settings(DR_CAR_COLOR="purple"),
+        lambda f: f.settings(DR_CAR_COLOR="Pink"),
+        "warning",
+        ("run.env line 3", "DR_CAR_COLOR=Pink", "Purple"),
+    ),
+    Case(
+        "V-09",
+        lambda f: f.bucket.put("model-10/reward_function.py", b""),
+        lambda f: f.bucket.put("model-1/reward_function.py", b""),
+        "error",
+        ("Selected path s3://bucket/model-1 exists. Delete it, or use -w option.", "--resume"),
+    ),
+    Case(
+        "V-10",
+        lambda f: (f.train("old"), pretrain(f, "old")),
+        lambda f: (f.train("old"), pretrain(f, "ol")),
+        "error",
+        ("DR_LOCAL_S3_PRETRAINED_PREFIX=ol", "no checkpoint at s3://bucket/ol/model/"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_EVAL_MAX_RESETS=3),
+        lambda f: f.settings(DR_EVAL_MAX_RESETS="many"),
+        "error",
+        ("run.env line 3", "DR_EVAL_MAX_RESETS=many", "Set DR_EVAL_MAX_RESETS to a whole number"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_WORKERS=1),
+        lambda f: f.settings(DR_WORKER=1),
+        "error",
+        ("run.env line 3", "DR_WORKER=1", "Did you mean DR_WORKERS?"),
+    ),
+    Case(
+        "V-13",
+        lambda f: lease.renew(f.bucket, "model-2", "abc"),
+        lambda f: lease.renew(f.bucket, "model-1", "abc"),
+        "warning",
+        ("s3://bucket/model-1", "is being trained by process"),
+    ),
+    Case(
+        "V-20",
+        lambda f: f.reward(reward("return 1e5")),
+        lambda f: f.reward(reward("return 'fast'")),
+        "error",
+        ("reward_function.py line 1", "returned 'fast'", "not a number"),
+    ),
+    Case(
+        "V-20",
+        lambda f: f.reward(reward("return -1e5")),
+        lambda f: f.reward(reward("return float('inf')")),
+        "error",
+        ("returned inf",),
+    ),
+    Case(
+        "V-20",
+        lambda f: f.reward("import numpy\n" + reward("return numpy.float64(1.0)")),
+        lambda f: f.reward(reward("return params['all_wheels_on_track']")),
+        "warning",
+        ("bool", "return float(reward)"),
+    ),
+    Case(
+        "V-20",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward("def reward_function(params, more):\n    return 1.0\n"),
+        "error",
+        ("line 1", "exactly one argument"),
+    ),
+    Case(
+        "V-20",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward("def reward_function(params, more=1):\n    return 1.0\n"),
+        "error",
+        ("line 1", "reward_function(params, more=1)"),
+        console=True,
+    ),
+    Case(
+        "V-21",
+        lambda f: f.reward(reward("return 1.0 / (1.0 + params['progress'])")),
+        lambda f: f.reward(reward("return 1.0 / params['progress']")),
+        "error",
+        ("line 2", "failed on the start line: ZeroDivisionError", "return 1.0 / params"),
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward(reward("if params['steps'] > 900:", "    return 2.0", "return 1.0")),
+        lambda f: f.reward(reward("if params['steps'] > 900:", "    return bonus", "return 1.0")),
+        "error",
+        ("line 3", "undefined name 'bonus'"),
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward(reward("return 1.0  # noqa")),
+        lambda f: f.reward("import math\n\n\n" + reward("return 1.0")),
+        "warning",
+        ("line 1", "'math' imported but unused"),
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward(reward("x = [1, 2]", "return 1.0 + x[0]*2" + " " * 90)),
+        lambda f: f.reward(reward("x = [1,2]", "y = [3,4]", "return 1.0 + x[0] + y[0]")),
+        "warning",
+        ("line 2", "E231", "also in line 3"),
+    ),
+    Case(
+        "V-22",
+        lambda f: f.reward("import math\n\n\n" + reward("return math.pi")),
+        lambda f: f.reward(reward("import math", "return math.pi")),
+        "error",
+        ("line 2", "import math", "top of the file"),
+        console=True,
+    ),
+    Case(
+        "V-23",
+        lambda f: f.reward(
+            "import numpy.linalg as la\n\n\n" + reward("return float(la.norm([1]))")
+        ),
+        lambda f: f.reward("import os\n\n\n" + reward("return float(os.getpid())")),
+        "error",
+        ("line 1", "imports os", "shapely"),
+        console=True,
+    ),
+    Case(
+        "V-23",
+        lambda f: f.reward("import random\n\n\n" + reward("return random.random()")),
+        lambda f: f.reward(reward("return eval('1.0')")),
+        "error",
+        ("line 2", "uses eval"),
+        console=True,
+    ),
+    Case(
+        "V-24",
+        lambda f: f.reward(reward("return 9.0 if params['progress'] == 100 else 1.0")),
+        lambda f: f.reward(reward("return 9.0 if params['progress'] == 1 else 1.0")),
+        "warning",
+        ("line 2", "progress >= 100"),
+    ),
+    Case(
+        "V-24",
+        lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "return 1.0")),
+        lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "else if True:", "    pass")),
+        "error",
+        ("line 4", "else if", "Write `elif`"),
+    ),
+    Case(
+        "V-30",
+        lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 0}]),
+        lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 1}]),
+        "error",
+        ("action_space[0].index=1", "counting from 0"),
+    ),
+    Case(
+        "V-30",
+        lambda f: f.metadata(),
+        lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1}] * 2),
+        "warning",
+        ("action 1 repeats action 0", "Remove one"),
+    ),
+    Case(
+        "V-31",
+        lambda f: f.metadata(**ranges((-20, 20), (1, 2))),
+        lambda f: f.metadata(**ranges((20, -20), (1, 2))),
+        "error",
+        ("action_space.steering_angle", "low that is not below its high"),
+    ),
+    Case(
+        "V-31",
+        lambda f: f.metadata(**ranges((-10, 20), (1, 2))),
+        lambda f: f.metadata(**ranges((-20, 10), (1, 2))),
+        "warning",
+        ("physical car", 'Write "high": 20'),
+    ),
+    Case(
+        "V-32",
+        lambda f: f.metadata(**ranges((-30, 30), (0.5, 4))),
+        lambda f: f.metadata(**ranges((-30, 30), (0.2, 4))),
+        "warning",
+        ("action_space.speed from 0.2 to 4", "0.5 to 4"),
+    ),
+    Case(
+        "V-32",
+        lambda f: f.metadata(),
+        lambda f: f.metadata(action_space=[{"steering_angle": a, "speed": 1} for a in (0, 31)]),
+        "warning",
+        ("action_space[1].steering_angle=31", "-30 to 30"),
+    ),
+    Case(
+        "V-33",
+        lambda f: f.metadata(sensor=["STEREO_CAMERAS", "LIDAR"]),
+        lambda f: f.metadata(sensor=["STEREO_CAMERAS", "FRONT_FACING_CAMERA"]),
+        "error",
+        ("sensor", "more than one camera"),
+    ),
+    Case(
+        "V-33",
+        lambda f: f.metadata(sensor=["LEFT_CAMERA", "SECTOR_LIDAR"]),
+        lambda f: f.metadata(sensor=["LEFT_CAMERA", "DISCRETIZED_SECTOR_LIDAR"]),
+        "warning",
+        ("DISCRETIZED_SECTOR_LIDAR", "physical car"),
+    ),
+    Case(
+        "V-34",
+        lambda f: sac(f),
+        lambda f: f.metadata(training_algorithm="sac"),
+        "error",
+        ("training_algorithm", "needs continuous actions"),
+    ),
+    Case(
+        "V-34",
+        lambda f: sac(f),
+        lambda f: sac(f, exploration_type="e-greedy"),
+        "error",
+        ("exploration_type=e-greedy",),
+    ),
+    Case(
+        "V-34",
+        lambda f: sac(f),
+        lambda f: sac(f, num_episodes_between_training=20),
+        "warning",
+        ("num_episodes_between_training=20", "it works here", "take 1 only"),
+    ),
+    Case(
+        "V-35",
+        lambda f: (f.train("old"), pretrain(f, "old")),
+        lambda f: (
+            f.train("old", action_space=[{"steering_angle": 0, "speed": 1}]),
+            pretrain(f, "old"),
+        ),
+        "error",
+        ("s3://bucket/old was trained with 1 discrete actions", "fresh weights"),
+    ),
+    Case(
+        "V-36",
+        lambda f: f.metadata(neural_network="DEEP_CONVOLUTIONAL_NETWORK"),
+        lambda f: f.metadata(neural_network="DEEP_NETWORK"),
+        "error",
+        ("neural_network", "DEEP_CONVOLUTIONAL_NETWORK"),
+    ),
+    Case(
+        "V-40",
+        lambda f: f.hyperparameters(batch_size=512),
+        lambda f: f.hyperparameters(batch_size=34),
+        "warning",
+        ("line 2", "batch_size=34", "Write 32."),
+    ),
+    Case(
+        "V-41",
+        lambda f: f.hyperparameters(lr=1e-3, num_epochs=3, discount_factor=0),
+        lambda f: f.hyperparameters(lr=0.5),
+        "error",
+        ("line 2", "lr=0.5", "above 0.001"),
+    ),
+    Case(
+        "V-42",
+        lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=40)),
+        lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=20)),
+        "warning",
+        ("is 0.5 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.1", "training=40"),
+    ),
+    Case(
+        "V-43",
+        lambda f: f.hyperparameters(loss_type="mean_squared_error"),
+        lambda f: f.hyperparameters(loss_type="hubr"),
+        "error",
+        ("loss_type", "Did you mean huber?"),
+    ),
+    Case(
+        "V-44",
+        lambda f: f.hyperparameters(term_cond_avg_score=35_000, term_cond_max_episodes=100_000),
+        lambda f: f.hyperparameters(term_cond_avg_score=350.0),
+        "warning",
+        ("term_cond_avg_score=350", "Write 100000"),
+    ),
+    Case(
+        "V-45",
+        lambda f: (f.settings(DR_WORKERS=4), f.hyperparameters(num_episodes_between_training=20)),
+        lambda f: (f.settings(DR_WORKERS=3), f.hyperparameters(num_episodes_between_training=20)),
+        "warning",
+        ("does not divide", "Write 18 or 21 episodes"),
+    ),
+    Case(
+        "V-45",
+        lambda f: (f.settings(DR_WORKERS=5), f.hyperparameters(num_episodes_between_training=5)),
+        lambda f: (f.settings(DR_WORKERS=6), f.hyperparameters(num_episodes_between_training=5)),
+        "error",
+        ("run.env line 3", "DR_WORKERS=6 is more than", "DR_WORKERS to 5"),
+    ),
+    Case(
+        "V-45",
+        lambda f: (
+            f.settings(DR_WORKERS=2, DR_TRAIN_MULTI_CONFIG=True),
+            f.write("../worker-2.env", ""),
+        ),
+        lambda f: f.settings(DR_WORKERS=2, DR_TRAIN_MULTI_CONFIG=True),
+        "error",
+        ("worker-2.env", "no such file"),
+    ),
+    Case(
+        "V-46",
+        lambda f: f.hyperparameters(gae_lambda=1, e_greedy_value=0),
+        lambda f: f.hyperparameters(gae_lambda=1.5),
+        "error",
+        ("gae_lambda=1.5", "above 1"),
+    ),
+    Case(
+        "V-50",
+        lambda f: None,
+        lambda f: setattr(f.bucket, "put", refuse_put),
+        "error",
+        ("The disk is full.", "Make room."),
+    ),
+    Case(
+        "V-50",
+        lambda f: None,
+        lambda f: setattr(f.bucket, "list", lambda folder: late(folder)),
+        "warning",
+        ("20 minutes ahead of", "timedatectl"),
+    ),
+)
+
+
+def pretrain(folder, prefix):
+    """Start from another model's weights."""
+    folder.settings(DR_LOCAL_S3_PRETRAINED=True, DR_LOCAL_S3_PRETRAINED_PREFIX=prefix)
+
+
+def sac(folder, **hyperparameters):
+    """Train with sac as the reference wants it."""
+    folder.metadata(**SAC)
+    folder.hyperparameters(
+        **{
+            "num_episodes_between_training": 1,
+            "exploration_type": "additive_noise",
+            **hyperparameters,
+        }
+    )
+
+
+def refuse_put(key, data):
+    """A bucket without room."""
+    raise StorageError("The disk is full.", remedy="Make room.")
+
+
+class _Any(str):
+    """A key that is every key."""
+
+    def __eq__(self, other):
+        return True
+
+    __hash__ = str.__hash__
+
+
+def late(folder):
+    """A listing of a server whose clock is 20 minutes late; nothing lies where models go."""
+    if folder != ".validate/":
+        return []
+    return [ObjectInfo(_Any(), 5, "", datetime.now(UTC) - timedelta(minutes=20))]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.rule}-{case.severity}")
+def test_a_folder_that_keeps_a_rule_is_not_told_about_it(folder, case):
+    case.keep(folder)
+
+    breaches = folder.breaches(case.rule, console=case.console)
+
+    assert [item for item in breaches if item.severity == case.severity] == []
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.rule}-{case.severity}")
+def test_a_folder_that_breaks_a_rule_is_told_where_and_what_to_do(folder, case):
+    case.spoil(folder)
+
+    breaches = folder.breaches(case.rule, console=case.console)
+
+    told = [f"{item.where} {item.message} {item.remedy}" for item in breaches]
+    assert case.severity in {item.severity for item in breaches}
+    assert [text for text in told if all(word in text for word in case.words)], told
+
+
+def test_every_rule_but_the_one_about_the_exit_code_is_tried_here():
+    assert {rule.number for rule in RULES} - {case.rule for case in CASES} == {"V-11"}
