@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from drcli.errors import SettingsError
 
+MOST_SHOWN = 40
+"""Findings that one error lists; a file with more of them was named by mistake."""
+
 LONGEST_SHOWN = 80
 """Characters of a value that an error repeats; enough to recognise it, short enough to read."""
 
@@ -27,6 +30,12 @@ class Finding:
     def __str__(self) -> str:
         return f"{self.where}: {self.what}."
 
+    @classmethod
+    def of(cls, error: SettingsError) -> "Finding":
+        """The one thing that an error of the form `place: what is wrong.` reports."""
+        where, _, what = str(error).partition(": ")
+        return cls(where, what.removesuffix("."), error.remedy)
+
 
 class UnfitError(ValueError):
     """A value that its type allows but its meaning does not.
@@ -42,10 +51,31 @@ class UnfitError(ValueError):
         self.remedy = remedy
 
 
-def settings_error(findings: Sequence[Finding]) -> SettingsError:
-    """All findings as one failure: a line each, with the remedies in the same order."""
-    remedies = dict.fromkeys(finding.remedy for finding in findings)
-    return SettingsError("\n".join(map(str, findings)), remedy="\n".join(remedies))
+class FindingsError(SettingsError):
+    """Everything that is wrong: a line each, with the remedies in the same order.
+
+    Args:
+        findings: At least one.
+        warnings: What was noticed beside them.
+    """
+
+    def __init__(self, findings: Sequence[Finding], warnings: Sequence[str] = ()) -> None:
+        remedies = dict.fromkeys(finding.remedy for finding in findings[:MOST_SHOWN])
+        super().__init__("\n".join(few(map(str, findings))), remedy="\n".join(remedies))
+        self.findings = tuple(findings)
+        self.warnings = tuple(warnings)
+
+
+def settings_error(findings: Sequence[Finding]) -> FindingsError:
+    """All findings as one failure."""
+    return FindingsError(findings)
+
+
+def few(sentences: Iterable[str]) -> list[str]:
+    """The first of many sentences, and how many more there are."""
+    everything = list(sentences)
+    more = len(everything) - MOST_SHOWN
+    return everything if more <= 0 else [*everything[:MOST_SHOWN], f"And {more:,} more like these."]
 
 
 def shown(value: str) -> str:

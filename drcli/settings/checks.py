@@ -1,11 +1,11 @@
-"""Judges values: whether they fit their field, fit each other, and do what their owner expects."""
+"""Judges values: whether they fit their field and fit each other."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from drcli.findings import Finding, UnfitError, one_of, shown
+from drcli.findings import Finding, UnfitError, one_of
 from drcli.settings.fields import Setting
 from drcli.settings.model import Settings, catalogue
 
@@ -28,15 +28,6 @@ def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tup
                 yield setting.name, cause.reason, cause.remedy
             else:
                 yield setting.name, *_explain(setting, error["type"], texts[setting.name])
-
-
-def without_effect(settings: Settings) -> Iterator[str]:
-    """A warning for each setting that somebody may count on in vain."""
-    for name, setting in catalogue().items():
-        value = getattr(settings, setting.field)
-        if setting.effect == "planned" and value != setting.default:
-            where = settings.source(name)
-            yield f"{where}: {name}={shown(str(value))} has no effect: {setting.reason}."
 
 
 def contradictions(settings: Settings) -> Iterator[Finding]:

@@ -1,11 +1,12 @@
 """How a DR_ name is declared: one field with its type, default, range and meaning."""
 
+import inspect
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -17,11 +18,29 @@ T = TypeVar("T")
 Effect = Literal["used", "accepted", "planned"]
 """Whether a setting does something here: `accepted` is harmless to ignore, `planned` is not."""
 
+FileName = Literal["run.env", "system.env"]
+"""Where a setting belongs; it counts in both files."""
+
 
 class Group(BaseModel):
-    """Settings that belong together."""
+    """Settings that belong together.
+
+    Attributes:
+        title: Heading in the documentation.
+        file: Where they belong.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    title: ClassVar[str]
+    file: ClassVar[FileName] = "run.env"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What may be written into a text, as it reads after `Set it to`."""
+
+    words: str
 
 
 def setting(
@@ -34,6 +53,7 @@ def setting(
     old_names: tuple[str, ...] = (),
     planned: str = "",
     ignored: str = "",
+    file: FileName | None = None,
 ) -> T:
     """Declare a field of a group.
 
@@ -46,6 +66,7 @@ def setting(
         old_names: Names that earlier versions of the reference used for it.
         planned: Why it does nothing yet, although somebody who changes it expects an effect.
         ignored: Why it may be ignored for good.
+        file: Where it belongs, if not where its group does.
     """
     facts = {
         "name": name,
@@ -54,6 +75,7 @@ def setting(
         "old_names": list(old_names),
         "effect": "planned" if planned else "accepted" if ignored else "used",
         "reason": planned or ignored,
+        "file": file,
     }
     return Field(default, description=meaning, ge=low, le=high, json_schema_extra=cast(Any, facts))
 
@@ -74,6 +96,9 @@ class Setting:
         effect: Whether it does something here.
         reason: Why it does not.
         old_names: Names that mean the same.
+        shape: What a text may be.
+        group: Heading in the documentation.
+        file: Where it belongs; it counts in both files.
     """
 
     name: str
@@ -87,6 +112,9 @@ class Setting:
     effect: Effect
     reason: str
     old_names: tuple[str, ...]
+    shape: str
+    group: str
+    file: FileName
 
     @property
     def default_text(self) -> str:
@@ -103,7 +131,9 @@ class Setting:
             "path": "a folder",
             "list": "progress,lane pairs such as 0.23,-1;0.46,1",
         }
-        text = f"one of {', '.join(self.choices)}" if self.choices else words.get(self.kind, "text")
+        text = words.get(self.kind) or self.shape or "any text"
+        if self.choices:
+            text = f"one of {', '.join(self.choices)}"
         if self.low is not None and self.high is not None:
             return f"{text} from {self.low} to {self.high}"
         return text if self.low is None else f"{text}, {self.low} or more"
@@ -111,19 +141,33 @@ class Setting:
 
 def declared(model: type[BaseModel]) -> Mapping[str, Setting]:
     """Every setting of a model by its DR_ name, in the order of declaration."""
+    owners = {
+        field: base
+        for base in model.__mro__
+        if issubclass(base, Group)
+        for field in inspect.get_annotations(base)
+    }
     found = {}
     for field, info in model.model_fields.items():
         facts = cast(dict[str, Any], info.json_schema_extra)
         if facts is None:
             continue
         kind, choices = _kind(info.annotation)
+        group = owners[field]
+        shapes = [hint.words for hint in info.metadata if isinstance(hint, Shape)]
         found[facts["name"]] = Setting(
             field=field,
             kind=kind,
             choices=choices,
             default=info.default,
             meaning=info.description or "",
-            **{**facts, "old_names": tuple(facts["old_names"])},
+            shape="".join(shapes),
+            group=group.title,
+            **{
+                **facts,
+                "old_names": tuple(facts["old_names"]),
+                "file": facts["file"] or group.file,
+            },
         )
     return found
 
@@ -187,10 +231,11 @@ def _address(value: str) -> str:
 
 
 def _colour(value: str) -> str:
-    known = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
-    named = {colour.casefold(): colour for colour in known}
+    named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
-        raise UnfitError(f"is none of {', '.join(known)}", f"Write one of {', '.join(known)}.")
+        raise UnfitError(
+            f"is none of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
+        )
     return named.get(value.casefold(), value)
 
 
@@ -220,14 +265,33 @@ def _positions(value: Any) -> Any:
     return tuple(pairs)
 
 
-ObjectKey = Annotated[str, AfterValidator(_object_key)]
+_COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
+
+ObjectKey = Annotated[
+    str,
+    AfterValidator(_object_key),
+    Shape("a name in the bucket: letters, digits and . _ - /"),
+]
 """A key or prefix in the bucket."""
-WorldName = Annotated[str, AfterValidator(_world)]
+WorldName = Annotated[
+    str, AfterValidator(_world), Shape("the name of a track, or the path of a .npy file")
+]
 """Has the shape of a track name; whether the track exists is known to the simulation."""
-BucketName = Annotated[str, AfterValidator(_bucket)]
-Address = Annotated[str, AfterValidator(_address)]
+BucketName = Annotated[
+    str, AfterValidator(_bucket), Shape("the name of a bucket: 3 to 63 letters, digits, . _ and -")
+]
+UploadBucket = Annotated[
+    str,
+    AfterValidator(lambda name: _bucket(name) if name else name),
+    Shape("the name of a bucket, or not-defined"),
+]
+Address = Annotated[str, AfterValidator(_address), Shape("an http or https address, or nothing")]
 """http or https address, or empty."""
-Colour = Annotated[str, AfterValidator(_colour)]
-FolderName = Annotated[str, AfterValidator(_folder_name)]
+Colour = Annotated[
+    str, AfterValidator(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
+]
+FolderName = Annotated[
+    str, AfterValidator(_folder_name), Shape("the name of a folder in experiments/, or nothing")
+]
 Positions = Annotated[tuple[tuple[float, float], ...], BeforeValidator(_positions)]
 """Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""

@@ -76,7 +76,7 @@ class Settings(
     Attributes:
         directory: Folder with run.env and system.env, absolute.
         extra: Names in the files that are no settings, with their values.
-        sources: Place at which each setting was given, by DR_ name; defaults are absent.
+        sources: Place at which each setting and each of those names was given; defaults are absent.
         warnings: Sentences about what was accepted but looks odd.
         overrides: What worker-N.env changes, for the second worker first.
     """

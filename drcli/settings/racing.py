@@ -1,7 +1,7 @@
 """The race itself: track, car, training and evaluation (run.env)."""
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from drcli.settings.fields import Colour, Group, WorldName, setting
 
@@ -11,6 +11,8 @@ _FULL_SPEED = "the simulation keeps no clock: it always runs as fast as the proc
 
 class RaceSettings(Group):
     """Which race, on which track, with which car."""
+
+    title: ClassVar[str] = "Race and car"
 
     run_id: int = setting(
         "DR_RUN_ID", 0, "Number of the run; several numbers can run beside each other.", low=0
@@ -51,8 +53,15 @@ class RaceSettings(Group):
 class TrainSettings(Group):
     """How to train."""
 
+    title: ClassVar[str] = "Training"
+
     workers: int = setting(
-        "DR_WORKERS", 1, "Simulation processes; analysis tools read at most 10.", low=1, high=10
+        "DR_WORKERS",
+        1,
+        "Simulation processes; analysis tools read at most 10.",
+        low=1,
+        high=10,
+        file="system.env",
     )
     train_lanes: int = setting(
         "DR_TRAIN_LANES",
@@ -60,6 +69,7 @@ class TrainSettings(Group):
         "Cars that each worker simulates side by side; 0 chooses by the processor.",
         low=0,
         high=256,
+        file="system.env",
     )
     train_seed: int | None = setting(
         "DR_TRAIN_SEED",
@@ -77,7 +87,10 @@ class TrainSettings(Group):
         "Drive the next iteration while the last one is learned from; auto does from 4 cores on.",
     )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
-        "DR_TORCH_PRECISION", "auto", "Arithmetic of the learner; auto takes the faster one."
+        "DR_TORCH_PRECISION",
+        "auto",
+        "Arithmetic of the learner; auto takes the faster one.",
+        file="system.env",
     )
     train_change_start_position: bool = setting(
         "DR_TRAIN_CHANGE_START_POSITION",
@@ -158,6 +171,8 @@ class TrainSettings(Group):
 
 class EvaluationSettings(Group):
     """How to evaluate a finished model."""
+
+    title: ClassVar[str] = "Evaluation"
 
     eval_number_of_trials: int = setting(
         "DR_EVAL_NUMBER_OF_TRIALS", 3, "Laps of one long race, or separate episodes.", low=1

@@ -1,12 +1,14 @@
 """Sim-to-real extras (run.env): what a real car has and the simulation has not; off by default."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from drcli.settings.fields import Group, setting
 
 
 class RealismSettings(Group):
     """Disturbances of camera and car, drawn anew for each episode from the seed."""
+
+    title: ClassVar[str] = "Sim-to-real extras"
 
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
         "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below act."

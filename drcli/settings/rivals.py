@@ -1,6 +1,6 @@
 """What shares the track with the car: obstacles, bot cars and another model (run.env)."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from drcli.settings.fields import Group, ObjectKey, Positions, setting
 
@@ -9,6 +9,8 @@ _OVERLAY = "it only shows in videos, which are not recorded here"
 
 class ObstacleSettings(Group):
     """Boxes and parked cars of OBJECT_AVOIDANCE."""
+
+    title: ClassVar[str] = "Obstacles"
 
     oa_number_of_obstacles: int = setting(
         "DR_OA_NUMBER_OF_OBSTACLES", 6, "Number of obstacles.", low=0
@@ -39,6 +41,8 @@ class ObstacleSettings(Group):
 
 class BotSettings(Group):
     """Slow cars of HEAD_TO_BOT."""
+
+    title: ClassVar[str] = "Bot cars"
 
     h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
     h2b_lower_lane_change_time: float = setting(
@@ -84,6 +88,8 @@ class BotSettings(Group):
 
 class OpponentSettings(Group):
     """The other model of HEAD_TO_MODEL."""
+
+    title: ClassVar[str] = "Opponent of HEAD_TO_MODEL"
 
     eval_opp_s3_model_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."

@@ -1,15 +1,25 @@
 """Where things lie: the bucket, its server and the keys in it (system.env and run.env)."""
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
-from drcli.settings.fields import Address, BucketName, FolderName, Group, ObjectKey, setting
-
-_UPLOAD = "models are not uploaded to a second bucket"
+from drcli.settings.fields import (
+    Address,
+    BucketName,
+    FileName,
+    FolderName,
+    Group,
+    ObjectKey,
+    UploadBucket,
+    setting,
+)
 
 
 class BucketSettings(Group):
     """The bucket and how to reach it."""
+
+    title: ClassVar[str] = "Bucket"
+    file: ClassVar[FileName] = "system.env"
 
     cloud: Literal["local", "remote", "aws", "azure"] = setting(
         "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
@@ -38,6 +48,8 @@ class BucketSettings(Group):
 
 class KeySettings(Group):
     """Places in the bucket."""
+
+    title: ClassVar[str] = "Places in the bucket"
 
     model_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."
@@ -83,14 +95,23 @@ class KeySettings(Group):
         "Description of the evaluation, below the model's folder.",
     )
     upload_s3_profile: str = setting(
-        "DR_UPLOAD_S3_PROFILE", "default", "AWS profile of uploads.", ignored=_UPLOAD
+        "DR_UPLOAD_S3_PROFILE",
+        "default",
+        "AWS profile with the keys of that bucket.",
+        file="system.env",
     )
-    upload_s3_bucket: str = setting(
-        "DR_UPLOAD_S3_BUCKET", "not-defined", "Bucket of uploads.", ignored=_UPLOAD
+    upload_s3_endpoint_url: Address = setting(
+        "DR_UPLOAD_S3_ENDPOINT_URL",
+        "",
+        "S3 address of that bucket; empty takes what the profile says, else Amazon.",
+        file="system.env",
+    )
+    upload_s3_bucket: UploadBucket = setting(
+        "DR_UPLOAD_S3_BUCKET",
+        "not-defined",
+        "Bucket that models are uploaded to; not-defined when there is none.",
+        file="system.env",
     )
     upload_s3_prefix: ObjectKey = setting(
-        "DR_UPLOAD_S3_PREFIX",
-        "$DR_LOCAL_S3_MODEL_PREFIX-1",
-        "Folder of uploads.",
-        ignored=_UPLOAD,
+        "DR_UPLOAD_S3_PREFIX", "$DR_LOCAL_S3_MODEL_PREFIX-1", "Folder of the model there."
     )

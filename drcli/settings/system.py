@@ -4,9 +4,9 @@ They are listed so that a system.env written for the reference loads as it is, a
 documentation can say of each name why it does nothing.
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
-from drcli.settings.fields import Group, setting
+from drcli.settings.fields import FileName, Group, setting
 
 _DOCKER = "no containers are used"
 _WINDOW = "nothing opens a window and no X server is needed"
@@ -14,12 +14,15 @@ _STREAM = "no camera stream is published"
 _DERIVED = "the reference's activation script works it out for its containers"
 _SPOT = "it steers the scripts of deepracer-on-the-spot"
 _CONSOLE = "models are not exchanged with DeepRacer on AWS"
-_GPU = "choose a GPU with CUDA_VISIBLE_DEVICES"
+_GPU = "the trainer's GPU is chosen with CUDA_VISIBLE_DEVICES"
 _REAL_TIME = "metrics are written to the bucket only"
 
 
 class ContainerSettings(Group):
     """Images and containers."""
+
+    title: ClassVar[str] = "Containers and logs"
+    file: ClassVar[FileName] = "system.env"
 
     simapp_source: str = setting(
         "DR_SIMAPP_SOURCE",
@@ -53,13 +56,16 @@ class ContainerSettings(Group):
         "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=_DOCKER
     )
     robomaker_mount_scripts_dir: str = setting(
-        "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", ignored=_DOCKER
+        "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=_DOCKER
     )
     robomaker_cuda_devices: str = setting(
-        "DR_ROBOMAKER_CUDA_DEVICES", "", "GPUs of the simulation.", ignored=_GPU
+        "DR_ROBOMAKER_CUDA_DEVICES",
+        "",
+        "GPUs of the simulation.",
+        ignored="the simulation uses no GPU",
     )
     sagemaker_cuda_devices: str = setting(
-        "DR_SAGEMAKER_CUDA_DEVICES", "", "GPUs of the trainer.", ignored=_GPU
+        "DR_SAGEMAKER_CUDA_DEVICES", "", "GPUs of the trainer.", planned=_GPU
     )
     cloud_watch_enable: bool = setting(
         "DR_CLOUD_WATCH_ENABLE", False, "Send logs to CloudWatch.", planned="logs stay here"
@@ -68,12 +74,18 @@ class ContainerSettings(Group):
         "DR_CLOUD_WATCH_LOG_STREAM_PREFIX", "", "Name of those logs.", ignored="logs stay here"
     )
     quiet_activate: bool = setting(
-        "DR_QUIET_ACTIVATE", False, "Activate without a summary.", ignored="nothing is activated"
+        "DR_QUIET_ACTIVATE",
+        False,
+        "Activate without a summary.",
+        ignored="nothing is printed anyway",
     )
 
 
 class ScreenSettings(Group):
     """Windows, cameras and streams."""
+
+    title: ClassVar[str] = "Windows, cameras and streams"
+    file: ClassVar[FileName] = "system.env"
 
     gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=_WINDOW)
     host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=_WINDOW)
@@ -88,7 +100,7 @@ class ScreenSettings(Group):
         ignored="the camera is computed without a renderer",
     )
     kinesis_stream_name: str = setting(
-        "DR_KINESIS_STREAM_NAME", "", "Kinesis video stream.", ignored=_STREAM
+        "DR_KINESIS_STREAM_NAME", "", "Kinesis video stream.", planned=_STREAM
     )
     camera_main_enable: bool = setting(
         "DR_CAMERA_MAIN_ENABLE", True, "Camera that follows the car.", ignored=_STREAM
@@ -119,6 +131,9 @@ class ScreenSettings(Group):
 class ServiceSettings(Group):
     """Services beside the training."""
 
+    title: ClassVar[str] = "Services"
+    file: ClassVar[FileName] = "system.env"
+
     telegraf_host: str = setting(
         "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
     )
@@ -134,6 +149,7 @@ class ServiceSettings(Group):
         "Minutes between uploads of the model; 0 never.",
         low=0,
         planned="models are not uploaded while they train",
+        file="run.env",
     )
     regular_physical_model_upload: int = setting(
         "DR_REGULAR_PHYSICAL_MODEL_UPLOAD",
@@ -141,22 +157,35 @@ class ServiceSettings(Group):
         "Minutes between archives for the car; 0 never.",
         low=0,
         planned="archives for the car are not made while a model trains",
+        file="run.env",
     )
     continue_on_spot_interruption: bool = setting(
-        "DR_CONTINUE_ON_SPOT_INTERRUPTION", True, "Go on elsewhere.", ignored=_SPOT
+        "DR_CONTINUE_ON_SPOT_INTERRUPTION", True, "Go on elsewhere.", ignored=_SPOT, file="run.env"
     )
     import_model_on_completion: bool = setting(
-        "DR_IMPORT_MODEL_ON_COMPLETION", True, "Import the model at the end.", ignored=_SPOT
+        "DR_IMPORT_MODEL_ON_COMPLETION",
+        True,
+        "Import the model at the end.",
+        ignored=_SPOT,
+        file="run.env",
     )
     import_model_regular_upload: bool = setting(
-        "DR_IMPORT_MODEL_REGULAR_UPLOAD", False, "Read by nothing.", ignored=_SPOT
+        "DR_IMPORT_MODEL_REGULAR_UPLOAD", False, "Read by nothing.", ignored=_SPOT, file="run.env"
     )
 
 
 class DerivedSettings(Group):
     """What a shell holds in which the reference was activated."""
 
-    reference_dir: str = setting("DR_DIR", "", "Folder of the reference.", ignored=_DERIVED)
+    title: ClassVar[str] = "Left by the reference in a shell"
+    file: ClassVar[FileName] = "system.env"
+
+    reference_dir: str = setting(
+        "DR_DIR",
+        "",
+        "Folder that holds run.env.",
+        ignored="it counts in the environment only, where it names the folder to work in",
+    )
     reference_config: str = setting("DR_CONFIG", "", "Its run.env.", ignored=_DERIVED)
     robomaker_train_port: str = setting(
         "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=_DERIVED
@@ -179,4 +208,10 @@ class DerivedSettings(Group):
     )
     current_params_file: str = setting(
         "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container.", ignored=_DERIVED
+    )
+    s3_uri: str = setting(
+        "DR_S3_URI",
+        "",
+        "Bucket of a spot instance.",
+        ignored="it does something only where another value refers to it as $DR_S3_URI",
     )

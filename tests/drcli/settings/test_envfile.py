@@ -85,7 +85,7 @@ def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remed
     [
         (b"A=1\nB=\xff\xfe\n", "run.env line 2: holds byte 0xff, which is no UTF-8 text."),
         ("A=1\n".encode("utf-16-le"), "run.env line 1: holds a NUL, so is no text."),
-        (b"#" * (LARGEST_BYTES + 1), "run.env: is 262,145 bytes long, which no settings file is."),
+        (b"#" * (LARGEST_BYTES + 1), "run.env: is 65,537 bytes long, which no settings file is."),
     ],
 )
 def test_what_is_no_text_is_refused_with_the_place(data, sentence):

@@ -107,6 +107,20 @@ def test_unknown_names_are_kept_with_a_warning(folder):
     )
 
 
+def test_names_that_only_the_environment_has_share_one_warning(folder):
+    settings = folder.load("", environ={"DR_TRAIN_COMPOSE_FILE": "a", "DR_DOCKER_FILE_SEP": "-f"})
+
+    assert settings.warnings == (
+        "environment: unknown and without effect here: DR_TRAIN_COMPOSE_FILE, DR_DOCKER_FILE_SEP.",
+    )
+
+
+def test_the_content_of_a_file_can_be_tried_before_it_is_written(folder):
+    settings = folder.load("DR_WORKERS=2", contents={"run.env": b"# new\nDR_WORKERS=3"})
+
+    assert (settings.workers, settings.source("DR_WORKERS")) == (3, "run.env line 2")
+
+
 def test_the_environment_of_other_programs_is_left_alone(folder):
     settings = folder.load("", environ={"HOME": "/root", "EDITOR": "vi"})
 
@@ -145,14 +159,6 @@ def test_a_repeated_line_counts_as_last_written(folder):
     )
 
 
-def test_a_setting_without_effect_is_announced_only_when_somebody_may_count_on_it(folder):
-    settings = folder.load("DR_EVAL_SAVE_MP4=yes\nDR_HOST_X=True\nDR_TRAIN_MULTI_CONFIG=no\n")
-
-    assert settings.warnings == (
-        "run.env line 1: DR_EVAL_SAVE_MP4=True has no effect: videos are not recorded.",
-    )
-
-
 def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
     settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\n")
 
@@ -161,10 +167,10 @@ def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
 
 
 def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder):
-    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_UPLOAD_S3_PREFIX=$NOBODY/x\n")
+    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_DROA_URL=$NOBODY/x\n")
 
     assert settings.webviewer_port == 8100
-    assert settings.upload_s3_prefix == "rl-deepracer-sagemaker-1"
+    assert settings.droa_url == ""
     assert Settings.restore(settings.dump()) == settings
     assert len(settings.warnings) == 2
 
@@ -249,6 +255,7 @@ def test_every_name_stands_once_with_a_meaning_and_a_default_that_fits():
         assert name.startswith("DR_")
         assert setting.meaning.endswith(".")
         assert (setting.effect == "used") == (setting.reason == "")
+        assert setting.reason == setting.reason.rstrip(".")
 
 
 def test_no_two_names_are_so_alike_that_one_passes_for_a_typo_of_an_old_one():

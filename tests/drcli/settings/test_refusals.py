@@ -4,6 +4,7 @@ import pytest
 
 from drcli.config import load_settings
 from drcli.errors import SettingsError
+from drcli.findings import FindingsError
 
 
 @pytest.mark.parametrize(
@@ -247,3 +248,41 @@ def test_a_folder_without_run_env_is_refused(tmp_path):
 
     assert str(refusal.value) == f"run.env: there is no such file in {tmp_path}."
     assert "dr init" in refusal.value.remedy
+
+
+def test_a_file_that_is_no_text_is_all_that_is_reported(folder):
+    folder.write("system.env", b"TEAM=blue\nDR_CLOUD=\xff\n")
+
+    refusal = folder.refusal("DR_CAR_NAME=$TEAM\n")
+
+    assert str(refusal) == "system.env line 2: holds byte 0xff, which is no UTF-8 text."
+
+
+def test_a_password_in_a_wrong_address_is_not_repeated(folder):
+    refusal = folder.refusal("DR_REMOTE_MINIO_URL=ftp://me:secret@nas:9000\n")
+
+    assert "secret" not in str(refusal)
+    assert "DR_REMOTE_MINIO_URL=ftp://(hidden)@nas:9000" in str(refusal)
+
+
+def test_findings_and_warnings_of_a_refused_load_can_be_told_apart(folder):
+    refusal = folder.refusal("DR_WORKERS=0\nTEAM=blue\n")
+
+    assert isinstance(refusal, FindingsError)
+    assert [finding.where for finding in refusal.findings] == ["run.env line 1"]
+    assert refusal.warnings == ("run.env line 2: TEAM is no setting and has no effect.",)
+
+
+def test_of_very_many_findings_only_some_are_listed(folder):
+    refusal = folder.refusal("no equal sign\n" * 1_000)
+
+    lines = str(refusal).splitlines()
+    assert len(lines) == 41
+    assert lines[-1] == "And 960 more like these."
+    assert len(refusal.findings) == 1_000
+
+
+def test_of_very_many_warnings_only_some_are_listed(folder):
+    settings = folder.load("".join(f"A{k}=1\n" for k in range(100)))
+
+    assert settings.warnings[-1] == "And 60 more like these."

@@ -93,6 +93,16 @@ def test_a_wrong_value_of_a_worker_is_named_with_its_file_and_line(folder, files
         folder.load(MULTI)
 
 
+def test_what_is_wrong_in_several_files_is_reported_at_once(folder, files):
+    files("DR_RACE_TYPE=RALLY\n", "DR_WORLD_NAME=no track\n")
+
+    with pytest.raises(SettingsError) as refusal:
+        folder.load(MULTI)
+
+    places = [line.partition(":")[0] for line in str(refusal.value).splitlines()]
+    assert places == ["worker-2.env line 1", "worker-3.env line 1"]
+
+
 def test_a_race_of_two_models_cannot_be_trained_by_any_worker(folder, files):
     files("DR_RACE_TYPE=HEAD_TO_MODEL\n")
 

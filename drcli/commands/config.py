@@ -1,0 +1,124 @@
+"""`dr config`: show, check and change the settings."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+from drcli.errors import SettingsError
+
+if TYPE_CHECKING:
+    from drcli.settings.fields import FileName
+
+app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
+
+_AsJson = Annotated[
+    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+]
+
+
+@app.command()
+def show(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Only these settings.")
+    ] = None,
+    changed: Annotated[
+        bool, typer.Option("--changed", help="Only what differs from the defaults.")
+    ] = False,
+    as_json: _AsJson = False,
+) -> None:
+    """Show the settings, each with the file and line it comes from.
+
+    Otherwise its place is the environment or the default. With names, each one is explained.
+    Passwords and keys are not shown.
+
+    Example: dr-config show --changed
+    """
+    from drcli import console, views_config
+    from drcli.settings.inspection import inspect_values
+
+    loaded = settings()
+    wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
+    report = inspect_values(loaded, wanted, changed=changed)
+    rendered = views_config.explained(report) if wanted else views_config.values(report)
+    console.emit(report, rendered, as_json=as_json)
+
+
+@app.command()
+def check(as_json: _AsJson = False) -> None:
+    """Check all settings: everything wrong, odd or without effect, at once.
+
+    Exits 3 when something is wrong. `dr validate` looks at your other files too.
+
+    Example: dr-config check --json
+    """
+    from drcli import console, views_config
+    from drcli.settings.inspection import check_settings
+
+    report = check_settings(working_folder())
+    console.emit(report, views_config.check(report), as_json=as_json)
+    if not report.valid:
+        more = len(report.errors) - 1
+        raise SettingsError(
+            f"{report.errors[0]}" + (f" And {more} more." if more else ""),
+            remedy="Correct that, as with `dr config set NAME=VALUE`, and check again.",
+        )
+
+
+@app.command("set")
+def change(
+    values: Annotated[list[str], typer.Argument(metavar="NAME=VALUE...", help="New values.")],
+    file: Annotated[
+        str | None,
+        typer.Option("--file", metavar="FILE", help="run.env or system.env, if not by itself."),
+    ] = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Change settings in the files of this folder, or of its experiment.
+
+    A setting is changed where it stands; a new one goes to the file it belongs in. Comments, order
+    and quotes stay. Put $NAME into single quotes, or your shell fills it in. Nothing is written
+    when a value would be wrong.
+
+    Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
+    """
+    from drcli import console, views_config
+    from drcli.settings.editing import set_values
+
+    edit = set_values(working_folder(), _wanted(values), file=_file(file))
+    console.emit(edit, views_config.edit(edit), as_json=as_json)
+    for warning in edit.warnings:
+        console.warn(warning)
+
+
+def _wanted(values: list[str]) -> dict[str, str]:
+    wanted = {}
+    for pair in values:
+        written, equals, value = pair.partition("=")
+        if not equals:
+            raise typer.BadParameter(f"'{pair}' is no NAME=VALUE.")
+        wanted[_known(written.strip(), _names_in_files())] = value
+    return wanted
+
+
+def _names_in_files() -> tuple[str, ...]:
+    """Names of the racer's own that $NAME refers to; none while the files are wrong."""
+    try:
+        return tuple(settings().extra)
+    except SettingsError:
+        return ()
+
+
+def _known(written: str, others: tuple[str, ...]) -> str:
+    from drcli.settings.inspection import find_name, suggestion
+
+    name = find_name(written, others)
+    if name is None:
+        raise typer.BadParameter(f"'{written}' is no setting. {suggestion(written)}")
+    return name
+
+
+def _file(name: str | None) -> "FileName | None":
+    if name is None or name == "run.env" or name == "system.env":
+        return name  # type: ignore[return-value]
+    raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")

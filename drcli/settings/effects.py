@@ -1,0 +1,83 @@
+"""Says which settings of the racer's files do nothing here, and why."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from drcli.findings import shown
+from drcli.settings.fields import Setting
+from drcli.settings.model import Settings, catalogue
+from drcli.settings.secrets import hidden
+
+OUTSIDE = ("default", "environment")
+"""Where a value stands that the racer has not written down here: a shell in which the reference was
+activated holds all of its names."""
+
+
+@dataclass(frozen=True)
+class Idle:
+    """Settings that do nothing, all for the same reason.
+
+    Attributes:
+        reason: Why, without a full stop.
+        names: The settings, in the order of the documentation.
+    """
+
+    reason: str
+    names: tuple[str, ...]
+
+
+def idle(settings: Settings) -> tuple[Idle, ...]:
+    """Every setting in the racer's files that does nothing, also where it has its default."""
+    by_reason: dict[str, list[str]] = {}
+    for name, setting in catalogue().items():
+        if setting.effect != "used" and settings.source(name) not in OUTSIDE:
+            by_reason.setdefault(setting.reason, []).append(name)
+    return tuple(Idle(reason, tuple(names)) for reason, names in by_reason.items())
+
+
+def without_effect(settings: Settings) -> Iterator[str]:
+    """Warnings about settings that do nothing: a line a reason, and one for all harmless ones."""
+    yield from missed(settings)
+    rest = remainder(settings)
+    if rest is not None:
+        yield rest
+
+
+def missed(settings: Settings) -> Iterator[str]:
+    """A sentence a reason about the settings that somebody counts on in vain."""
+    by_reason: dict[str, list[Setting]] = {}
+    for setting in catalogue().values():
+        if _is_missed(setting, settings):
+            by_reason.setdefault(setting.reason, []).append(setting)
+    for reason, group in by_reason.items():
+        written = ", ".join(_written(setting, settings) for setting in group)
+        verb = "has" if len(group) == 1 else "have"
+        yield f"{settings.source(group[0].name)}: {written} {verb} no effect: {reason}."
+
+
+def remainder(settings: Settings) -> str | None:
+    """One sentence about all others in the racer's files, None where there are none."""
+    harmless = [
+        name
+        for group in idle(settings)
+        for name in group.names
+        if not _is_missed(catalogue()[name], settings)
+    ]
+    if not harmless:
+        return None
+    files = sorted({settings.source(name).partition(" line ")[0] for name in harmless})
+    verb = "is" if len(harmless) == 1 else "are"
+    return (
+        f"{' and '.join(files)}: {len(harmless)} of the settings {verb} for containers, windows, "
+        "videos and the like, without effect here. `dr config check` names them."
+    )
+
+
+def _is_missed(setting: Setting, settings: Settings) -> bool:
+    value = getattr(settings, setting.field)
+    return setting.effect == "planned" and value != setting.default
+
+
+def _written(setting: Setting, settings: Settings) -> str:
+    value = hidden(setting.name, str(getattr(settings, setting.field)))
+    return f"{setting.name}={shown(value)}"

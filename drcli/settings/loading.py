@@ -1,0 +1,310 @@
+"""One load of all settings: from files, environment and flags to one frozen object.
+
+It gathers everything that is wrong and all that looks odd, so that one start reports all of it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from drcli import activation
+from drcli.envfile import Entry
+from drcli.findings import Finding, FindingsError, closest, few, one_of, shown
+from drcli.settings.checks import contradictions, misfits
+from drcli.settings.effects import without_effect
+from drcli.settings.files import Files
+from drcli.settings.layers import Layers, references
+from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue
+from drcli.settings.secrets import hidden
+
+TYPO_SIMILARITY = 0.85
+"""From here on an unknown DR_ name is taken for a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
+
+
+class Loader:
+    """One load: gathers findings and warnings until it can raise or return.
+
+    Args:
+        directory: Folder with run.env, absolute.
+        contents: Content of files, by name, to be taken for what lies there.
+    """
+
+    def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
+        self._files = Files(directory, contents)
+        self._findings = self._files.findings
+        self._warnings = self._files.warnings
+
+    def load(self, upper: list[dict[str, Entry]], worker: int | None = None) -> Settings:
+        """Read everything.
+
+        Args:
+            upper: Layers above the files.
+            worker: Number of the worker whose own file goes on top of all, counted from 1.
+
+        Raises:
+            FindingsError: Something is wrong.
+            SettingsError: There is no run.env.
+        """
+        system = self._system()
+        experiment = self._experiment([*upper, system])
+        run = self._files.read(self._run_file(experiment, upper))
+        self._refuse_late_experiment(run, experiment)
+
+        folder = f"experiments/{experiment}/" if experiment else ""
+        own = self._worker_file(folder, worker) if worker is not None else {}
+        if not self._files.complete:
+            self._refuse_findings()
+        entries = [own, *upper, run, system]
+        for layer in entries:
+            _drop_empty(layer)
+        self._rename(entries)
+        layers, values = self._settle(entries)
+        extra = self._unknown(layers, entries)
+        self._refuse_findings()
+
+        sources = {
+            name: entry.where
+            for name in (*catalogue(), *extra)
+            if (entry := layers.find(name)) is not None
+        }
+        settings = Settings(
+            directory=self._files.directory,
+            extra=extra,
+            sources=sources,
+            warnings=(),
+            **values,
+        )
+        self._findings += contradictions(settings)
+        self._refuse_findings()
+        overrides: tuple[Override, ...] = ()
+        if worker is not None:
+            overrides = (_override(layers, own, values),)
+        else:
+            if settings.train_multi_config:
+                overrides = self._overrides(settings, upper)
+                self._refuse_findings()
+            self._warnings += without_effect(settings)
+        return settings.model_copy(
+            update={"warnings": tuple(few(self._warnings)), "overrides": overrides}
+        )
+
+    def run_file(self, upper: list[dict[str, Entry]]) -> str:
+        """Name of the run.env that counts.
+
+        Args:
+            upper: Layers above the files.
+        """
+        return self._run_file(self._experiment([*upper, self._system()]), upper)
+
+    def _run_file(self, experiment: str, upper: list[dict[str, Entry]]) -> str:
+        if experiment:
+            return f"experiments/{experiment}/run.env"
+        outside = {name: entry.value for layer in upper for name, entry in layer.items()}
+        return activation.run_file(outside, self._files.directory)
+
+    def _refuse_findings(self) -> None:
+        if self._findings:
+            raise FindingsError(sorted(self._findings, key=_position), few(self._warnings))
+
+    def _system(self) -> dict[str, Entry]:
+        if self._files.exist("system.env"):
+            return self._files.read("system.env")
+        self._warnings.append("system.env: is missing, so its settings have their defaults.")
+        return {}
+
+    def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
+        """The entries of a worker's own file that may differ from worker to worker."""
+        name = f"{folder}worker-{worker}.env"
+        if not self._files.exist(name):
+            self._findings.append(
+                Finding(
+                    name,
+                    f"there is no such file in {self._files.directory}, but "
+                    f"DR_TRAIN_MULTI_CONFIG is True and there is a worker {worker}",
+                    f"Write the track and race of that worker into {name}, or set DR_WORKERS to "
+                    f"{worker - 1}.",
+                )
+            )
+            return {}
+        entries = self._files.read(name)
+        for key in [key for key in entries if not _is_of_worker(key)]:
+            entry = entries.pop(key)
+            self._warnings.append(
+                f"{entry.where}: {shown(key)} is the same for all workers and ignored here."
+            )
+        return entries
+
+    def _overrides(self, settings: Settings, upper: list[dict[str, Entry]]) -> tuple[Override, ...]:
+        """What the files of the second and all further workers change."""
+        overrides: list[Override] = []
+        warnings: list[str] = []
+        for worker in range(2, settings.workers + 1):
+            loader = Loader(self._files.directory, self._files.contents)
+            try:
+                loaded = loader.load([dict(layer) for layer in upper], worker)
+            except FindingsError as error:
+                self._findings += [f for f in error.findings if f not in self._findings]
+                continue
+            overrides += loaded.overrides
+            warnings += [text for text in loaded.warnings if "worker-" in text]
+        self._warnings += dict.fromkeys(text for text in warnings if text not in self._warnings)
+        return tuple(overrides)
+
+    def _experiment(self, entries: list[dict[str, Entry]]) -> str:
+        layers = Layers(entries, {})
+        name = (layers.text("DR_EXPERIMENT_NAME") or "").strip()
+        entry = layers.find("DR_EXPERIMENT_NAME")
+        if not name or entry is None:
+            return ""
+        existing = self._files.experiments()
+        if name not in existing:
+            what = f"DR_EXPERIMENT_NAME={shown(name)} has no experiments/{shown(name)}/run.env"
+            remedy = one_of(existing, name) if existing else "Create that file, or drop the name."
+            raise FindingsError([*self._findings, Finding(entry.where, what, remedy)])
+        return name
+
+    def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
+        entry = run.pop("DR_EXPERIMENT_NAME", None)
+        if entry is not None and entry.value not in ("", experiment):
+            what = f"DR_EXPERIMENT_NAME={shown(entry.value)} comes too late to choose a run.env"
+            self._findings.append(Finding(entry.where, what, "Move the line to system.env."))
+
+    def _rename(self, entries: list[dict[str, Entry]]) -> None:
+        """Let old names stand for the present ones."""
+        old_names = [(old, s.name) for s in catalogue().values() for old in s.old_names]
+        for old, name in old_names:
+            layer = next((layer for layer in entries if old in layer), None)
+            if layer is None:
+                continue
+            verdict = f"{layer[old].where}: {old} is the old name of {name}"
+            if any(name in other for other in entries):
+                self._warnings.append(f"{verdict} and ignored, because both are set.")
+            else:
+                layer[name] = replace(layer[old], name=name)
+                self._warnings.append(f"{verdict}; better write that.")
+
+    def _settle(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
+        """Values by field name; wrong ones that change nothing are dropped from the layers."""
+        while True:
+            layers = Layers(entries, _default_texts())
+            values, dropped = self._values(layers)
+            if not dropped:
+                return layers, values
+            for layer in entries:
+                for name in dropped:
+                    layer.pop(name, None)
+
+    def _values(self, layers: Layers) -> tuple[dict[str, Any], set[str]]:
+        """Texts by field name, and the names of wrong ones that change nothing."""
+        dropped: set[str] = set()
+        texts: dict[str, str] = {}
+        for name, setting in catalogue().items():
+            text = layers.text(name)
+            if name in layers.findings:
+                self._blame(name, layers.findings[name], dropped)
+            elif text is not None and (text.strip() or setting.kind == "text"):
+                texts[name] = text.strip()
+        values = {catalogue()[name].field: self._tidy(name, text) for name, text in texts.items()}
+        problems = {name: (reason, remedy) for name, reason, remedy in misfits(values, texts)}
+        for name, (reason, remedy) in problems.items():
+            setting = catalogue()[name]
+            values.pop(setting.field)
+            entry = layers.find(name)
+            written = entry.value.strip() if entry is not None else setting.default_text
+            if references(written) & problems.keys():
+                continue  # the name it refers to is what needs mending
+            what = f"{name}={shown(hidden(name, texts[name]))} {reason}"
+            if written != texts[name]:
+                what += f" (written {shown(hidden(name, written))})"
+            where = entry.where if entry is not None else "default"
+            self._blame(name, Finding(where, what, remedy), dropped)
+        return values, dropped & layers.names()
+
+    def _blame(self, name: str, finding: Finding, dropped: set[str]) -> None:
+        """Take down what is wrong with a setting; it is no failure where it changes nothing."""
+        if catalogue()[name].effect != "used":
+            self._warnings.append(f"{finding} It has no effect here.")
+            dropped.add(name)
+        elif finding not in self._findings:
+            self._findings.append(finding)
+
+    def _tidy(self, name: str, text: str) -> str:
+        """Spell choices as they are declared, and make folders independent of where we stand."""
+        setting = catalogue()[name]
+        if setting.kind == "choice":
+            spelt = {choice.casefold(): choice for choice in setting.choices}
+            return spelt.get(text.casefold(), text)
+        if setting.kind == "path":
+            path = Path(text).expanduser() if text.startswith("~/") else Path(text)
+            return str(self._files.directory / path)
+        return text
+
+    def _unknown(self, layers: Layers, entries: list[dict[str, Entry]]) -> dict[str, str]:
+        """Names that are no settings, with their values; findings for misspelt settings."""
+        old_names = {old for setting in catalogue().values() for old in setting.old_names}
+        known = catalogue().keys() | old_names
+        extra: dict[str, str] = {}
+        from_outside: list[str] = []
+        for layer in entries:
+            for name, entry in layer.items():
+                ours = name.upper().startswith("DR_")
+                if name in known or name in extra or (entry.where == "environment" and not ours):
+                    continue
+                meant = closest(name if ours else f"DR_{name}", catalogue(), TYPO_SIMILARITY)
+                if ours and meant is not None:
+                    what = f"{name}={shown(hidden(name, entry.value))} is no setting"
+                    remedy = f"Did you mean {meant}? Correct the name, or remove the line."
+                    self._findings.append(Finding(entry.where, what, remedy))
+                    continue
+                text = layers.text(name)
+                extra[name] = entry.value if text is None or name in layers.findings else text
+                if name in layers.referenced:
+                    continue
+                if entry.where == "environment":
+                    from_outside.append(name)
+                else:
+                    hint = f" Did you mean {meant}?" if meant is not None else ""
+                    self._warnings.append(
+                        f"{entry.where}: {shown(name)} is no setting and has no effect.{hint}"
+                    )
+        if from_outside:
+            # A shell in which the reference was activated has a dozen names of its own.
+            self._warnings.append(
+                f"environment: unknown and without effect here: {', '.join(from_outside)}."
+            )
+        return extra
+
+
+def _is_of_worker(name: str) -> bool:
+    """Whether a setting may differ from worker to worker; old names count as the present ones."""
+    present = next((s.name for s in catalogue().values() if name in s.old_names), name)
+    return present in WORKER_NAMES or present.startswith(WORKER_STEMS)
+
+
+def _override(layers: Layers, own: dict[str, Entry], values: dict[str, Any]) -> Override:
+    """What a worker's own file says, with everything filled in."""
+    known = [name for name in own if name in catalogue() and layers.find(name) is own[name]]
+    fields = {catalogue()[name].field for name in known}
+    return Override(
+        values={field: values[field] for field in fields if field in values},
+        sources={name: own[name].where for name in known},
+    )
+
+
+def _position(finding: Finding) -> tuple[str, int]:
+    """File and line of a finding, to report it in the order of reading."""
+    file, _, line = finding.where.partition(" line ")
+    return file, int(line or 0)
+
+
+def _drop_empty(layer: dict[str, Entry]) -> None:
+    """An empty value means not set, except where a text may be empty."""
+    for name, setting in catalogue().items():
+        if setting.kind != "text" and name in layer and not layer[name].value.strip():
+            del layer[name]
+
+
+def _default_texts() -> dict[str, str]:
+    """Defaults as texts: other values refer to them, and some refer to other names."""
+    return {name: setting.default_text for name, setting in catalogue().items()}
