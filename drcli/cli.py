@@ -1,5 +1,6 @@
 """Builds the command line; the only place where failures become exit codes."""
 
+import gc
 import io
 import os
 import sys
@@ -10,17 +11,18 @@ from typing import Annotated
 
 import typer
 
-from drcli import __version__
+from drcli import __version__, verbosity
 from drcli.commands.folder import working_folder
-from drcli.commands.lazy import LazyGroup
+from drcli.commands.lazy import QUIET_HELP, LazyGroup
 from drcli.errors import DrError
 
-EPILOG = """Every command also has a name of its own: dr-status is dr status.
+EPILOG = """Every command also has a name of its own: dr-status is dr status. `dr init` is the way
+to begin, `dr completion install` lets the Tab key finish command lines.
 
 \b
 Exit codes:
     0  done
-    1  a question was not answered with yes, or a bug of ours
+    1  answered with no, nothing runs that was asked for, or a bug of ours
     2  wrong command line
     3  wrong setting, parameter file or reward function
     4  storage cannot be reached, read or written
@@ -31,12 +33,16 @@ Exit codes:
   143  stopped (SIGTERM)
 """
 
+GC_THRESHOLD = 50_000
+"""New objects after which Python looks for garbage; its own 700 are reached at every import."""
+
 app = typer.Typer(
     name="dr",
     cls=LazyGroup,
     help="Train, watch and race DeepRacer models on this machine.",
     epilog=EPILOG,
     no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -54,8 +60,10 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help=QUIET_HELP)] = False,
 ) -> None:
     """Options that belong to no command."""
+    verbosity.quiet = quiet
 
 
 def main(args: list[str] | None = None) -> None:
@@ -68,6 +76,8 @@ def main(args: list[str] | None = None) -> None:
     Raises:
         SystemExit: Always, with the exit code.
     """
+    # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
+    gc.set_threshold(GC_THRESHOLD)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that knows no braille gets question marks, not a traceback.

@@ -6,13 +6,14 @@ import math
 import os
 import select
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, NoReturn
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
 
+from drcli import verbosity
 from drcli.errors import Aborted
 
 Advance = Callable[[int], None]
@@ -59,8 +60,9 @@ def write(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """A word on what happens."""
-    err.print(text, markup=False, soft_wrap=True)
+    """A word on what happens, which --quiet spares."""
+    if not verbosity.quiet:
+        err.print(text, markup=False, soft_wrap=True)
 
 
 def warn(text: str) -> None:
@@ -91,6 +93,32 @@ def agree(question: str, *, yes: bool) -> None:
         answer = sys.stdin.readline() if _has_input() else ""
     if answer.strip().casefold() not in ("y", "yes"):
         raise Aborted("Aborting. Nothing was changed.", remedy="-f (or --yes) asks nothing.")
+
+
+def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
+    """Ask for a word, on a terminal only; Enter takes the default.
+
+    Args:
+        question: What is wanted, without a question mark.
+        default: What Enter means; empty where there is no such thing.
+        choices: The words that are allowed, in any case; anything when left out.
+    """
+    offer = f" ({', '.join(choices)})" if choices else ""
+    spelt = {choice.casefold(): choice for choice in choices}
+    while True:
+        err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
+        line = sys.stdin.readline()
+        answer = line.strip() or default
+        if not choices or not line:
+            return answer
+        if answer.casefold() in spelt:
+            return spelt[answer.casefold()]
+        say(f"{answer} is none of these.")
+
+
+def may_ask() -> bool:
+    """Whether somebody is there to answer."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 @contextmanager
@@ -128,7 +156,9 @@ def waiting(what: str) -> Iterator[None]:
 
 
 def suggest(commands: list[tuple[str, str]]) -> None:
-    """Commands to paste next, each with what it does."""
+    """Commands to paste next, each with what it does; --quiet spares them."""
+    if verbosity.quiet:
+        return
     err.print("Next:")
     width = max(len(command) for command, _ in commands)
     for command, purpose in commands:
@@ -150,7 +180,7 @@ def is_live() -> bool:
 
     Streams are asked themselves, because FORCE_COLOR makes Rich take a pipe for a terminal.
     """
-    attached = sys.stdin.isatty() and sys.stderr.isatty()
+    attached = sys.stdin.isatty() and sys.stderr.isatty() and not verbosity.quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 

@@ -17,7 +17,7 @@ from drcli.errors import SettingsError
 from drcli.findings import Finding, shown
 from drcli.textfile import decode
 
-LARGEST_BYTES = 256 * 1024
+LARGEST_BYTES = 64 * 1024
 """No settings file comes near this; a file beyond it was named by mistake."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")

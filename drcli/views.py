@@ -241,9 +241,11 @@ def start_text(plan: "RunPlan") -> str:
     if plan.pretrained is not None:
         begin = f", with the weights of {_source(plan.pretrained)}"
     files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
+    model = f"s3://{settings.bucket}/{settings.model_prefix}"
     return "\n".join(
         [
-            f"Training of model s3://{settings.bucket}/{settings.model_prefix} starting{begin}.",
+            *([f"Wiping path {model}"] if plan.wiped else []),
+            f"Training of model {model} starting{begin}.",
             f"World {settings.world_name}, {workers}, seed {plan.job.seed}.",
             "Using configuration files:",
             *(f"   {file.origin}" for file in files),

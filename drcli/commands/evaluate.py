@@ -1,14 +1,48 @@
 """`dr evaluate`, which the reference calls `dr-start-evaluation`."""
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
 
+if TYPE_CHECKING:
+    from drcli.config import Settings
+
+STARTER = "start-evaluation"
+"""Under this name -q returns at once, as scripts for the reference expect."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """An evaluation that goes on in the background.
+
+    Attributes:
+        prefix: Model prefix.
+        checkpoint: What drives.
+        pid: The process that waits for its end.
+        simtrace: Key of its trace in the bucket, once it has ended.
+        metrics: Key of its metrics.
+    """
+
+    prefix: str
+    checkpoint: str
+    pid: int
+    simtrace: str
+    metrics: str
+
 
 def evaluate(
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Only the result.")] = False,
+    context: typer.Context,
+    quiet: Annotated[
+        bool,
+        typer.Option(
+            "-q",
+            "--quiet",
+            help="Only the result; dr-start-evaluation -q returns at once instead.",
+        ),
+    ] = False,
     clone: Annotated[
         bool, typer.Option("-c", "--clone", help="Evaluate a copy at <prefix>-E.")
     ] = False,
@@ -21,11 +55,17 @@ def evaluate(
     DR_EVAL_CHECKPOINT chooses the best or the last checkpoint, the other DR_EVAL_ settings say how
     it is driven. The model is not changed, so it may still be training.
 
+    Called as dr-start-evaluation -q, the laps are driven in the background: results come into the
+    bucket, words into the log, and dr-stop-evaluation ends it.
+
     Example: dr-evaluate --json
     """
     from drcli import console, views
     from drcli.runs import evaluation
 
+    if quiet and context.info_name == STARTER:
+        _start(settings(), clone=clone, as_json=as_json)
+        return
     report = evaluation.evaluate(
         settings(),
         clone=clone,
@@ -41,3 +81,17 @@ def evaluate(
                 ("dr-status", "how the training went"),
             ]
         )
+
+
+def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
+    """Start it in the background and say in one line that it runs."""
+    from drcli import console
+    from drcli.runs.evaluation import launch_evaluation
+    from drcli.runs.evaluation_plan import prepare_evaluation
+
+    plan = prepare_evaluation(loaded, clone=clone, directory=working_folder())
+    record = launch_evaluation(plan)
+    console.say(f"Evaluation of model s3://{record.bucket}/{record.prefix} starting.")
+    if as_json:
+        started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
+        console.emit(started, "", as_json=True)

@@ -1,15 +1,28 @@
 """A command group that loads a command when it is called, so that no call pays for the others."""
 
+from difflib import get_close_matches
 from importlib import import_module
 from itertools import groupby
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command_from_info, get_group
 from typer.models import CommandInfo
 
+from drcli import verbosity
 from drcli.commands.table import COMMANDS, Command
+from drcli.findings import shown
+
+TAKES_ANY = {
+    "ignore_unknown_options": True,
+    "allow_extra_args": True,
+    "allow_interspersed_args": False,
+    "help_option_names": ["--help"],  # -h is the height of the reference's viewer
+}
+"""What makes a command leave its options to somebody else."""
+
+QUIET_HELP = "Only results, warnings and failures."
 
 _BY_NAME = {command.name: command for command in COMMANDS}
 
@@ -19,22 +32,92 @@ class LazyGroup(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names in the order of the table."""
-        return list(_BY_NAME)
+        return [command.name for command in COMMANDS if not command.hidden]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of that name, loaded; None where there is none."""
         command = _BY_NAME.get(cmd_name)
-        return None if command is None else load(command)
+        if command is None:
+            return None
+        loaded = load(command)
+        if not command.takes_any:
+            for single in (loaded, *getattr(loaded, "commands", {}).values()):
+                _without_pydantic(single.get_help_option(ctx))
+        return loaded
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """The option --help."""
+        return _without_pydantic(super().get_help_option(ctx))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that the first word names; the likely ones are told where there is none."""
+        word = args[0]
+        if word not in _BY_NAME and not word.startswith("-"):
+            likely = _likely(word)
+            hint = f" Did you mean {' or '.join(likely)}?" if likely else ""
+            ctx.fail(f"No such command '{shown(word)}'.{hint}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands for `dr --help`, from the table alone."""
-        for section, commands in groupby(COMMANDS, lambda command: command.section):
+        listed = [command for command in COMMANDS if not command.hidden]
+        for section, commands in groupby(listed, lambda command: command.section):
             with formatter.section(section):
                 formatter.write_dl([(command.name, command.help) for command in commands])
 
 
 def load(command: Command) -> Any:
     """The command as Typer runs it."""
+    loaded = _load(command)
+    if not command.takes_any:
+        for single in getattr(loaded, "commands", {"": loaded}).values():
+            _let_be_quiet(single)
+    return loaded
+
+
+def _without_pydantic(help_option: Any) -> Any:
+    """The option with a flag for its default.
+
+    Its own default is None, and to check that against bool Typer loads pydantic: a tenth of a
+    second at every start.
+    """
+    help_option.default = False
+    return help_option
+
+
+def _likely(word: str) -> list[str]:
+    """Commands that somebody may have meant, the likeliest first."""
+    names = [command.name for command in COMMANDS if not command.hidden]
+    if word.removeprefix("dr-") in names:
+        return [word.removeprefix("dr-")]
+    typed = word[:80].casefold()
+    same = get_close_matches(typed, names, n=1, cutoff=0.9)
+    close = same or get_close_matches(typed, names, n=3, cutoff=0.7)
+    return close or [name for name in names if len(word) > 2 and word.casefold() in name][:4]
+
+
+def _let_be_quiet(command: Any) -> None:
+    """Give a command -q, as far as it has no such option of its own."""
+
+    def no_words(
+        quiet: Annotated[
+            bool,
+            typer.Option("-q", "--quiet", help=QUIET_HELP, callback=_quiet, expose_value=False),
+        ] = False,
+    ) -> None:
+        pass
+
+    taken = {spelling for parameter in command.params for spelling in parameter.opts}
+    if not taken & {"-q", "--quiet"}:
+        (option,) = _from_function(CommandInfo(name="", callback=no_words)).params
+        command.params.append(option)
+
+
+def _quiet(wanted: bool) -> None:
+    verbosity.quiet = verbosity.quiet or wanted
+
+
+def _load(command: Command) -> Any:
     module, _, name = command.target.partition(":")
     target = getattr(import_module(f"drcli.commands.{module}"), name)
     if isinstance(target, typer.Typer):
@@ -42,8 +125,14 @@ def load(command: Command) -> Any:
         group = get_group(target)
         group.name = command.name
         return group
-    return get_command_from_info(
-        CommandInfo(name=command.name, callback=target),
-        pretty_exceptions_short=False,
-        rich_markup_mode=None,
+    return _from_function(
+        CommandInfo(
+            name=command.name,
+            callback=target,
+            context_settings=TAKES_ANY if command.takes_any else None,
+        )
     )
+
+
+def _from_function(info: CommandInfo) -> Any:
+    return get_command_from_info(info, pretty_exceptions_short=False, rich_markup_mode=None)

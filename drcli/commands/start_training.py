@@ -104,7 +104,7 @@ def start_training(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
             )
         if quiet:
-            console.say(f"Training of s3://{loaded.bucket}/{loaded.model_prefix} started.")
+            console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if as_json:
                 console.emit(inspect(loaded, folder), "", as_json=True)
             return

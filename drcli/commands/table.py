@@ -26,12 +26,17 @@ class Command:
         target: `module:object` below `drcli.commands`: a function, or a Typer group.
         section: Heading in `dr --help`.
         help: One line there.
+        takes_any: Whether options are taken as they come: those of the reference for what is not
+            built, or those of another program.
+        hidden: Whether it serves our own scripts only: no line in `dr --help`, no program.
     """
 
     name: str
     target: str
     section: Section
     help: str
+    takes_any: bool = False
+    hidden: bool = False
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -99,7 +104,13 @@ COMMANDS: tuple[Command, ...] = (
         "Models",
         "Choose the name of the next upload.",
     ),
-    Command("upload-car-zip", "not_built:upload_car_zip", "Models", "Archive for the car."),
+    Command(
+        "upload-car-zip",
+        "not_built:upload_car_zip",
+        "Models",
+        "Archive for the car.",
+        takes_any=True,
+    ),
     Command("init", "init:init", "Settings and files", "Write a working folder."),
     Command("config", "config:app", "Settings and files", "Show, check and change settings."),
     Command("validate", "validate:validate", "Settings and files", "Check everything, by rule."),
@@ -120,12 +131,32 @@ COMMANDS: tuple[Command, ...] = (
     Command("reload", "update:update", "Settings and files", "The same as update."),
     Command("url", "url:url", "Settings and files", "Addresses of bucket and objects."),
     Command(
-        "local-aws", "local_aws:local_aws", "Settings and files", "The aws command on our bucket."
+        "local-aws",
+        "local_aws:local_aws",
+        "Settings and files",
+        "The aws command on our bucket.",
+        takes_any=True,
+    ),
+    Command(
+        "completion", "completion:app", "Settings and files", "Let the Tab key finish commands."
+    ),
+    Command(
+        "shell-env",
+        "shell_env:shell_env",
+        "Settings and files",
+        "Settings as variables of a shell.",
+        hidden=True,
     ),
     Command("tracks", "tracks:app", "Tracks and rewards", "List, show, add and fetch tracks."),
     Command("reward", "reward:app", "Tracks and rewards", "Check, plot and compare rewards."),
     *(
-        Command(name, f"not_built:{name.replace('-', '_')}", "Names of the reference", help)
+        Command(
+            name,
+            f"not_built:{name.replace('-', '_')}",
+            "Names of the reference",
+            help,
+            takes_any=True,
+        )
         for name, help in (
             ("start-viewer", "Pictures of the cars."),
             ("stop-viewer", "Pictures of the cars."),
@@ -153,5 +184,6 @@ def program_names() -> dict[str, str]:
     programs = {
         name if (name := command.name).startswith("droa-") else f"dr-{name}": command.name
         for command in COMMANDS
+        if not command.hidden
     }
     return {"dr": "", **programs}

@@ -1,7 +1,14 @@
 """The supervisor as a process of its own, started by `drcli.runs.training.launch`."""
 
+import sys
+
+from drcli.errors import DrError
 from drcli.job import Job
 from drcli.runs.training import supervise_job
 
 if __name__ == "__main__":
-    raise SystemExit(supervise_job(Job.from_environment()))
+    try:
+        raise SystemExit(supervise_job(Job.from_environment()))
+    except DrError as error:  # the launcher says it to the user; the log keeps it
+        print(f"{error} {error.remedy}", file=sys.stderr)
+        raise SystemExit(error.code) from None

@@ -2,28 +2,41 @@
 
 import json
 import os
-import secrets
+import shutil
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, ClassVar
+
+import psutil
 
 from drcli.config import Settings
-from drcli.errors import SettingsError, WorkerDied
+from drcli.errors import DrError, SettingsError, StorageError, WorkerDied
 from drcli.job import Job, LastWords
+from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
+from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.logs import log_file
-from drcli.runs.parameters import evaluation_parameters
-from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing, get_json
 from drcli.store.connect import open_bucket
 
-CLONE_SUFFIX = "-E"
-"""Appended to the prefix of a model that is copied before it is evaluated."""
+LEAVE_S = 0.6
+"""How long the worker may take to leave once its evaluation is to end."""
+
+READY_TIMEOUT_S = 20.0
+
+
+class EvaluationStopped(DrError):
+    """SIGTERM ended the evaluation, as `dr-stop-evaluation` does."""
+
+    code: ClassVar[int] = 143
+    final: ClassVar[bool] = True
 
 
 def evaluate(
@@ -46,60 +59,86 @@ def evaluate(
     Raises:
         SettingsError: There is no such model or checkpoint.
         WorkerDied: The evaluation worker failed.
+        EvaluationStopped: SIGTERM came.
     """
-    directory = (directory or Path.cwd()).absolute()
-    refuse_unsupported(settings, "evaluation")
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
-    _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
-    if clone:
-        settings = _cloned(settings, bucket)
-        on_progress(f"Cloned the model into s3://{bucket.name}/{settings.model_prefix}.")
-    checkpoints = [_choose(settings, bucket, settings.model_prefix)]
-    if settings.race_type == "HEAD_TO_MODEL":
-        rival = settings.eval_opp_s3_model_prefix
-        _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
-        checkpoints.append(_choose(settings, bucket, rival))
-    stamp = _free_stamp(settings, bucket)
-    on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
-    bucket.put(
-        keys.parameter_file(settings.model_prefix, settings.eval_params_file),
-        evaluation_parameters(
-            settings,
-            keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
-            keys.evaluation_metrics(settings.metrics_prefix, stamp),
-            keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
-        ),
-    )
-    job = Job(
-        settings=settings,
-        directory=directory,
-        session=secrets.token_hex(6),
-        seed=seed if seed is not None else settings.train_seed or 0,
-        until_laps=None,
-        max_minutes=None,
-        folder=directory / "data" / "runs" / f"eval-{settings.run_id}",
-        launcher_pid=os.getpid(),
-    )
-    _run(job, checkpoints, stamp)
-    records = json.loads((job.folder / "evaluation.json").read_text("utf-8"))
+    with _until_sigterm():
+        plan = prepare_evaluation(
+            settings, clone=clone, seed=seed, on_progress=on_progress, directory=directory
+        )
+        return run_evaluation(plan)
+
+
+def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
+    """Drive in a worker process and wait for its end; nothing stays of it but its results.
+
+    Raises:
+        WorkerDied: The worker failed.
+    """
+    folder = plan.job.folder
+    try:
+        _run(plan)
+        return _report(plan, json.loads((folder / "evaluation.json").read_text("utf-8")))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
+    """Start the evaluation as processes that outlive this one.
+
+    Raises:
+        WorkerDied: It ended at once, or gave no sign of life.
+    """
+    settings, directory, folder = plan.job.settings, plan.job.directory, plan.job.folder
+    path = log_file(settings, directory, "evaluation")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab") as log:
+        process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "drcli.runs.detached_evaluation"),
+                *(plan.stamp, *plan.checkpoints),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=plan.job.to_environment(),
+            cwd=directory,
+            start_new_session=True,
+        )
+    deadline = time.monotonic() + READY_TIMEOUT_S
+    while process.poll() is None and time.monotonic() < deadline:
+        record = EvaluationRecord.read(folder)
+        if record is not None:
+            return record
+        time.sleep(0.02)
+    raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
+
+
+def wait_in_background(job: Job, stamp: str, checkpoints: list[str]) -> None:
+    """What the waiting process of an evaluation in the background does."""
+    with _until_sigterm():
+        run_evaluation(EvaluationPlan(replace(job, launcher_pid=os.getpid()), checkpoints, stamp))
+
+
+def _report(plan: EvaluationPlan, records: list[list[dict[str, Any]]]) -> EvaluationReport:
+    settings = plan.job.settings
     own = EvaluationReport(
         prefix=settings.model_prefix,
         world=settings.world_name,
-        checkpoint=checkpoints[0],
+        checkpoint=plan.checkpoints[0],
         trials=_trials(records[0]),
-        simtrace=keys.evaluation_trace(settings.model_prefix, stamp),
-        metrics=keys.evaluation_metrics(settings.metrics_prefix, stamp),
+        simtrace=plan.simtrace,
+        metrics=plan.metrics,
     )
-    if len(checkpoints) == 1:
+    if len(plan.checkpoints) == 1:
         return own
     prefix = settings.eval_opp_s3_model_prefix
     opponent = EvaluationReport(
         prefix=prefix,
         world=settings.world_name,
-        checkpoint=checkpoints[1],
+        checkpoint=plan.checkpoints[1],
         trials=_trials(records[1]),
         simtrace=keys.opponent_trace(prefix),
-        metrics=keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
+        metrics=keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, plan.stamp),
     )
     return replace(own, opponent=opponent)
 
@@ -119,61 +158,15 @@ def _trials(records: list[dict[str, Any]]) -> list[TrialReport]:
     ]
 
 
-def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
-    needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
-    for key in needed:
-        if not bucket.exists(key):
-            raise SettingsError(
-                f"There is no trained model at s3://{bucket.name}/{prefix}: {key} is missing.",
-                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
-            )
-
-
-def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    index = get_json(bucket, keys.deepracer_checkpoints(prefix))
-    wanted = "best_checkpoint" if settings.eval_checkpoint == "best" else "last_checkpoint"
-    entry = index.get(wanted) or index.get("last_checkpoint")
-    if not entry:
-        raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
-        )
-    return str(entry["name"])
-
-
-def _cloned(settings: Settings, bucket: Bucket) -> Settings:
-    """Settings of a copy of the model, which is made here."""
-    source, target = settings.model_prefix, settings.model_prefix + CLONE_SUFFIX
-    for folder in ("model/", "ip/"):
-        for item in bucket.list(keys.folder(source) + folder):
-            copy = keys.folder(target) + item.key.removeprefix(keys.folder(source))
-            bucket.put(copy, bucket.get(item.key))
-    return settings.model_copy(
-        update={"model_prefix": target, "metrics_prefix": keys.metrics_prefix(target)}
-    )
-
-
-def _free_stamp(settings: Settings, bucket: Bucket) -> str:
-    """A name for this evaluation that no other has: two may start in one second."""
-    at = time.time()
-    while True:
-        stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
-        try:
-            bucket.get(keys.evaluation_trace(settings.model_prefix, stamp))
-        except ObjectMissing:
-            return stamp
-        at += 1.0
-
-
-def _run(job: Job, checkpoints: list[str], stamp: str) -> None:
+def _run(plan: EvaluationPlan) -> None:
     """Run the worker to its end, its output going to the log."""
-    job.folder.mkdir(parents=True, exist_ok=True)
+    job = plan.job
     path = log_file(job.settings, job.directory, "evaluation")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as log:
+    path.write_bytes(b"")
+    with path.open("ab") as log:  # at its end, because a second evaluation may share it
         process = subprocess.Popen(
-            [sys.executable, "-m", "drcli.worker.evaluate", stamp, *checkpoints],
+            [sys.executable, "-m", "drcli.worker.evaluate", plan.stamp, *plan.checkpoints],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -182,10 +175,10 @@ def _run(job: Job, checkpoints: list[str], stamp: str) -> None:
             start_new_session=True,
         )
         try:
+            _note(plan, process.pid)
             code = process.wait()
         except BaseException:
-            process.terminate()
-            process.wait()
+            _end(plan, process)
             raise
     if code == 0:
         return
@@ -196,3 +189,56 @@ def _run(job: Job, checkpoints: list[str], stamp: str) -> None:
         words.message if words else f"The evaluation worker ended with exit code {code}.",
         remedy=f"Read its log: {path}.",
     )
+
+
+def _note(plan: EvaluationPlan, worker_pid: int) -> None:
+    """Say on this machine that the evaluation runs."""
+    settings = plan.job.settings
+    EvaluationRecord(
+        run_id=settings.run_id,
+        stamp=plan.stamp,
+        bucket=settings.bucket,
+        prefix=settings.model_prefix,
+        world=settings.world_name,
+        checkpoint=plan.checkpoints[0],
+        pid=os.getpid(),
+        pid_started=psutil.Process().create_time(),
+        worker_pid=worker_pid,
+        started_at=time.time(),
+    ).write(plan.job.folder)
+
+
+def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
+    """Send the worker away; where it had to be killed, take back what it may have half written."""
+    process.terminate()
+    try:
+        process.wait(LEAVE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        with suppress(StorageError):
+            bucket = open_bucket(plan.job.settings, plan.job.directory, patience_s=0.0)
+            bucket.delete([plan.simtrace, plan.metrics])
+
+
+class _Terminated(BaseException):
+    """SIGTERM came. No Exception, so that nothing on the way takes it for a failure to repeat."""
+
+
+@contextmanager
+def _until_sigterm() -> Iterator[None]:
+    """Let SIGTERM end what is inside as Ctrl-C would, in good order."""
+
+    def leave(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise _Terminated
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    except _Terminated:
+        raise EvaluationStopped(
+            "The evaluation was stopped.", remedy="Start it again with `dr-evaluate`."
+        ) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -5,8 +5,6 @@ import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import psutil
-
 from drcli.config import Settings
 from drcli.runs.report import State
 
@@ -101,6 +99,8 @@ def run_folder(settings: Settings, directory: Path) -> Path:
 
 def is_alive(pid: int, pid_started: float) -> bool:
     """Whether a process runs and is the one that began at that time."""
+    import psutil  # loaded here, because a run that is over needs no such look
+
     try:
         process = psutil.Process(pid)
         same = abs(process.create_time() - pid_started) < 1.0

@@ -3,8 +3,6 @@
 import json
 from pathlib import Path
 
-import psutil
-
 from drcli.config import Settings
 from drcli.errors import StorageError
 from drcli.runs.logs import log_file
@@ -12,8 +10,8 @@ from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.connect import open_running_bucket
 from drcli.store.history import IterationRecord, read_history
+from drcli.store.look import open_running_bucket
 
 
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
@@ -48,7 +46,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         WorkerReport(
             name=worker.name,
             pid=worker.pid,
-            alive=running and worker.pid is not None and psutil.pid_exists(worker.pid),
+            alive=running and worker.pid is not None and _exists(worker.pid),
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
             log=str(log_file(settings, directory, worker.name)),
@@ -75,6 +73,12 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         last=last,
         warning=health.collapse(history, best.name if best is not None else None) or "",
     )
+
+
+def _exists(pid: int) -> bool:
+    import psutil  # loaded here, because a run that is over needs no such look
+
+    return psutil.pid_exists(pid)
 
 
 def _checkpoints(

@@ -13,9 +13,10 @@ import psutil
 from drcli.config import Settings
 from drcli.errors import WorkerDied
 from drcli.job import Job
+from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.logs import log_file
-from drcli.runs.plan import RunPlan
+from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.record import RunRecord, is_alive, run_folder
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
@@ -32,6 +33,7 @@ def launch(plan: RunPlan) -> int:
         Its process number.
 
     Raises:
+        SettingsError: Another start was faster.
         WorkerDied: It ended at once, or gave no sign of life.
     """
     settings, directory = plan.job.settings, plan.job.directory
@@ -53,7 +55,10 @@ def launch(plan: RunPlan) -> int:
         if process.poll() is not None:
             break
         time.sleep(0.05)
-    if RunRecord.read(plan.job.folder) == before:
+    record = RunRecord.read(plan.job.folder)
+    if record is not None and record.pid != process.pid:
+        refuse_second_run(settings, plan.job.folder)
+    if record == before:
         raise WorkerDied(
             "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
         )
@@ -70,11 +75,14 @@ def supervise(plan: RunPlan) -> int:
 
 
 def supervise_job(job: Job) -> int:
-    """What the supervising process does, in the foreground or detached."""
+    """What the supervising process does, in the foreground or detached.
+
+    Raises:
+        SettingsError: Another start has taken the run number or the prefix meanwhile.
+    """
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
     bucket = open_bucket(settings, job.directory)
-    lease.renew(bucket, settings.model_prefix, job.session)
     record = RunRecord(
         run_id=settings.run_id,
         session=job.session,
@@ -86,7 +94,11 @@ def supervise_job(job: Job) -> int:
         pid_started=psutil.Process().create_time(),
         started_at=time.time(),
     )
-    record.write(job.folder)
+    with only_writer(job.directory):  # of two starts in the same moment one trains
+        refuse_second_run(settings, job.folder)
+        lease.refuse_other_owner(bucket, settings.model_prefix)
+        lease.renew(bucket, settings.model_prefix, job.session)
+        record.write(job.folder)
     return Supervisor(job, bucket, record, lambda: ensure_storage(settings, job.directory)).run()
 
 

@@ -8,10 +8,12 @@ import pytest
 
 from drcli import __version__
 from drcli.cli import main
+from drcli.commands.lazy import load
+from drcli.commands.table import COMMANDS
 from drcli.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 
-SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich"}
-"""What showing help must not load. Typer itself loads pydantic for options with numbers."""
+SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich", "pydantic"}
+"""What showing help must not load."""
 
 
 @pytest.fixture
@@ -71,7 +73,7 @@ def test_help_lists_all_exit_codes(dr, capsys):
 
     shown = capsys.readouterr().out
     codes = [line.split()[0] for line in shown[shown.index("Exit codes:") :].splitlines()[1:]]
-    assert codes == ["0", "1", "2", "3", "4", "5", "6", "130", "143"]
+    assert codes == ["0", "1", "2", "3", "4", "5", "6", "7", "130", "143"]
 
 
 @pytest.mark.parametrize("command", [[], ["start-training"]])
@@ -93,7 +95,11 @@ def test_help_loads_nothing_slow(command):
     [
         (["start-training", "--wip"], "Possible options: --wipe"),
         (["status", "--jsno"], "--json"),
-        (["start-trainin"], "Did you mean 'start-training'"),
+        (["start-trainin"], "No such command 'start-trainin'. Did you mean start-training?"),
+        (["statsu"], "No such command 'statsu'. Did you mean status?"),
+        (["dr-status"], "Did you mean status?"),
+        (["model"], "Did you mean upload-model or "),
+        (["tracks", "lits"], "Did you mean 'list'?"),
         (["start-training", "--seed", "x"], "--seed"),
     ],
 )
@@ -104,6 +110,50 @@ def test_a_wrong_command_line_exits_2_and_suggests_the_right_one(dr, capsys, arg
     assert code == 2
     assert printed.out == ""
     assert words in printed.err
+
+
+def test_a_word_like_no_command_gets_no_hint(dr, capsys):
+    code = dr("xyzzy")
+
+    assert code == 2
+    assert "No such command 'xyzzy'.\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line", [["-q", "init"], ["init", "--quiet"], ["--quiet", "init", "-q"]], ids=" ".join
+)
+def test_quiet_spares_words_and_keeps_results(dr, working_folder, capsys, line):
+    code = dr(*line, "made", "--json")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert printed.err == ""
+    assert '"written"' in printed.out
+
+
+def test_quiet_does_not_last_longer_than_its_command(dr, working_folder, capsys):
+    dr("-q", "init", "one")
+
+    dr("init", "two")
+
+    assert "files written" in capsys.readouterr().err
+
+
+def test_quiet_keeps_warnings_and_failures(dr, working_folder, capsys):
+    dr("-q", "init", "made", "--world", "Oval_track")
+    dr("-q", "init", "made", "--cloud", "x")
+
+    said = capsys.readouterr().err
+    assert "Warning: There is no track Oval_track" in said
+    assert "Error: " in said
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if not c.takes_any], ids=lambda c: c.name)
+def test_every_command_of_ours_can_be_quiet(command):
+    loaded = load(command)
+
+    for single in getattr(loaded, "commands", {"": loaded}).values():
+        assert "--quiet" in {name for option in single.params for name in option.opts}
 
 
 @pytest.mark.parametrize(

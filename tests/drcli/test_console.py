@@ -1,5 +1,6 @@
 """What goes to stdout, what to stderr, and in which shape."""
 
+import io
 import json
 from dataclasses import dataclass
 
@@ -90,3 +91,31 @@ def test_a_pipe_is_no_terminal_even_if_colours_are_forced(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", Terminal())
 
     assert not console.is_live()
+
+
+@pytest.mark.parametrize(
+    ("typed", "answer"),
+    [("\n", "local"), ("aws\n", "aws"), ("AWS\n", "aws"), ("x\naws\n", "aws"), ("", "local")],
+)
+def test_a_question_is_put_until_the_answer_is_one_of_the_words(monkeypatch, capsys, typed, answer):
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+
+    assert console.ask("Who keeps the bucket", "local", ["local", "aws"]) == answer
+    assert capsys.readouterr().err.startswith("Who keeps the bucket (local, aws) [local]: ")
+
+
+def test_a_question_without_words_takes_anything(monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("  my model \n"))
+
+    assert console.ask("Name of the model", "m") == "my model"
+
+
+def test_quiet_leaves_warnings_and_failures(monkeypatch, capsys):
+    monkeypatch.setattr("drcli.verbosity.quiet", True)
+
+    console.say("a word")
+    console.suggest([("dr-status", "look")])
+    console.warn("odd")
+    console.fail("It broke.", "Mend it.")
+
+    assert capsys.readouterr().err == "Warning: odd\nError: It broke.\n  Try: Mend it.\n"

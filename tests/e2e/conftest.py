@@ -161,3 +161,11 @@ def new_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable
 @pytest.fixture
 def workspace(new_workspace: Callable[[], Workspace]) -> Workspace:
     return new_workspace()
+
+
+@pytest.fixture(scope="module")
+def shared_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workspace]:
+    """One working folder for all tests of a file."""
+    space = Workspace(tmp_path_factory.mktemp("racer"))
+    yield space
+    space.clean_up()

@@ -33,6 +33,7 @@ class PaperRun:
         self.options: StartOptions | None = None
         self.refusal: Exception | None = None
         self.warnings: list[str] = []
+        self.wiped = False
         self.running = True
         self._started = False
 
@@ -44,7 +45,7 @@ class PaperRun:
         job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
-        return RunPlan(job, Inputs(*files), self.warnings, None)
+        return RunPlan(job, Inputs(*files), self.warnings, None, wiped=self.wiped)
 
     def launch(self, plan: RunPlan) -> int:
         self.asked.append("launch")

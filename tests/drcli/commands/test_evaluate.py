@@ -5,6 +5,9 @@ import json
 import pytest
 
 from drcli.errors import WorkerDied
+from drcli.job import Job
+from drcli.runs.evaluation_plan import EvaluationPlan
+from drcli.runs.evaluation_record import EvaluationRecord
 
 
 @pytest.fixture
@@ -72,3 +75,56 @@ def test_an_evaluation_that_does_not_end_leaves_stdout_empty(
 
     assert dr("evaluate", "--json") == code
     assert capsys.readouterr().out == ""
+
+
+@pytest.fixture
+def launched(working_folder, monkeypatch):
+    """What is started in the background; it is nothing."""
+    seen = {}
+
+    def prepare(settings, *, clone, directory):
+        seen["clone"] = clone
+        job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
+        return EvaluationPlan(job, ["8_Step-4000.ckpt"], "20260102030405")
+
+    def launch(plan):
+        seen["stamp"] = plan.stamp
+        return EvaluationRecord(
+            run_id=0,
+            stamp=plan.stamp,
+            bucket="bucket",
+            prefix="model",
+            world="reinvent_base",
+            checkpoint=plan.checkpoints[0],
+            pid=4242,
+            pid_started=0.0,
+            worker_pid=4243,
+            started_at=0.0,
+        )
+
+    monkeypatch.setattr("drcli.runs.evaluation_plan.prepare_evaluation", prepare)
+    monkeypatch.setattr("drcli.runs.evaluation.launch_evaluation", launch)
+    return seen
+
+
+def test_the_references_name_with_q_returns_at_once_with_its_line(dr, launched, capsys):
+    code = dr("start-evaluation", "-q", "-c")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert launched == {"clone": True, "stamp": "20260102030405"}
+    assert printed.out == ""
+    assert printed.err == "Evaluation of model s3://bucket/model starting.\n"
+
+
+def test_an_evaluation_in_the_background_tells_programs_where_results_will_be(dr, launched, capsys):
+    dr("start-evaluation", "-q", "--json")
+
+    started = json.loads(capsys.readouterr().out)
+    assert started == {
+        "prefix": "model",
+        "checkpoint": "8_Step-4000.ckpt",
+        "pid": 4242,
+        "simtrace": "model/evaluation-20260102030405/evaluation-simtrace/0-iteration.csv",
+        "metrics": "model/metrics/evaluation/evaluation-20260102030405.json",
+    }

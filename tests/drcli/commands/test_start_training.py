@@ -91,7 +91,7 @@ def test_quiet_returns_after_the_launch_with_a_single_line(dr, run, make_report,
     printed = capsys.readouterr()
     assert code == 0
     assert printed.out == ""
-    assert printed.err == "Training of s3://bucket/model started.\n"
+    assert printed.err == "Training of model s3://bucket/model starting.\n"
 
 
 def test_quiet_json_describes_the_run_that_has_begun(dr, run, make_report, capsys):
@@ -250,3 +250,27 @@ def test_wrong_numbers_on_the_command_line_exit_2(dr, run, capsys, arguments, wo
 
 def _is_iteration(line):
     return line.split()[1:2] == ["iter"]
+
+
+def test_the_flags_of_the_reference_may_stand_together(dr, run, make_report, capsys):
+    run.looks = [make_report("running")]
+
+    code = dr("start-training", "-qwv")
+
+    assert code == 0
+    assert run.options is not None
+    assert run.options.wipe
+    assert capsys.readouterr().err == "Training of model s3://bucket/model starting.\n"
+
+
+def test_a_wiped_model_is_named_as_the_reference_names_it(dr, run, make_report, capsys):
+    run.wiped = True
+    run.looks = [make_report("finished", 1)]
+
+    dr("start-training", "-w")
+
+    said = capsys.readouterr().err.splitlines()
+    assert said[:2] == [
+        "Wiping path s3://bucket/model",
+        "Training of model s3://bucket/model starting.",
+    ]

@@ -73,7 +73,7 @@ def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
     bucket = ProbedBucket()
     for module in ("plan", "increment"):
         monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
-    monkeypatch.setattr("drcli.runs.plan.try_inputs", lambda *_: None)
+    monkeypatch.setattr("drcli.validate.examination.try_inputs", lambda *_: [])
     return Racer(working_folder, bucket)
 
 

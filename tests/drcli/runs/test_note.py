@@ -73,7 +73,7 @@ def test_outside_git_there_is_no_state_to_note(racer, monkeypatch):
     assert racer.note("model-1")["git"]["working_folder"] is None
 
 
-@pytest.mark.parametrize("change", [None, "changed"])
+@pytest.mark.parametrize("change", [None, "def reward_function(p): return 1.0"])
 def test_the_commit_of_the_working_folder_is_noted_and_whether_files_differ_from_it(racer, change):
     _git(racer.folder, "init", "--quiet")
     _git(racer.folder, "add", "custom_files")

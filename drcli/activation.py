@@ -1,0 +1,65 @@
+"""What activating a working folder leaves in a shell, and how much of that still counts.
+
+Scripts want every setting as a variable, `$DR_LOCAL_S3_BUCKET`. The commands read the files: a copy
+in the environment must not win over a line that was edited since. So activation marks its copies,
+and the commands overlook each one that still has the value it was exported with. Who exports
+another value means it, and that wins.
+"""
+
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+MARK = "DR_ACTIVATED"
+"""Variable that lists the copies: `NAME:checksum`, with spaces between."""
+
+FOLDER = "DR_DIR"
+"""Variable that names the working folder."""
+
+RUN_FILE = "DR_CONFIG"
+"""Variable that names its run.env. Source: the reference's activation."""
+
+
+def marked(copies: Mapping[str, str]) -> str:
+    """The value of the mark for these copies."""
+    return " ".join(f"{name}:{_checksum(value)}" for name, value in copies.items())
+
+
+def copies(environ: Mapping[str, str]) -> set[str]:
+    """Names whose values activation exported and nobody has changed since."""
+    pairs = (pair.rpartition(":") for pair in environ.get(MARK, "").split())
+    return {
+        name
+        for name, _, checksum in pairs
+        if name in environ and checksum == _checksum(environ[name])
+    }
+
+
+def chosen(environ: Mapping[str, str]) -> dict[str, str]:
+    """The environment without what activation left there."""
+    left = {MARK, *copies(environ)}
+    return {name: value for name, value in environ.items() if name not in left}
+
+
+def run_file(environ: Mapping[str, str], directory: Path) -> str:
+    """Which run.env an activated shell asks for, as long as no experiment is chosen.
+
+    Args:
+        environ: Process environment.
+        directory: The working folder. A shell that is activated for another one does not count.
+
+    Returns:
+        `run.env`, or the path of another file, below the folder or absolute.
+    """
+    folder, file = environ.get(FOLDER), environ.get(RUN_FILE)
+    if not folder or not file or Path(folder).absolute() != directory:
+        return "run.env"
+    path = directory / file
+    if not path.is_relative_to(directory):
+        return str(path)
+    name = path.relative_to(directory)
+    return "run.env" if name.parts[0] == "experiments" else str(name)
+
+
+def _checksum(value: str) -> str:
+    return format(zlib.crc32(value.encode("utf-8", "surrogateescape")), "08x")

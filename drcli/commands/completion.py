@@ -1,0 +1,55 @@
+"""`dr completion`: lets the Tab key finish command lines."""
+
+from typing import Annotated, Literal
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help="Let the Tab key finish commands and their values.")
+
+
+@app.command()
+def show(
+    shell: Annotated[
+        Literal["bash", "zsh", "fish"] | None,
+        typer.Argument(help="Taken from $SHELL when left out.", show_default=False),
+    ] = None,
+) -> None:
+    """Print what a shell has to run.
+
+    Example: source <(dr completion show bash)
+    """
+    import os
+
+    from drcli import console
+    from drcli.completing.install import shell_of
+    from drcli.completing.scripts import script
+
+    console.write(script(shell or shell_of(os.environ)))
+
+
+@app.command()
+def install(
+    shell: Annotated[
+        Literal["bash", "zsh", "fish"] | None,
+        typer.Argument(help="Taken from $SHELL when left out.", show_default=False),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+) -> None:
+    """Let every new shell know how to finish the dr commands.
+
+    Writes a file of its own, and one line into ~/.bashrc or ~/.zshrc.
+
+    Example: dr-completion install
+    """
+    import os
+
+    from drcli import console
+    from drcli.completing.install import install, shell_of
+
+    done = install(shell or shell_of(os.environ), os.environ)
+    if as_json:
+        console.emit(done, "", as_json=True)
+        return
+    console.say(f"New {done.shell} shells finish the dr commands from now on ({done.script}).")

@@ -1,0 +1,26 @@
+"""`dr summary`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.commands.folder import settings, working_folder
+
+
+def summary(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
+    ] = False,
+) -> None:
+    """Show settings, bucket, what runs, and the machine, on one page.
+
+    What runs is shown of every DR_RUN_ID in this folder. No server is started, and the bucket has
+    two seconds to answer.
+
+    Example: dr-summary
+    """
+    from drcli import console, views_everyday
+    from drcli.runs.summary import summarize
+
+    report = summarize(settings(), working_folder())
+    console.emit(report, views_everyday.summary(report, console.out.width), as_json=as_json)

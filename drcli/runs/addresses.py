@@ -1,0 +1,101 @@
+"""Where bucket, model and files are found: as s3:// names, on the web, and on this disk."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from urllib.parse import quote
+
+from drcli.config import Settings
+from drcli.store import keys
+from drcli.store.connect import known_endpoint
+from drcli.store.endpoint import Endpoint
+
+PlaceName = Literal["bucket", "model", "custom-files", "metrics"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A folder in the bucket.
+
+    Attributes:
+        name: What it is.
+        s3: Its name, as the aws command takes it.
+        http: Its address, None where the local server was never started. Reading it takes the keys.
+        folder: Where it lies on this disk, None where only a server knows.
+    """
+
+    name: PlaceName
+    s3: str
+    http: str | None
+    folder: str | None
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """The bucket's server, and what lies there.
+
+    Attributes:
+        cloud: DR_CLOUD.
+        endpoint: Address of the server, None where the local one was never started.
+        running: Whether the local server's process lives; None for others, which nobody asked.
+        region: Region to sign for.
+        places: What was asked for.
+    """
+
+    cloud: str
+    endpoint: str | None
+    running: bool | None
+    region: str
+    places: list[Place]
+
+
+def addresses(settings: Settings, directory: Path, names: list[PlaceName]) -> Addresses:
+    """Look up addresses; starts and asks no server.
+
+    Args:
+        settings: Say where everything is.
+        directory: The racer's working folder.
+        names: What is wanted.
+    """
+    endpoint = known_endpoint(settings, directory)
+    prefixes: dict[PlaceName, str] = {
+        "bucket": "",
+        "model": keys.folder(settings.model_prefix),
+        "custom-files": keys.folder(settings.custom_files_prefix),
+        "metrics": keys.folder(settings.metrics_prefix),
+    }
+    return Addresses(
+        cloud=settings.cloud,
+        endpoint=None if endpoint is None else _server(endpoint),
+        running=None
+        if settings.cloud != "local"
+        else endpoint is not None and endpoint.pid is not None,
+        region=settings.aws_app_region,
+        places=[
+            Place(
+                name,
+                f"s3://{settings.bucket}/{prefixes[name]}",
+                None if endpoint is None else _http(endpoint, settings.bucket, prefixes[name]),
+                _folder(settings, directory, prefixes[name]),
+            )
+            for name in names
+        ],
+    )
+
+
+def _server(endpoint: Endpoint) -> str:
+    return endpoint.url or f"https://s3.{endpoint.region}.amazonaws.com"
+
+
+def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
+    """Amazon names the bucket in the host, other servers in the path."""
+    if endpoint.url is None:
+        return f"https://{bucket}.s3.{endpoint.region}.amazonaws.com/{quote(prefix)}"
+    return f"{endpoint.url.rstrip('/')}/{bucket}/{quote(prefix)}"
+
+
+def _folder(settings: Settings, directory: Path, prefix: str) -> str | None:
+    """Where objects lie as plain files, as rclone keeps them; others have formats of their own."""
+    if settings.cloud != "local" or settings.local_s3_engine != "rclone":
+        return None
+    return str(directory / settings.s3_data_dir / settings.bucket / prefix)

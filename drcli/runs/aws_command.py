@@ -1,0 +1,47 @@
+"""What the aws command must be told to talk to the bucket of the settings."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from drcli.config import Settings
+from drcli.store.connect import running_endpoint
+
+_COMPATIBLE = {
+    # Other servers than Amazon's do not all know the newer checksums.
+    "AWS_REQUEST_CHECKSUM_CALCULATION": "when_required",
+    "AWS_RESPONSE_CHECKSUM_VALIDATION": "when_required",
+}
+
+_OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
+"""What would mix somebody else's identity with the keys of our own server."""
+
+
+def aws_command(
+    settings: Settings,
+    directory: Path,
+    arguments: Sequence[str],
+    environ: Mapping[str, str],
+) -> tuple[list[str], dict[str, str]]:
+    """Arguments and environment of the aws command; the local server is started where needed.
+
+    Keys travel in the environment, because every user of the machine can read a command line.
+
+    Args:
+        settings: Say where the bucket is.
+        directory: The racer's working folder.
+        arguments: What the racer wrote after the command's name.
+        environ: The racer's environment.
+    """
+    endpoint = running_endpoint(settings, directory)
+    options: list[str] = []
+    variables = {**environ, "AWS_DEFAULT_REGION": endpoint.region}
+    if endpoint.url is not None:
+        options += ["--endpoint-url", endpoint.url]
+        variables |= _COMPATIBLE
+    if endpoint.access_key is not None and endpoint.secret_key is not None:
+        variables = {name: value for name, value in variables.items() if name not in _OTHER_KEYS}
+        variables["AWS_ACCESS_KEY_ID"] = endpoint.access_key
+        variables["AWS_SECRET_ACCESS_KEY"] = endpoint.secret_key
+    elif endpoint.profile is not None:
+        options += ["--profile", endpoint.profile]
+    return [*options, *arguments], variables

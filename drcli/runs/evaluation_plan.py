@@ -1,0 +1,157 @@
+"""Plans a stand-alone evaluation: finds the checkpoints, says in the bucket what will be driven."""
+
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.config import Settings
+from drcli.errors import SettingsError
+from drcli.job import Job
+from drcli.runs.evaluation_record import claim, sweep
+from drcli.runs.parameters import evaluation_parameters
+from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
+from drcli.store import keys
+from drcli.store.bucket import Bucket, get_json
+from drcli.store.connect import open_bucket
+
+CLONE_SUFFIX = "-E"
+"""Appended to the prefix of a model that is copied before it is evaluated."""
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """An evaluation that can start.
+
+    Attributes:
+        job: For the processes; its folder is the evaluation's own.
+        checkpoints: What drives: the model's, and the opponent's in a HEAD_TO_MODEL race.
+        stamp: Fourteen digits that name it.
+    """
+
+    job: Job
+    checkpoints: list[str]
+    stamp: str
+
+    @property
+    def simtrace(self) -> str:
+        """Key of the model's trace."""
+        return keys.evaluation_trace(self.job.settings.model_prefix, self.stamp)
+
+    @property
+    def metrics(self) -> str:
+        """Key of the model's metrics."""
+        return keys.evaluation_metrics(self.job.settings.metrics_prefix, self.stamp)
+
+
+def prepare_evaluation(
+    settings: Settings,
+    *,
+    clone: bool = False,
+    seed: int | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
+    directory: Path | None = None,
+) -> EvaluationPlan:
+    """Find the checkpoints and describe the evaluation in the bucket, before a process starts."""
+    directory = (directory or Path.cwd()).absolute()
+    refuse_unsupported(settings, "evaluation")
+    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
+    on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
+    if clone:
+        settings = _cloned(settings, bucket)
+        on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
+    checkpoints = [_choose(settings, bucket, settings.model_prefix)]
+    if settings.race_type == "HEAD_TO_MODEL":
+        rival = settings.eval_opp_s3_model_prefix
+        _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+        checkpoints.append(_choose(settings, bucket, rival))
+    on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
+    sweep(directory, settings.run_id)
+    stamp, folder = _claim_stamp(settings, bucket, directory)
+    with _removed_on_failure(folder):
+        bucket.put(
+            keys.parameter_file(settings.model_prefix, settings.eval_params_file),
+            evaluation_parameters(
+                settings,
+                keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
+                keys.evaluation_metrics(settings.metrics_prefix, stamp),
+                keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
+            ),
+        )
+    job = Job(
+        settings=settings,
+        directory=directory,
+        session=secrets.token_hex(6),
+        seed=seed if seed is not None else settings.train_seed or 0,
+        until_laps=None,
+        max_minutes=None,
+        folder=folder,
+        launcher_pid=os.getpid(),
+    )
+    return EvaluationPlan(job, checkpoints, stamp)
+
+
+def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
+    needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
+    for key in needed:
+        if not bucket.exists(key):
+            raise SettingsError(
+                f"There is no trained model at s3://{bucket.name}/{prefix}: {key} is missing.",
+                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
+            )
+
+
+def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
+    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
+    index = get_json(bucket, keys.deepracer_checkpoints(prefix))
+    wanted = "best_checkpoint" if settings.eval_checkpoint == "best" else "last_checkpoint"
+    entry = index.get(wanted) or index.get("last_checkpoint")
+    if not entry:
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
+            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
+        )
+    return str(entry["name"])
+
+
+def _cloned(settings: Settings, bucket: Bucket) -> Settings:
+    """Settings of a copy of the model, which is made here: data first, what names it last."""
+    source, target = settings.model_prefix, settings.model_prefix + CLONE_SUFFIX
+    pointers = (keys.deepracer_checkpoints(source), keys.coach_checkpoint(source))
+    found = [
+        item.key
+        for folder in ("model/", "ip/")
+        for item in bucket.list(keys.folder(source) + folder)
+    ]
+    for key in sorted(found, key=lambda key: key in pointers):
+        copy = keys.folder(target) + key.removeprefix(keys.folder(source))
+        bucket.put(copy, bucket.get(key))
+    return settings.model_copy(
+        update={"model_prefix": target, "metrics_prefix": keys.metrics_prefix(target)}
+    )
+
+
+def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
+    """A name for this evaluation that no other has, and its folder: two may start in one second."""
+    at = time.time()
+    while True:
+        stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
+        if not bucket.exists(keys.evaluation_trace(settings.model_prefix, stamp)):
+            folder = claim(directory, settings.run_id, stamp)
+            if folder is not None:
+                return stamp, folder
+        at += 1.0
+
+
+@contextmanager
+def _removed_on_failure(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise

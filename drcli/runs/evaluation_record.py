@@ -1,0 +1,101 @@
+"""The notes that running evaluations leave on this machine, so that another shell can end them."""
+
+import json
+import os
+import shutil
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from drcli.runs.record import is_alive
+
+_FILE = "running.json"
+
+
+@dataclass(frozen=True)
+class EvaluationRecord:
+    """One evaluation while it runs, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
+
+    Attributes:
+        run_id: DR_RUN_ID.
+        stamp: Fourteen digits that name it.
+        bucket: Name of the bucket.
+        prefix: Model prefix.
+        world: DR_WORLD_NAME.
+        checkpoint: What drives.
+        pid: The process that waits for its end and is to be told to stop.
+        pid_started: When that process began, Unix seconds: process numbers are used again.
+        worker_pid: The process that drives.
+        started_at: Unix seconds.
+    """
+
+    run_id: int
+    stamp: str
+    bucket: str
+    prefix: str
+    world: str
+    checkpoint: str
+    pid: int
+    pid_started: float
+    worker_pid: int
+    started_at: float
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return is_alive(self.pid, self.pid_started)
+
+    def write(self, folder: Path) -> None:
+        """Put the note down in one step, so that a reader never sees half of it."""
+        scratch = folder / f".{_FILE}.{os.getpid()}"
+        scratch.write_text(json.dumps(asdict(self), indent=2), "utf-8")
+        scratch.replace(folder / _FILE)
+
+    @staticmethod
+    def read(folder: Path) -> "EvaluationRecord | None":
+        """The note in the folder of an evaluation, None where there is none (yet, or any more)."""
+        try:
+            return EvaluationRecord(**json.loads((folder / _FILE).read_text("utf-8")))
+        except FileNotFoundError:
+            return None
+
+
+def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
+    """Make the folder of an evaluation; None where another one has that name already.
+
+    Making a folder either succeeds or fails, so two that start in one second get two names.
+    """
+    folder = _runs(directory) / str(run_id) / "evaluations" / stamp
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        return None
+    return folder
+
+
+def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
+    """Evaluations that run in a working folder, oldest first.
+
+    Args:
+        directory: The racer's working folder.
+        run_id: Only those of one DR_RUN_ID.
+    """
+    of_run = "*" if run_id is None else str(run_id)
+    folders = _runs(directory).glob(f"{of_run}/evaluations/*")
+    records = (EvaluationRecord.read(folder) for folder in folders)
+    return sorted(
+        (record for record in records if record is not None and record.alive),
+        key=lambda record: record.started_at,
+    )
+
+
+def sweep(directory: Path, run_id: int) -> None:
+    """Remove what evaluations left behind that were killed."""
+    for folder in _runs(directory).glob(f"{run_id}/evaluations/*"):
+        record = EvaluationRecord.read(folder)
+        if record is not None and not record.alive:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _runs(directory: Path) -> Path:
+    return directory / "data" / "runs"

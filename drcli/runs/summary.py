@@ -1,0 +1,221 @@
+"""One look at a working folder: its settings, its bucket, what runs there, and the machine."""
+
+import shutil
+import subprocess
+import threading
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from platform import python_version
+from typing import Literal
+
+from drcli.config import Settings
+from drcli.errors import StorageError
+from drcli.runs.addresses import addresses
+from drcli.runs.evaluation_record import running_evaluations
+from drcli.runs.prefix import newest_checkpoint
+from drcli.runs.stopping import running_trainings
+from drcli.store import keys
+from drcli.store.connect import known_endpoint
+from drcli.store.look import open_running_bucket
+
+BUCKET_PATIENCE_S = 2.0
+_PROGRAM_PATIENCE_S = 2.0
+PACKAGES = ("drcli", "torch", "mujoco")
+
+
+@dataclass(frozen=True)
+class BucketState:
+    """The bucket, as far as it tells within two seconds.
+
+    Attributes:
+        cloud: DR_CLOUD.
+        name: DR_LOCAL_S3_BUCKET.
+        endpoint: Address of its server, None where the local one was never started.
+        state: "stopped" is a local server that does not run; "silent" is any that fails to answer.
+        reason: Why it is silent, empty otherwise.
+        checkpoint: The model's newest checkpoint, None where there is none or nobody tells.
+        model: Whether the model has one, None where nobody tells.
+    """
+
+    cloud: str
+    name: str
+    endpoint: str | None
+    state: Literal["answers", "stopped", "silent"]
+    reason: str = ""
+    checkpoint: str | None = None
+    model: bool | None = None
+
+
+@dataclass(frozen=True)
+class Running:
+    """Something that runs in the folder.
+
+    Attributes:
+        kind: What it is.
+        run_id: Its DR_RUN_ID.
+        model: Its model, as s3://bucket/prefix.
+        world: Where it drives.
+        since: Unix seconds.
+        pid: Its process.
+    """
+
+    kind: Literal["training", "evaluation"]
+    run_id: int
+    model: str
+    world: str
+    since: float
+    pid: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Everything `dr-summary` shows.
+
+    Attributes:
+        folder: The working folder.
+        experiment: DR_EXPERIMENT_NAME, empty without one.
+        branch: The folder's git branch, None outside git.
+        run_id: DR_RUN_ID.
+        prefix: Model prefix.
+        race_type: DR_RACE_TYPE.
+        world: DR_WORLD_NAME.
+        car: DR_CAR_NAME.
+        workers: DR_WORKERS.
+        bucket: The bucket.
+        running: Trainings and evaluations of every DR_RUN_ID in this folder.
+        versions: Of Python and the packages that matter; None where one is not installed.
+        gpus: Names of the NVIDIA GPUs.
+        gpu_usable: Whether the installed torch can use them.
+        warnings: What the settings warn of.
+    """
+
+    folder: str
+    experiment: str
+    branch: str | None
+    run_id: int
+    prefix: str
+    race_type: str
+    world: str
+    car: str
+    workers: int
+    bucket: BucketState
+    running: list[Running] = field(default_factory=list)
+    versions: dict[str, str | None] = field(default_factory=dict)
+    gpus: list[str] = field(default_factory=list)
+    gpu_usable: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+
+def summarize(settings: Settings, directory: Path) -> Summary:
+    """Look at everything; starts no server and waits two seconds for the bucket at most."""
+    versions = {"python": python_version(), **{name: _version(name) for name in PACKAGES}}
+    gpus = _gpus()
+    return Summary(
+        folder=str(directory),
+        experiment=settings.experiment_name,
+        branch=_answer("git", "-C", str(directory), "branch", "--show-current") or None,
+        run_id=settings.run_id,
+        prefix=settings.model_prefix,
+        race_type=settings.race_type,
+        world=settings.world_name,
+        car=settings.car_name,
+        workers=settings.workers,
+        bucket=_bucket_state(settings, directory),
+        running=_running(directory),
+        versions=versions,
+        gpus=gpus,
+        # Builds for the CPU alone say so in their version.
+        gpu_usable=bool(gpus) and "+cpu" not in (versions["torch"] or "+cpu"),
+        warnings=list(settings.warnings),
+    )
+
+
+def _bucket_state(settings: Settings, directory: Path) -> BucketState:
+    """Ask the bucket; some libraries wait longer than anybody wants to, so from a thread."""
+    cloud, name = settings.cloud, settings.bucket
+    try:
+        endpoint = known_endpoint(settings, directory)
+    except StorageError as error:
+        return BucketState(cloud, name, None, "silent", str(error))
+    address = endpoint.place if endpoint is not None else None
+    if cloud == "local" and (endpoint is None or endpoint.pid is None):
+        newest = _newest_on_disk(settings, directory)
+        known = None if newest is None else newest != ""
+        return BucketState(cloud, name, address, "stopped", "", newest or None, known)
+
+    answer: list[BucketState] = []
+
+    def ask() -> None:
+        try:
+            bucket = open_running_bucket(settings, directory)
+            if bucket is not None:
+                newest = newest_checkpoint(bucket, settings.model_prefix)
+                text = str(newest) if newest is not None else None
+                answer.append(
+                    BucketState(cloud, name, address, "answers", "", text, newest is not None)
+                )
+        except StorageError as error:
+            answer.append(BucketState(cloud, name, address, "silent", str(error)))
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    thread.join(BUCKET_PATIENCE_S)
+    late = f"no answer within {BUCKET_PATIENCE_S:.0f} s"
+    return answer[0] if answer else BucketState(cloud, name, address, "silent", late)
+
+
+def _newest_on_disk(settings: Settings, directory: Path) -> str | None:
+    """Newest checkpoint in the folder of a stopped server, "" for none, None if nobody tells."""
+    [place] = addresses(settings, directory, ["model"]).places
+    if place.folder is None:
+        return None
+    prefix = settings.model_prefix
+    files = Path(place.folder, "model").glob("*")
+    names = (keys.checkpoint_of(prefix, keys.model_folder(prefix) + path.name) for path in files)
+    newest = max((name for name in names if name is not None), default=None)
+    return "" if newest is None else str(newest)
+
+
+def _running(directory: Path) -> list[Running]:
+    trainings = [
+        Running("training", r.run_id, f"s3://{r.bucket}/{r.prefix}", r.world, r.started_at, r.pid)
+        for r in running_trainings(directory)
+    ]
+    evaluations = [
+        Running("evaluation", r.run_id, f"s3://{r.bucket}/{r.prefix}", r.world, r.started_at, r.pid)
+        for r in running_evaluations(directory)
+    ]
+    return [*trainings, *evaluations]
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _gpus() -> list[str]:
+    """Names of the NVIDIA GPUs: asking torch would take seconds to load it."""
+    lines = _answer("nvidia-smi", "--query-gpu=name", "--format=csv,noheader").splitlines()
+    return [line.strip() for line in lines]
+
+
+def _answer(program: str, *arguments: str) -> str:
+    """What a program prints; empty where it fails, is not installed or takes too long."""
+    path = shutil.which(program)
+    if path is None:
+        return ""
+    try:
+        done = subprocess.run(
+            [path, *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=_PROGRAM_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

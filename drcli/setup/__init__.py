@@ -1,0 +1,1 @@
+"""Sets up: writes working folders, activates them, completes command lines."""

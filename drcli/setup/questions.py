@@ -1,0 +1,38 @@
+"""What `dr init` asks: the few things that everybody decides for himself."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from drcli.completing.values import CLOUDS, RACE_TYPES
+
+Ask = Callable[[str, str, Sequence[str]], str]
+"""Takes a question, a default and the allowed words; returns the answer."""
+
+TRAINABLE = RACE_TYPES[:3]
+"""HEAD_TO_MODEL is for evaluations."""
+
+
+def with_answers(given: Mapping[str, str], ask: Ask) -> dict[str, str]:
+    """The settings that were given, and the answers to all questions that are left.
+
+    Args:
+        given: Texts by DR_ name; nothing is asked about these.
+        ask: Puts a question.
+    """
+    values = dict(given)
+
+    def settle(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
+        if name not in values:
+            answer = ask(question, default, choices)
+            if answer:
+                values[name] = answer
+
+    settle("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")
+    settle("DR_RACE_TYPE", "Race", TRAINABLE[0], TRAINABLE)
+    settle("DR_LOCAL_S3_MODEL_PREFIX", "Name of the model", "rl-deepracer-sagemaker")
+    settle("DR_CLOUD", "Who keeps the bucket", CLOUDS[0], CLOUDS)
+    if values["DR_CLOUD"] != "local":
+        if values["DR_CLOUD"] in ("remote", "azure"):
+            settle("DR_REMOTE_MINIO_URL", "S3 address", "http://localhost:9000")
+        settle("DR_LOCAL_S3_BUCKET", "Name of the bucket", "bucket")
+        settle("DR_LOCAL_S3_PROFILE", "AWS profile with the keys", "default")
+    return values

@@ -1,0 +1,20 @@
+"""Files of ours that a working folder begins with: in the installed package, or in a checkout."""
+
+from importlib import resources
+from pathlib import Path
+
+
+def settings_file(name: str) -> Path:
+    """The commented example of run.env or system.env."""
+    return _found(name, ".")
+
+
+def activate_script() -> Path:
+    """The script that every bin/activate.sh sources."""
+    return _found("activate.sh", "scripts")
+
+
+def _found(name: str, folder_in_checkout: str) -> Path:
+    package = Path(str(resources.files("drcli")))
+    installed = package / "_defaults" / name
+    return installed if installed.is_file() else package.parent / folder_in_checkout / name

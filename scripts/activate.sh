@@ -1,0 +1,114 @@
+# Makes this shell know a working folder: its settings as variables, and the dr-* programs.
+#
+#   source scripts/activate.sh [-e EXPERIMENT] [FILE]
+#
+# For bash and zsh, interactive or in a script; `dr init` writes a bin/activate.sh that calls it.
+# The folder is the one of that bin/, else the current one, else $DR_DIR, else this checkout.
+# EXPERIMENT takes run.env and custom_files from experiments/EXPERIMENT, FILE replaces run.env.
+#
+# Silent, and as good the tenth time as the first. What goes wrong is one line on stderr and status
+# 1, and changes nothing. The commands need none of this: they read the files themselves.
+
+_DR_SCRIPT=${BASH_SOURCE[0]:-$0}
+
+_dr_fail() {
+    printf 'activate.sh: %s\n' "$1" >&2
+    return 1
+}
+
+# The absolute path of a folder. With CDPATH set, cd would print it too.
+_dr_absolute() {
+    (CDPATH='' cd -- "$1" && pwd)
+}
+
+# The first folder, of those given after it, that holds the file $1.
+_dr_folder_with() {
+    local file=$1 folder
+    shift
+    for folder in "$@"; do
+        if [ -n "$folder" ] && [ -f "$folder/$file" ]; then
+            _dr_absolute "$folder"
+            return
+        fi
+    done
+    return 1
+}
+
+# Reads settings into variables: those of the folder $1, with $2 for its run.env and $3 for its
+# experiment; empty means as it is.
+_dr_export() {
+    local lines
+    lines=$(DR_DIR=$1 DR_CONFIG=$2 _DR_EXPERIMENT=$3 dr shell-env) || return 1
+    eval "$lines"
+}
+
+_dr_activate() {
+    local home=${_DR_HOME:-} programs=${_DR_PROGRAMS:-} beside experiment='' file=''
+    unset _DR_HOME _DR_PROGRAMS
+    # Anything else is ignored: a script that passes no arguments hands on its own ones.
+    while [ $# -gt 0 ]; do
+        case $1 in
+        -e)
+            experiment=${2:-}
+            if [ $# -gt 1 ]; then shift; fi
+            ;;
+        *)
+            if [ -f "$1" ]; then
+                file=$(_dr_absolute "$(dirname -- "$1")")/${1##*/}
+            elif [ "${1%.env}" != "$1" ]; then
+                _dr_fail "there is no file $1"
+                return 1
+            fi
+            ;;
+        esac
+        shift
+    done
+    case $_DR_SCRIPT in
+    */*) beside=$(_dr_absolute "${_DR_SCRIPT%/*}") ;;
+    *) beside=$(pwd) ;;
+    esac
+    _DR_SCRIPT=$beside/${_DR_SCRIPT##*/}
+
+    # Beside a checkout, or above an installed package.
+    if programs=$(_dr_folder_with dr "$programs" "$beside/../.venv/bin" \
+        "$beside/../../../../../bin"); then
+        case ":$PATH:" in
+        *":$programs:"*) ;;
+        *) PATH=$programs:$PATH ;;
+        esac
+    elif ! command -v dr >/dev/null; then
+        _dr_fail "there is no program dr; install it, or put it on PATH"
+        return 1
+    fi
+    if ! home=$(_dr_folder_with run.env "$home" "$PWD" "${DR_DIR:-}" "$beside/.."); then
+        _dr_fail "there is no run.env in $PWD; go to your working folder, or write one: dr init"
+        return 1
+    fi
+    _dr_export "$home" "$file" "$experiment" || return 1
+    export PATH
+
+    case $- in
+    *i*)
+        if [ -z "${_DR_COMPLETES:-}" ]; then
+            _DR_COMPLETES=yes
+            eval "$(dr completion show "${ZSH_VERSION:+zsh}${BASH_VERSION:+bash}")"
+        fi
+        ;;
+    esac
+}
+
+# These three change this shell, which a program cannot.
+dr-update() {
+    _dr_export "$DR_DIR" "$DR_CONFIG" ""
+}
+
+dr-update-env() {
+    dr-update
+}
+
+dr-reload() {
+    _DR_HOME=$DR_DIR
+    . "$_DR_SCRIPT" "$DR_CONFIG"
+}
+
+_dr_activate "$@"

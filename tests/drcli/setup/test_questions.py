@@ -1,0 +1,47 @@
+"""The questions of `dr init`."""
+
+import pytest
+
+from drcli.setup.questions import with_answers
+
+
+class Racer:
+    """Answers from a list, by a word of the question; Enter for all others."""
+
+    def __init__(self, **answers: str) -> None:
+        self.answers = answers
+        self.asked: list[str] = []
+
+    def __call__(self, question, default, choices=()):
+        self.asked.append(question)
+        return next((a for word, a in self.answers.items() if word in question), default)
+
+
+def test_enter_at_every_question_trains_on_this_machine():
+    values = with_answers({}, Racer())
+
+    assert values == {
+        "DR_WORLD_NAME": "reinvent_base",
+        "DR_RACE_TYPE": "TIME_TRIAL",
+        "DR_LOCAL_S3_MODEL_PREFIX": "rl-deepracer-sagemaker",
+        "DR_CLOUD": "local",
+    }
+
+
+def test_nothing_is_asked_about_what_an_option_has_said():
+    racer = Racer()
+
+    values = with_answers({"DR_WORLD_NAME": "bean", "DR_CLOUD": "local"}, racer)
+
+    assert values["DR_WORLD_NAME"] == "bean"
+    assert len(racer.asked) == 2
+
+
+@pytest.mark.parametrize(("cloud", "more"), [("remote", 3), ("azure", 3), ("aws", 2), ("local", 0)])
+def test_a_bucket_elsewhere_needs_a_few_words_more(cloud, more):
+    racer = Racer(bucket="keeps")
+
+    values = with_answers({"DR_CLOUD": cloud}, racer)
+
+    assert len(racer.asked) == 3 + more
+    assert ("DR_REMOTE_MINIO_URL" in values) == (cloud in ("remote", "azure"))

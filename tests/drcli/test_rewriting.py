@@ -1,0 +1,77 @@
+"""A racer's file is changed whole or not at all, by one command at a time."""
+
+import os
+import stat
+import threading
+
+import pytest
+
+from drcli.errors import SettingsError
+from drcli.rewriting import only_writer, rewrite
+
+
+def test_a_file_keeps_its_mode(tmp_path):
+    path = tmp_path / "run.env"
+    path.write_bytes(b"A=1\n")
+    path.chmod(0o640)
+
+    rewrite(path, b"A=2\n")
+
+    assert path.read_bytes() == b"A=2\n"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_a_link(tmp_path):
+    target = tmp_path / "shared.env"
+    target.write_bytes(b"A=1\n")
+    (tmp_path / "run.env").symlink_to(target)
+
+    rewrite(tmp_path / "run.env", b"A=2\n")
+
+    assert (tmp_path / "run.env").is_symlink()
+    assert target.read_bytes() == b"A=2\n"
+
+
+def test_a_file_that_is_not_there_yet_is_written(tmp_path):
+    rewrite(tmp_path / "system.env", b"A=1\n")
+
+    assert (tmp_path / "system.env").read_bytes() == b"A=1\n"
+
+
+def test_a_write_protected_file_is_left_alone(tmp_path, monkeypatch):
+    path = tmp_path / "run.env"
+    path.write_bytes(b"A=1\n")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everything
+
+    with pytest.raises(SettingsError, match=r"run\.env: cannot be written \(it is write-protected"):
+        rewrite(path, b"A=2\n")
+
+    assert path.read_bytes() == b"A=1\n"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(SettingsError, match=r"gone/run\.env: cannot be written"):
+        rewrite(tmp_path / "gone" / "run.env", b"")
+    with pytest.raises(SettingsError, match="gone: cannot be read"), only_writer(tmp_path / "gone"):
+        pass
+
+
+def test_writers_of_one_folder_take_turns(tmp_path):
+    path = tmp_path / "run.env"
+    path.write_bytes(b"0")
+
+    def count_up() -> None:
+        for _ in range(25):
+            with only_writer(tmp_path):
+                rewrite(path, str(int(path.read_bytes()) + 1).encode())
+
+    threads = [threading.Thread(target=count_up) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert path.read_bytes() == b"100"
+    assert list(tmp_path.iterdir()) == [path]

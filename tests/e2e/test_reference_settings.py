@@ -1,0 +1,32 @@
+"""The reference's own run.env and system.env, unedited, train and evaluate a model."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+REFERENCE = Path(__file__).resolve().parents[1] / "data" / "reference"
+
+
+def test_the_files_of_the_reference_train_and_evaluate(workspace):
+    for name in ("run.env", "system.env"):
+        (workspace.folder / name).write_bytes((REFERENCE / name).read_bytes())
+    workspace.hyperparameters |= {"num_episodes_between_training": 2, "term_cond_max_episodes": 2}
+    workspace.write_custom_files()
+
+    checked = workspace.run("config", "check")
+    trained = workspace.run("start-training")
+    evaluated = workspace.run("evaluate", "--json")
+
+    assert checked.returncode == 0
+    assert checked.stdout.endswith("No errors, no warnings.\n")
+    assert trained.returncode == 0, trained.stderr
+    assert trained.stderr.count("24 of the settings are for containers") == 1
+    assert "DR_SIMAPP_VERSION" not in trained.stderr
+    assert evaluated.returncode == 0, evaluated.stderr
+    report = json.loads(evaluated.stdout.splitlines()[-1])
+    assert report["prefix"] == "rl-deepracer-sagemaker"
+    assert report["world"] == "reinvent_base"
+    assert report["trials"]
