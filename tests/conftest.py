@@ -1,6 +1,12 @@
-"""How hypothesis behaves here: the same examples every time, and no stopwatch."""
+"""How all tests run: no threads that wait busily for each other, and the same examples always."""
+
+import os
 
 from hypothesis import HealthCheck, settings
+
+# Torch reads it when it is loaded. Its threads spin while they wait, so on a busy machine a test
+# of ten small gradient steps took twenty seconds instead of one.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Some tests write each example over the last one's file, in a folder that all of them share.
 SUPPRESSED = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
