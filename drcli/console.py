@@ -4,8 +4,8 @@ import dataclasses
 import json
 import math
 import os
-import select
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, NoReturn
@@ -90,7 +90,7 @@ def agree(question: str, *, yes: bool) -> None:
         answer = sys.stdin.readline()
     else:
         say(f"{question} [y/N]")
-        answer = sys.stdin.readline() if _has_input() else ""
+        answer = _waiting_line()
     if answer.strip().casefold() not in ("y", "yes"):
         raise Aborted("Aborting. Nothing was changed.", remedy="-f (or --yes) asks nothing.")
 
@@ -184,12 +184,13 @@ def is_live() -> bool:
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 
-def _has_input() -> bool:
-    """Whether standard input has an answer, or has ended; an open pipe may never say anything."""
-    try:
-        return bool(select.select([sys.stdin], [], [], _ANSWER_PATIENCE_S)[0])
-    except (OSError, ValueError):  # no real file, or closed
-        return False
+def _waiting_line() -> str:
+    """A line that waits on standard input; empty when none comes, as in an open, silent pipe."""
+    lines: list[str] = []
+    reader = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
+    reader.start()
+    reader.join(_ANSWER_PATIENCE_S)
+    return lines[0] if lines else ""
 
 
 def _with_properties(report: Any) -> dict[str, Any]:

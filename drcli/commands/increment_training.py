@@ -1,5 +1,6 @@
 """`dr increment-training`."""
 
+import shlex
 from typing import Annotated
 
 import typer
@@ -49,6 +50,6 @@ def increment_training(
     console.suggest(
         [
             ("dr-start-training", "train the new model"),
-            (f"cp {step.backup} {step.file}", "take it back"),
+            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
         ]
     )

@@ -1,5 +1,6 @@
 """`dr increment-upload-model`."""
 
+import shlex
 from typing import Annotated
 
 import typer
@@ -51,6 +52,6 @@ def increment_upload_model(
     console.suggest(
         [
             ("dr-upload-model", "upload the model there"),
-            (f"cp {step.backup} {step.file}", "take it back"),
+            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
         ]
     )

@@ -131,9 +131,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
     for key in sorted(found, key=lambda key: key in pointers):
         copy = keys.folder(target) + key.removeprefix(keys.folder(source))
         bucket.put(copy, bucket.get(key))
-    return settings.model_copy(
-        update={"model_prefix": target, "metrics_prefix": keys.metrics_prefix(target)}
-    )
+    return settings.replaced(model_prefix=target, metrics_prefix=keys.metrics_prefix(target))
 
 
 def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:

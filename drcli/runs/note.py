@@ -127,7 +127,7 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
 
     Settings that do nothing here are left out, and so is a name or password in an address.
     """
-    values = settings.model_dump(mode="json")
+    values = settings.plain()
     chosen = {
         name: values[setting.field]
         for name, setting in catalogue().items()

@@ -165,12 +165,10 @@ def _resumed(settings: Settings) -> Settings:
     no local files goes on with what the model was started with.
     """
     prefix = settings.model_prefix
-    return settings.model_copy(
-        update={
-            "reward_key": keys.reward_function(prefix),
-            "hyperparameters_key": keys.hyperparameters(prefix),
-            "model_metadata_key": keys.model_metadata(prefix),
-        }
+    return settings.replaced(
+        reward_key=keys.reward_function(prefix),
+        hyperparameters_key=keys.hyperparameters(prefix),
+        model_metadata_key=keys.model_metadata(prefix),
     )
 
 

@@ -80,4 +80,4 @@ def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
 
 def _log(settings: Settings, directory: Path, prefix: str, name: str) -> str:
     """The log of a worker, of whose model run.env may not speak any more."""
-    return str(log_file(settings.model_copy(update={"model_prefix": prefix}), directory, name))
+    return str(log_file(settings.replaced(model_prefix=prefix), directory, name))

@@ -7,26 +7,25 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import psutil
 
 from drcli.config import Settings
 from drcli.errors import WorkerDied
-from drcli.job import Job
-from drcli.rewriting import only_writer
-from drcli.runs import lease
 from drcli.runs.logs import log_file
-from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.record import RunRecord, is_alive, run_folder
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
-from drcli.runs.supervisor import Supervisor
-from drcli.store.connect import ensure_storage, open_bucket
+
+if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
+    from drcli.job import Job
+    from drcli.runs.plan import RunPlan
 
 READY_TIMEOUT_S = 20.0
 
 
-def launch(plan: RunPlan) -> int:
+def launch(plan: "RunPlan") -> int:
     """Start the supervisor as a process that outlives this one.
 
     Returns:
@@ -36,6 +35,8 @@ def launch(plan: RunPlan) -> int:
         SettingsError: Another start was faster.
         WorkerDied: It ended at once, or gave no sign of life.
     """
+    from drcli.runs.plan import refuse_second_run
+
     settings, directory = plan.job.settings, plan.job.directory
     path = log_file(settings, directory, "supervisor")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +66,7 @@ def launch(plan: RunPlan) -> int:
     return process.pid
 
 
-def supervise(plan: RunPlan) -> int:
+def supervise(plan: "RunPlan") -> int:
     """Run the training in this process until it is over.
 
     Returns:
@@ -74,12 +75,18 @@ def supervise(plan: RunPlan) -> int:
     return supervise_job(plan.job)
 
 
-def supervise_job(job: Job) -> int:
+def supervise_job(job: "Job") -> int:
     """What the supervising process does, in the foreground or detached.
 
     Raises:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
+    from drcli.rewriting import only_writer
+    from drcli.runs import lease
+    from drcli.runs.plan import refuse_second_run
+    from drcli.runs.supervisor import Supervisor
+    from drcli.store.connect import ensure_storage, open_bucket
+
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
     bucket = open_bucket(settings, job.directory)

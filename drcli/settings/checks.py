@@ -1,12 +1,8 @@
 """Judges values: whether they fit their field and fit each other."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
-from pydantic import ValidationError
-
-from drcli.findings import Finding, UnfitError, one_of
-from drcli.settings.fields import Setting
+from drcli.findings import Finding, UnfitError
 from drcli.settings.model import Settings, catalogue
 
 
@@ -15,19 +11,12 @@ def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tup
     for name, text in texts.items():
         if not all(character >= " " for character in text):
             yield name, "holds a line break or control character", f"Remove it from {name}."
-    try:
-        Settings.model_validate(
-            {**values, "directory": Path(), "extra": {}, "sources": {}, "warnings": ()}
-        )
-    except ValidationError as e:
-        by_field = {setting.field: setting for setting in catalogue().values()}
-        for error in e.errors(include_url=False):
-            setting = by_field[str(error["loc"][0])]
-            cause = error.get("ctx", {}).get("error")
-            if isinstance(cause, UnfitError):
-                yield setting.name, cause.reason, cause.remedy
-            else:
-                yield setting.name, *_explain(setting, error["type"], texts[setting.name])
+    for name in texts:
+        setting = catalogue()[name]
+        try:
+            setting.read(values[setting.field])
+        except UnfitError as unfit:
+            yield name, unfit.reason, unfit.remedy
 
 
 def contradictions(settings: Settings) -> Iterator[Finding]:
@@ -52,22 +41,3 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train",
             f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
         )
-
-
-def _explain(setting: Setting, kind: str, text: str) -> tuple[str, str]:
-    """Reason and remedy for one of pydantic's own refusals."""
-    remedy = f"Set {setting.name} to {setting.expected}"
-    if setting.default_text:
-        remedy += f", or leave it out for the default {setting.default_text}"
-    if kind == "literal_error":
-        return f"is none of {', '.join(setting.choices)}", one_of(setting.choices, text)
-    if kind.startswith(("greater_than", "less_than")):
-        edge = "below" if kind.startswith("greater_than") else "above"
-        limit = setting.low if edge == "below" else setting.high
-        return f"is {edge} {limit}", f"{remedy}."
-    reasons = {
-        "flag": "is neither True nor False",
-        "whole": "is no whole number",
-        "number": "is no number",
-    }
-    return reasons.get(setting.kind, "is no readable text"), f"{remedy}."

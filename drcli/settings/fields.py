@@ -1,17 +1,22 @@
-"""How a DR_ name is declared: one field with its type, default, range and meaning."""
+"""How a DR_ name is declared: one field with its type, default, range and meaning.
+
+Pydantic's core reads the flags and numbers that somebody wrote, one by one: to load the rest of it
+and to build a model of all the fields takes a quarter of a second, and every command reads
+settings.
+"""
 
 import inspect
-import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
-from urllib.parse import urlsplit
+from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import SchemaValidator, ValidationError, core_schema
 
-from drcli.findings import UnfitError
+from drcli.findings import UnfitError, one_of
+from drcli.settings.kinds import Check, Shape
 
 T = TypeVar("T")
 
@@ -21,8 +26,14 @@ Effect = Literal["used", "accepted", "planned"]
 FileName = Literal["run.env", "system.env"]
 """Where a setting belongs; it counts in both files."""
 
+_UNREADABLE = {
+    "flag": "is neither True nor False",
+    "whole": "is no whole number",
+    "number": "is no number",
+}
 
-class Group(BaseModel):
+
+class Group:
     """Settings that belong together.
 
     Attributes:
@@ -30,17 +41,23 @@ class Group(BaseModel):
         file: Where they belong.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
-
     title: ClassVar[str]
     file: ClassVar[FileName] = "run.env"
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What may be written into a text, as it reads after `Set it to`."""
+class _Declaration:
+    """What `setting` was told."""
 
-    words: str
+    name: str
+    default: Any
+    meaning: str
+    low: float | None
+    high: float | None
+    effect: Effect
+    reason: str
+    old_names: tuple[str, ...]
+    file: FileName | None
 
 
 def setting(
@@ -68,16 +85,10 @@ def setting(
         ignored: Why it may be ignored for good.
         file: Where it belongs, if not where its group does.
     """
-    facts = {
-        "name": name,
-        "low": low,
-        "high": high,
-        "old_names": list(old_names),
-        "effect": "planned" if planned else "accepted" if ignored else "used",
-        "reason": planned or ignored,
-        "file": file,
-    }
-    return Field(default, description=meaning, ge=low, le=high, json_schema_extra=cast(Any, facts))
+    effect: Effect = "planned" if planned else "accepted" if ignored else "used"
+    reason = planned or ignored
+    declaration = _Declaration(name, default, meaning, low, high, effect, reason, old_names, file)
+    return cast(T, declaration)
 
 
 @dataclass(frozen=True)
@@ -99,6 +110,7 @@ class Setting:
         shape: What a text may be.
         group: Heading in the documentation.
         file: Where it belongs; it counts in both files.
+        judge: Judges a text that fits the kind and returns the value; None where any will do.
     """
 
     name: str
@@ -115,6 +127,7 @@ class Setting:
     shape: str
     group: str
     file: FileName
+    judge: Callable[[str], Any] | None
 
     @property
     def default_text(self) -> str:
@@ -138,37 +151,77 @@ class Setting:
             return f"{text} from {self.low} to {self.high}"
         return text if self.low is None else f"{text}, {self.low} or more"
 
+    def read(self, text: str) -> Any:
+        """The value that a text means.
 
-def declared(model: type[BaseModel]) -> Mapping[str, Setting]:
+        Raises:
+            UnfitError: None.
+        """
+        value = self._of_kind(text)
+        return value if self.judge is None else self.judge(value)
+
+    def _of_kind(self, text: str) -> Any:
+        if self.kind == "choice" and text not in self.choices:
+            raise UnfitError(f"is none of {', '.join(self.choices)}", one_of(self.choices, text))
+        if self.kind not in _UNREADABLE:
+            return Path(text) if self.kind == "path" else text
+        try:
+            return _reader(self.kind, self.low, self.high).validate_python(text)
+        except ValidationError as e:
+            fault = e.errors(include_url=False)[0]["type"]
+            reason = _UNREADABLE[self.kind]
+            if fault == "greater_than_equal":
+                reason = f"is below {self.low}"
+            elif fault == "less_than_equal":
+                reason = f"is above {self.high}"
+            raise UnfitError(reason, self._remedy()) from None
+
+    def _remedy(self) -> str:
+        remedy = f"Set {self.name} to {self.expected}"
+        if self.default_text:
+            remedy += f", or leave it out for the default {self.default_text}"
+        return f"{remedy}."
+
+
+@cache
+def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator:
+    """What reads texts of a kind."""
+    if kind == "flag":
+        return SchemaValidator(core_schema.bool_schema())
+    if kind == "whole":
+        least, most = (None if edge is None else int(edge) for edge in (low, high))
+        return SchemaValidator(core_schema.int_schema(ge=least, le=most))
+    return SchemaValidator(core_schema.float_schema(ge=low, le=high, allow_inf_nan=False))
+
+
+def declared(model: type[Group]) -> Mapping[str, Setting]:
     """Every setting of a model by its DR_ name, in the order of declaration."""
-    owners = {
-        field: base
-        for base in model.__mro__
-        if issubclass(base, Group)
-        for field in inspect.get_annotations(base)
-    }
     found = {}
-    for field, info in model.model_fields.items():
-        facts = cast(dict[str, Any], info.json_schema_extra)
-        if facts is None:
-            continue
-        kind, choices = _kind(info.annotation)
-        group = owners[field]
-        shapes = [hint.words for hint in info.metadata if isinstance(hint, Shape)]
-        found[facts["name"]] = Setting(
-            field=field,
-            kind=kind,
-            choices=choices,
-            default=info.default,
-            meaning=info.description or "",
-            shape="".join(shapes),
-            group=group.title,
-            **{
-                **facts,
-                "old_names": tuple(facts["old_names"]),
-                "file": facts["file"] or group.file,
-            },
-        )
+    groups = [base for base in reversed(model.__mro__) if issubclass(base, Group)]
+    for group in groups:
+        for field, annotation in inspect.get_annotations(group).items():
+            told = vars(group).get(field)
+            if not isinstance(told, _Declaration):
+                continue
+            hints = getattr(annotation, "__metadata__", ())
+            kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
+            found[told.name] = Setting(
+                name=told.name,
+                field=field,
+                kind=kind,
+                choices=choices,
+                default=told.default,
+                meaning=told.meaning,
+                low=told.low,
+                high=told.high,
+                effect=told.effect,
+                reason=told.reason,
+                old_names=told.old_names,
+                shape="".join(hint.words for hint in hints if isinstance(hint, Shape)),
+                group=group.title,
+                file=told.file or group.file,
+                judge=next((hint.judge for hint in hints if isinstance(hint, Check)), None),
+            )
     return found
 
 
@@ -179,119 +232,3 @@ def _kind(annotation: Any) -> tuple[str, tuple[str, ...]]:
         (annotation,) = (kind for kind in get_args(annotation) if kind is not NoneType)
     kinds = {str: "text", bool: "flag", int: "whole", float: "number", Path: "path"}
     return kinds.get(annotation, "list"), ()
-
-
-def _object_key(value: str) -> str:
-    if not value:
-        raise UnfitError("is empty", "Write a name such as rl-deepracer-1.")
-    bad = re.search(r"[^A-Za-z0-9._/-]", value)
-    if bad is not None:
-        raise UnfitError(
-            f"holds {bad[0]!a}, which cannot stand in a name in the bucket",
-            "Use only letters, digits, and the characters . _ - /.",
-        )
-    if any(part in ("", ".", "..") for part in value.split("/")):
-        raise UnfitError(
-            "has an empty part, . or .. between its slashes",
-            "Write folders as in team/model-1, without / at the start or the end.",
-        )
-    return value
-
-
-def _world(value: str) -> str:
-    if not value:
-        raise UnfitError("is empty", "Write the name of a track, such as reinvent_base.")
-    if not value.endswith(".npy") and not re.fullmatch(r"[A-Za-z0-9._-]+", value):
-        raise UnfitError(
-            "cannot be the name of a track",
-            "Write a name such as reinvent_base, or the path of a .npy file.",
-        )
-    return value
-
-
-def _bucket(value: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}", value):
-        raise UnfitError(
-            "is no name of a bucket",
-            "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
-        )
-    return value
-
-
-def _address(value: str) -> str:
-    try:
-        address = urlsplit(value)
-        fit = address.scheme in ("http", "https") and bool(address.hostname)
-        fit = fit and address.port != 0
-    except ValueError:
-        fit = False
-    if value and not fit:
-        raise UnfitError("is no web address", "Write it as in http://192.168.1.5:9000.")
-    return value
-
-
-def _colour(value: str) -> str:
-    named = {colour.casefold(): colour for colour in _COLOURS}
-    if value.casefold() not in named and not value.startswith("f1_car_"):
-        raise UnfitError(
-            f"is none of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
-        )
-    return named.get(value.casefold(), value)
-
-
-def _folder_name(value: str) -> str:
-    if value and not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", value):
-        raise UnfitError("is no plain folder name", "Write the name of a folder in experiments/.")
-    return value
-
-
-def _positions(value: Any) -> Any:
-    """`0.23,-1;0.46,1` as pairs; progress is a fraction of the lap, lane -1 is the outer one."""
-    if not isinstance(value, str):
-        return value
-    try:
-        pairs = [
-            tuple(float(number) for number in pair.split(","))
-            for pair in value.split(";")
-            if pair.strip()
-        ]
-    except ValueError:
-        pairs = [()]
-    if any(len(pair) != 2 or not 0.0 <= pair[0] <= 1.0 for pair in pairs):
-        raise UnfitError(
-            "is no list of progress,lane pairs",
-            'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
-        )
-    return tuple(pairs)
-
-
-_COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
-
-ObjectKey = Annotated[
-    str,
-    AfterValidator(_object_key),
-    Shape("a name in the bucket: letters, digits and . _ - /"),
-]
-"""A key or prefix in the bucket."""
-WorldName = Annotated[
-    str, AfterValidator(_world), Shape("the name of a track, or the path of a .npy file")
-]
-"""Has the shape of a track name; whether the track exists is known to the simulation."""
-BucketName = Annotated[
-    str, AfterValidator(_bucket), Shape("the name of a bucket: 3 to 63 letters, digits, . _ and -")
-]
-UploadBucket = Annotated[
-    str,
-    AfterValidator(lambda name: _bucket(name) if name else name),
-    Shape("the name of a bucket, or not-defined"),
-]
-Address = Annotated[str, AfterValidator(_address), Shape("an http or https address, or nothing")]
-"""http or https address, or empty."""
-Colour = Annotated[
-    str, AfterValidator(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
-]
-FolderName = Annotated[
-    str, AfterValidator(_folder_name), Shape("the name of a folder in experiments/, or nothing")
-]
-Positions = Annotated[tuple[tuple[float, float], ...], BeforeValidator(_positions)]
-"""Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""

@@ -15,7 +15,7 @@ from drcli.settings.checks import contradictions, misfits
 from drcli.settings.effects import without_effect
 from drcli.settings.files import Files
 from drcli.settings.layers import Layers, references
-from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue
+from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue, typed
 from drcli.settings.secrets import hidden
 
 TYPO_SIMILARITY = 0.85
@@ -73,7 +73,7 @@ class Loader:
             extra=extra,
             sources=sources,
             warnings=(),
-            **values,
+            **typed(values),
         )
         self._findings += contradictions(settings)
         self._refuse_findings()
@@ -85,9 +85,7 @@ class Loader:
                 overrides = self._overrides(settings, upper)
                 self._refuse_findings()
             self._warnings += without_effect(settings)
-        return settings.model_copy(
-            update={"warnings": tuple(few(self._warnings)), "overrides": overrides}
-        )
+        return settings.replaced(warnings=tuple(few(self._warnings)), overrides=overrides)
 
     def run_file(self, upper: list[dict[str, Entry]]) -> str:
         """Name of the run.env that counts.

@@ -1,11 +1,11 @@
 """All settings as one frozen object that can travel to another process."""
 
+import json
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
-
-from pydantic import BaseModel, ConfigDict
+from typing import Any, Literal, NoReturn
 
 from drcli.settings.fields import Setting, declared
 from drcli.settings.racing import EvaluationSettings, RaceSettings, TrainSettings
@@ -20,15 +20,14 @@ from drcli.settings.system import (
 )
 
 
-class Override(BaseModel):
+@dataclass(frozen=True)
+class Override:
     """What the file of one worker changes.
 
     Attributes:
         values: Texts by the name of the field.
         sources: Places by DR_ name.
     """
-
-    model_config = ConfigDict(frozen=True)
 
     values: Mapping[str, str]
     sources: Mapping[str, str]
@@ -85,7 +84,41 @@ class Settings(
     extra: Mapping[str, str]
     sources: Mapping[str, str]
     warnings: tuple[str, ...]
-    overrides: tuple[Override, ...] = ()
+    overrides: tuple[Override, ...]
+
+    def __init__(
+        self,
+        *,
+        directory: Path,
+        extra: Mapping[str, str],
+        sources: Mapping[str, str],
+        warnings: tuple[str, ...],
+        overrides: tuple[Override, ...] = (),
+        **values: Any,
+    ) -> None:
+        fields = {setting.field: setting.default for setting in catalogue().values()}
+        if unknown := values.keys() - fields.keys():
+            raise TypeError(f"No setting is called {', '.join(sorted(unknown))}.")
+        self.__dict__.update(
+            fields | values,
+            directory=directory,
+            extra=extra,
+            sources=sources,
+            warnings=warnings,
+            overrides=overrides,
+        )
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"Settings are frozen; {name} is changed in a copy, by `replaced`.")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Settings) and vars(self) == vars(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def replaced(self, **changes: Any) -> "Settings":
+        """The same with other values for some fields."""
+        return Settings(**{**vars(self), **changes})
 
     @property
     def custom_files_dir(self) -> Path:
@@ -121,21 +154,48 @@ class Settings(
         if not 1 <= worker <= len(self.overrides):
             return self
         own = self.overrides[worker - 1]
-        changed = self.model_dump() | dict(own.values)
-        changed["sources"] = {**self.sources, **own.sources}
-        return Settings.model_validate(changed)
+        return self.replaced(sources={**self.sources, **own.sources}, **typed(own.values))
+
+    def plain(self) -> dict[str, Any]:
+        """Every field as a value that JSON knows."""
+        values = {name: _plain(value) for name, value in vars(self).items()}
+        return {**values, "overrides": [asdict(override) for override in self.overrides]}
 
     def dump(self) -> str:
         """All of it as JSON text for `restore`."""
-        return self.model_dump_json()
+        return json.dumps(self.plain())
 
     @staticmethod
     def restore(text: str) -> "Settings":
         """The settings that `dump` wrote down, in this or another process."""
-        return Settings.model_validate_json(text)
+        values = json.loads(text)
+        for setting in catalogue().values():
+            written = values[setting.field]
+            if setting.kind == "path" and written is not None:
+                values[setting.field] = Path(written)
+            elif setting.kind == "list":
+                values[setting.field] = tuple(map(tuple, written))
+        values["directory"] = Path(values["directory"])
+        values["warnings"] = tuple(values["warnings"])
+        values["overrides"] = tuple(Override(**override) for override in values["overrides"])
+        return Settings(**values)
 
 
 @cache
 def catalogue() -> Mapping[str, Setting]:
     """What is known about every setting, by DR_ name, in the order of the documentation."""
     return declared(Settings)
+
+
+def typed(texts: Mapping[str, str]) -> dict[str, Any]:
+    """Values by field, for texts by field.
+
+    Raises:
+        UnfitError: A text is no value of its setting.
+    """
+    by_field = {setting.field: setting for setting in catalogue().values()}
+    return {field: by_field[field].read(text) for field, text in texts.items()}
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from drcli.settings.fields import Colour, Group, WorldName, setting
+from drcli.settings.fields import Group, setting
+from drcli.settings.kinds import Colour, WorldName
 
 _VIDEO = "it only shows in videos, which are not recorded here"
 _FULL_SPEED = "the simulation keeps no clock: it always runs as fast as the processor can"

@@ -2,7 +2,8 @@
 
 from typing import ClassVar, Literal
 
-from drcli.settings.fields import Group, ObjectKey, Positions, setting
+from drcli.settings.fields import Group, setting
+from drcli.settings.kinds import ObjectKey, Positions
 
 _OVERLAY = "it only shows in videos, which are not recorded here"
 

@@ -3,16 +3,8 @@
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from drcli.settings.fields import (
-    Address,
-    BucketName,
-    FileName,
-    FolderName,
-    Group,
-    ObjectKey,
-    UploadBucket,
-    setting,
-)
+from drcli.settings.fields import FileName, Group, setting
+from drcli.settings.kinds import Address, BucketName, FolderName, ObjectKey, UploadBucket
 
 
 class BucketSettings(Group):

@@ -13,8 +13,7 @@ from drcli.config import load_settings
 from drcli.envfile import parse_env, with_values
 from drcli.errors import SettingsError
 from drcli.rewriting import only_writer, rewrite
-from drcli.runs.inputs import shipped_file
-from drcli.setup.shipped import activate_script, settings_file
+from drcli.setup.shipped import activate_script, model_file, settings_file
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
@@ -211,7 +210,7 @@ def _check(folder: Path, contents: Mapping[str, bytes]) -> None:
 def _custom_files(folder: str, race_type: str) -> list[NewFile]:
     examples = EXAMPLES.get(race_type.upper(), "")
     return [
-        NewFile(f"{folder}/{name}", shipped_file(f"{examples}{name}").read_bytes())
+        NewFile(f"{folder}/{name}", model_file(f"{examples}{name}").read_bytes())
         for name in CUSTOM_FILES
     ]
 

@@ -9,6 +9,11 @@ def settings_file(name: str) -> Path:
     return _found(name, ".")
 
 
+def model_file(name: str) -> Path:
+    """One of the three files of a model: an example, as `rewards/speed/reward_function.py`."""
+    return _found(name, "defaults")
+
+
 def activate_script() -> Path:
     """The script that every bin/activate.sh sources."""
     return _found("activate.sh", "scripts")

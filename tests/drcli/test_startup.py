@@ -33,6 +33,11 @@ def test_a_command_that_only_looks_loads_neither_simulation_nor_storage(working_
     assert not loaded(*line.split()) & (SIMULATION | STORAGE)
 
 
+@pytest.mark.parametrize("line", ["status", "summary --json", "update", "config check"])
+def test_reading_the_settings_does_not_load_pydantic(working_folder, line):
+    assert "pydantic" not in loaded(*line.split())
+
+
 def test_looking_at_a_training_asks_no_server(working_folder):
     record = working_folder / "data" / "runs" / "0" / "run.json"
     record.parent.mkdir(parents=True)

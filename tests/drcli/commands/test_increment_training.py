@@ -2,6 +2,7 @@
 
 import io
 import json
+import shlex
 
 import pytest
 
@@ -40,6 +41,22 @@ def test_it_says_what_will_be_edited_and_what_comes_next(dr, bucket, working_fol
     assert printed.err.index("dr-start-training") > printed.err.index("Next:")
 
 
+def test_the_way_back_can_be_pasted_where_a_folder_has_a_blank_in_its_name(
+    dr, bucket, working_folder, monkeypatch, capsys
+):
+    folder = working_folder / "my racer"
+    folder.mkdir()
+    for name in ("run.env", "system.env"):
+        (working_folder / name).rename(folder / name)
+    monkeypatch.chdir(folder)
+
+    dr("increment-training", "-f")
+
+    way_back = next(line for line in capsys.readouterr().err.splitlines() if " cp " in line)
+    words = shlex.split(way_back.partition("#")[0])
+    assert words == ["cp", str(folder / "run.env.bak"), str(folder / "run.env")]
+
+
 @pytest.mark.parametrize("yes", ["y\n", "yes\n", "Y\n"])
 def test_a_yes_makes_the_edit(dr, bucket, working_folder, answer, capsys, yes):
     answer(yes)
@@ -58,7 +75,7 @@ def test_anything_but_a_yes_changes_nothing(dr, bucket, working_folder, answer, 
 
     code = dr("increment-training")
 
-    assert code == 130
+    assert code == 1
     assert "Aborting. Nothing was changed" in capsys.readouterr().err
     assert (working_folder / "run.env").read_bytes() == before
     assert not (working_folder / "run.env.bak").exists()
@@ -70,7 +87,7 @@ def test_a_wipe_is_a_question_of_its_own(dr, bucket, working_folder, answer, cap
 
     code = dr("increment-training", "-w")
 
-    assert code == 130
+    assert code == 1
     assert "Delete everything at s3://bucket/model-1? [y/N]" in capsys.readouterr().err
     assert bucket.exists("model-1/model/x")
 

@@ -221,7 +221,7 @@ def test_settings_are_the_same_in_another_process(folder):
 def test_settings_cannot_be_changed(folder):
     settings = folder.load("")
 
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(AttributeError, match="frozen"):
         settings.workers = 2  # type: ignore[misc]
 
 

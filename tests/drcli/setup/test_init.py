@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config import load_settings
-from drcli.runs.inputs import shipped_file
+from drcli.setup.shipped import model_file
 
 WRITTEN = [
     "run.env",
@@ -77,7 +77,7 @@ def test_options_end_up_in_their_files(dr, empty):
 def test_the_files_of_a_model_fit_its_race(dr, empty):
     dr("init", "--race-type", "HEAD_TO_BOT")
 
-    wanted = shipped_file("rewards/head_to_bot/reward_function.py").read_bytes()
+    wanted = model_file("rewards/head_to_bot/reward_function.py").read_bytes()
     assert (empty / "custom_files" / "reward_function.py").read_bytes() == wanted
 
 
