@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from drcli.runs.plan import RunPlan
     from drcli.runs.pretrained import Pretrained
     from drcli.runs.report import EvaluationReport, IterationRecord, RunReport
-    from drcli.tracks.folder import TrackFacts, TrackList, TrackView
+    from drcli.tracks.facts import TrackFacts, TrackList
+    from drcli.tracks.folder import TrackView
 
 CURVE_WIDTH = 54
 """Characters of a curve; its name and its newest value stand beside it."""

@@ -18,6 +18,8 @@ FORBIDDEN = {
     "drcli.worker": {"boto3", *SCREEN},
     "drcli.runs": {"drsim", "numpy", *HEAVY, *SCREEN},
     "drcli.tracks": {"torch", "mujoco", "boto3", *SCREEN},
+    "drcli.completing": {"drsim", "numpy", *HEAVY, *SCREEN},
+    "drcli.setup": {"drsim", "numpy", *HEAVY, *SCREEN},
     "drcli.reward": {"torch", "mujoco", "boto3", *SCREEN},
     "drcli.transfer": {"drsim", "numpy", *HEAVY, *SCREEN},
     "drcli.commands": {"drsim", "numpy", *HEAVY},
@@ -42,7 +44,7 @@ OURS = {
         "drcli.validate.report",
         "drsim",
     },
-    "drcli.tracks": {"drcli.tracks", "drcli.config", "drcli.errors", "drsim"},
+    "drcli.tracks": {"drcli.tracks", "drcli.config", "drcli.errors", "drcli.__version__", "drsim"},
     "drcli.runs": {
         "drcli.runs",
         "drcli.store",

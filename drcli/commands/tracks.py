@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.commands.folder import settings
+from drcli.commands.folder import settings, working_folder
 
 app = typer.Typer(no_args_is_help=True, help="List, show, add and fetch tracks.")
 
@@ -22,9 +22,10 @@ def list_all(as_json: _AsJson = False) -> None:
     Example: dr-tracks list --json
     """
     from drcli import console, views
-    from drcli.tracks.folder import list_tracks
+    from drcli.tracks.listing import list_tracks
 
-    found = list_tracks(settings().tracks_folder)
+    memory = working_folder() / "data" / "cache" / "tracks.json"
+    found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
     console.emit(found, views.track_list(found), as_json=as_json)

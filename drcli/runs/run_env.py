@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.config import Settings
+from drcli.config import Settings, active_run_file
 from drcli.envfile import parse_env, with_values
 from drcli.errors import SettingsError
 from drcli.rewriting import only_writer, rewrite
@@ -77,7 +77,7 @@ class Edit:
 def file_name(settings: Settings) -> str:
     """The run.env that counts, below the working folder: an experiment has its own."""
     name = settings.experiment_name
-    return f"experiments/{name}/run.env" if name else "run.env"
+    return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
 def written(settings: Settings, directory: Path, name: str) -> str | None:

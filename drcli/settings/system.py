@@ -186,7 +186,12 @@ class DerivedSettings(Group):
         "Folder that holds run.env.",
         ignored="it counts in the environment only, where it names the folder to work in",
     )
-    reference_config: str = setting("DR_CONFIG", "", "Its run.env.", ignored=_DERIVED)
+    reference_config: str = setting(
+        "DR_CONFIG",
+        "",
+        "Its run.env.",
+        ignored="only scripts/activate.sh sets it, to the file it was called with",
+    )
     robomaker_train_port: str = setting(
         "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=_DERIVED
     )

@@ -11,7 +11,8 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from drcli.errors import SettingsError, StorageError
-from drcli.tracks.folder import TrackFacts, add_track, target_of
+from drcli.tracks.facts import TrackFacts
+from drcli.tracks.folder import add_track, target_of
 
 PATIENCE_S = 20.0
 """Longest wait for a file, and for each answer on the way to it."""

@@ -1,4 +1,4 @@
-"""The racer's tracks: what is there, and files that are added to them."""
+"""The racer's tracks: what there is to know about each, and files that are added to them."""
 
 import contextlib
 import os
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.errors import SettingsError
+from drcli.tracks.facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.png import png_bytes
 from drsim.routes import read_route, write_route
@@ -14,56 +15,6 @@ from drsim.trackmap import picture_map, text_map
 from drsim.worlds import WorldInfo, describe, known_worlds, load_track
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
-
-
-@dataclass(frozen=True)
-class TrackFacts:
-    """What there is to know about a track.
-
-    Attributes:
-        name: Its name.
-        length_m: Length of the centre line.
-        width_m: Mean width of the road.
-        least_width_m: Width at its narrowest place.
-        greatest_width_m: Width at its widest.
-        closed: Whether it is a loop.
-        direction: "clockwise", "counterclockwise" or "open".
-        waypoints: How many there are.
-        spacing_m: Mean distance between them.
-        line_family: "in" when the white line belongs to the road, else "out".
-        source: "own" for one that is built in, else its file.
-        difficulty: "easy", "medium" or "hard"; None where nobody said.
-        about: A line about it.
-    """
-
-    name: str
-    length_m: float
-    width_m: float
-    least_width_m: float
-    greatest_width_m: float
-    closed: bool
-    direction: str
-    waypoints: int
-    spacing_m: float
-    line_family: str
-    source: str
-    difficulty: str | None
-    about: str
-
-
-@dataclass(frozen=True)
-class TrackList:
-    """Every track that a name finds.
-
-    Attributes:
-        folder: Where tracks of the racer's own lie.
-        tracks: All of them, by name.
-        unreadable: Sentences about files that are no tracks.
-    """
-
-    folder: str
-    tracks: list[TrackFacts]
-    unreadable: list[str]
 
 
 @dataclass(frozen=True)
@@ -81,8 +32,8 @@ class TrackView:
     picture: str | None
 
 
-def list_tracks(folder: Path) -> TrackList:
-    """All tracks that are built in or lie in the folder."""
+def measure_tracks(folder: Path) -> TrackList:
+    """All tracks that are built in or lie in the folder, each read and measured."""
     tracks, unreadable = [], []
     for name in known_worlds(folder):
         try:

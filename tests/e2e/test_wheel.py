@@ -38,6 +38,7 @@ def test_the_wheel_holds_the_simulation_its_data_and_the_examples(wheel):
         "drcli/_defaults/model_metadata.json",
         "drcli/_defaults/run.env",
         "drcli/_defaults/system.env",
+        "drcli/_defaults/activate.sh",
     } <= names
     assert not [name for name in names if name.startswith(("env/", "tests/"))]
 

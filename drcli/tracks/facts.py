@@ -1,0 +1,53 @@
+"""What there is to know about tracks."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrackFacts:
+    """What there is to know about a track.
+
+    Attributes:
+        name: Its name.
+        length_m: Length of the centre line.
+        width_m: Mean width of the road.
+        least_width_m: Width at its narrowest place.
+        greatest_width_m: Width at its widest.
+        closed: Whether it is a loop.
+        direction: "clockwise", "counterclockwise" or "open".
+        waypoints: How many there are.
+        spacing_m: Mean distance between them.
+        line_family: "in" when the white line belongs to the road, else "out".
+        source: "own" for one that is built in, else its file.
+        difficulty: "easy", "medium" or "hard"; None where nobody said.
+        about: A line about it.
+    """
+
+    name: str
+    length_m: float
+    width_m: float
+    least_width_m: float
+    greatest_width_m: float
+    closed: bool
+    direction: str
+    waypoints: int
+    spacing_m: float
+    line_family: str
+    source: str
+    difficulty: str | None
+    about: str
+
+
+@dataclass(frozen=True)
+class TrackList:
+    """Every track that a name finds.
+
+    Attributes:
+        folder: Where tracks of the racer's own lie.
+        tracks: All of them, by name.
+        unreadable: Sentences about files that are no tracks.
+    """
+
+    folder: str
+    tracks: list[TrackFacts]
+    unreadable: list[str]
