@@ -14,7 +14,7 @@ app = typer.Typer(no_args_is_help=True, help="Check, plot and compare reward fun
 
 _File = Annotated[
     Path | None,
-    typer.Argument(metavar="FILE", help="A reward function; that of the training if left out."),
+    typer.Argument(metavar="FILE", help="A reward function; custom_files/ if left out."),
 ]
 _World = Annotated[
     str | None, typer.Option("--world", "-w", help="Track to try it on; DR_WORLD_NAME if left out.")

@@ -84,14 +84,14 @@ def addresses(settings: Settings, directory: Path, names: list[PlaceName]) -> Ad
 
 
 def _server(endpoint: Endpoint) -> str:
-    return endpoint.url or f"https://s3.{endpoint.region}.amazonaws.com"
+    return endpoint.place if endpoint.url else f"https://s3.{endpoint.region}.amazonaws.com"
 
 
 def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
     """Amazon names the bucket in the host, other servers in the path."""
     if endpoint.url is None:
         return f"https://{bucket}.s3.{endpoint.region}.amazonaws.com/{quote(prefix)}"
-    return f"{endpoint.url.rstrip('/')}/{bucket}/{quote(prefix)}"
+    return f"{endpoint.place.rstrip('/')}/{bucket}/{quote(prefix)}"
 
 
 def _folder(settings: Settings, directory: Path, prefix: str) -> str | None:

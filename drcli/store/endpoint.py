@@ -98,5 +98,8 @@ class Endpoint:
 
     @property
     def place(self) -> str:
-        """The address as it reads in a sentence."""
-        return self.url if self.url is not None else f"Amazon S3 ({self.region})"
+        """The address as it reads in a sentence: without a password that stands in it."""
+        if self.url is None:
+            return f"Amazon S3 ({self.region})"
+        scheme, colon, rest = self.url.partition("://")
+        return scheme + colon + rest.rpartition("@")[2]

@@ -215,7 +215,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-44",
         "hyperparameters",
-        "`term_cond_avg_score` 35000 to 100000, `term_cond_max_episodes` 100000",
+        "`term_cond_avg_score` 35000 to 100000, `term_cond_max_episodes` 10000 or more",
         "warning",
     ),
     Rule(
