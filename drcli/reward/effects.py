@@ -253,4 +253,4 @@ def _what(event: str, args: tuple[Any, ...]) -> str:
 
 def _shown(value: object) -> str:
     text = os.fsdecode(value) if isinstance(value, bytes) else str(value)
-    return text if len(text) <= 80 else f"{text[:80]}..."
+    return text if len(text) <= 80 else f"...{text[-80:]}"
