@@ -78,6 +78,7 @@ def main(args: list[str] | None = None) -> None:
     """
     # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
     gc.set_threshold(GC_THRESHOLD)
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that knows no braille gets question marks, not a traceback.
@@ -96,6 +97,14 @@ def main(args: list[str] | None = None) -> None:
             raise
         _report_bug(error)
         raise SystemExit(1) from None
+
+
+def _open_closed_streams() -> None:
+    """Give a caller who closed a stream, as in `dr status <&-`, the one that is always there."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _arguments(argv: list[str]) -> list[str]:

@@ -8,13 +8,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NoReturn, TextIO
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
 
 from drcli import verbosity
-from drcli.errors import Aborted
+from drcli.errors import Aborted, OutputLost
 
 Advance = Callable[[int], None]
 """Takes how much more is done."""
@@ -30,10 +30,16 @@ class _Console(Console):
         _end_quietly()
 
 
-out = _Console(highlight=False)
+NARROWEST = 40
+"""Columns below which nothing of ours can be read; COLUMNS=0 means that nobody knows."""
+
+_COLUMNS = os.environ.get("COLUMNS", "")
+_WIDTH = 80 if _COLUMNS.isdigit() and int(_COLUMNS) < NARROWEST else None
+
+out = _Console(highlight=False, width=_WIDTH)
 """Results."""
 
-err = _Console(stderr=True, highlight=False)
+err = _Console(stderr=True, highlight=False, width=_WIDTH)
 """Hints, warnings, progress and failures."""
 
 
@@ -48,15 +54,15 @@ def emit(report: Any, rendered: RenderableType, *, as_json: bool) -> None:
     if as_json:
         write(json.dumps(_plain(_with_properties(report)), allow_nan=False) + "\n")
     else:
-        out.print(rendered, soft_wrap=True)
+        with _printing():
+            out.print(rendered, soft_wrap=True)
+            out.file.flush()
 
 
 def write(text: str) -> None:
     """Text that is itself the result, such as a log, exactly as it is."""
-    try:
+    with _printing():
         print(text, end="", flush=True)
-    except BrokenPipeError:
-        _end_quietly()
 
 
 def say(text: str) -> None:
@@ -184,6 +190,21 @@ def is_live() -> bool:
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 
+@contextmanager
+def _printing() -> Iterator[None]:
+    """While a result is printed, which a reader who leaves or a full disk may end."""
+    try:
+        yield
+    except BrokenPipeError:
+        _end_quietly()
+    except OSError as error:
+        _forget(sys.stdout)
+        raise OutputLost(
+            f"The result cannot be written to standard output: {error.strerror or error}.",
+            remedy="Make room there, or send the output elsewhere.",
+        ) from None
+
+
 def _waiting_line() -> str:
     """A line that waits on standard input; empty when none comes, as in an open, silent pipe."""
     lines: list[str] = []
@@ -211,8 +232,12 @@ def _plain(value: Any) -> Any:
 
 def _end_quietly() -> NoReturn:
     """End without a word: the reader of a pipe has seen enough."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         if not stream.isatty():
-            os.dup2(nowhere, stream.fileno())
+            _forget(stream)
     raise SystemExit(0)
+
+
+def _forget(stream: TextIO) -> None:
+    """Let what is still to be printed go nowhere, or Python tries once more when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -66,3 +66,10 @@ class Aborted(DrError):
 
     code = 1
     final = True
+
+
+class OutputLost(DrError):
+    """The result is there and cannot be printed."""
+
+    code = 1
+    final = True

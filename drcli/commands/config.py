@@ -97,8 +97,16 @@ def _wanted(values: list[str]) -> dict[str, str]:
         written, equals, value = pair.partition("=")
         if not equals:
             raise typer.BadParameter(f"'{pair}' is no NAME=VALUE.")
-        wanted[_known(written.strip(), _names_in_files())] = value
+        name = _known(written.strip(), _names_in_files())
+        if not _is_text(value):
+            raise typer.BadParameter(f"The value of {name}, {value!a}, is no UTF-8 text.")
+        wanted[name] = value
     return wanted
+
+
+def _is_text(value: str) -> bool:
+    """Whether a word of the command line was text; other bytes arrive as surrogates."""
+    return not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 def _names_in_files() -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """The racer's working folder and its settings, as every command needs them."""
 
 import os
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +11,37 @@ if TYPE_CHECKING:
 
 def working_folder() -> Path:
     """Where run.env lies: DR_DIR if that is set, else the current folder."""
-    return Path(os.environ.get("DR_DIR") or Path.cwd()).absolute()
+    here = Path.cwd().absolute()
+    folder = Path(os.environ.get("DR_DIR") or here).absolute()
+    if folder != here and (here / "run.env").is_file() and folder.resolve() != here.resolve():
+        _mention(folder, here)
+    return folder
 
 
 def settings() -> "Settings":
-    """The settings of the working folder."""
-    from drcli.config import load_settings
+    """The settings of the working folder.
 
-    return load_settings(working_folder())
+    Raises:
+        SettingsError: One is wrong, or DR_DIR is.
+    """
+    from drcli.config import load_settings
+    from drcli.errors import SettingsError
+
+    folder = working_folder()
+    if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():
+        raise SettingsError(
+            f"environment: DR_DIR={folder} holds no run.env.",
+            remedy="Correct DR_DIR, or `unset DR_DIR` and change to the folder that holds one.",
+        )
+    return load_settings(folder)
+
+
+@cache
+def _mention(folder: Path, here: Path) -> None:
+    """Say once which folder counts where somebody may expect another one."""
+    from drcli import console
+
+    console.warn(
+        f"DR_DIR={folder} counts, not {here}, which has a run.env too. "
+        "To use that one, `unset DR_DIR` or source its bin/activate.sh."
+    )

@@ -13,6 +13,8 @@ POLL_S = 0.3
 OTHERS = ("trainer", "supervisor", "evaluation")
 """Logs beside those of the simulation workers."""
 
+_STARTS = ("a training with `dr-start-training`", "an evaluation with `dr-evaluate`")
+
 
 def logs(
     worker: Annotated[
@@ -40,7 +42,7 @@ def logs(
         if not follow:
             raise SettingsError(
                 f"There is no log yet: {path}.",
-                remedy="Start a training with `dr-start-training`, or wait for it with -f.",
+                remedy=f"Start {_STARTS[worker == 'evaluation']}, or wait for it with -f.",
             )
         console.say(f"Waiting for {path} ...")
     tail = Tail(path, None if whole else TAIL_LINES)

@@ -12,9 +12,20 @@ def stop_training() -> None:
     Example: dr-stop-training
     """
     from drcli import console
+    from drcli.errors import SettingsError
+    from drcli.runs.stopping import stop_the_only_training
     from drcli.runs.training import is_running, stop
 
-    loaded, folder = settings(), working_folder()
+    folder = working_folder()
+    try:
+        loaded = settings()
+    except SettingsError:
+        # What is broken now was right at the start, and must not keep a training alive.
+        stopped = stop_the_only_training(folder)
+        if stopped is None:
+            raise
+        console.say(f"Stopped the training of {stopped.model}, whatever the settings say now.")
+        return
     if not is_running(loaded, folder):
         console.say("No training is running.")
         return

@@ -51,6 +51,7 @@ _DIVERGING = np.array(
 """From less over equal to more."""
 
 _SHARPNESS = 2
+_PNG = b"\x89PNG\r\n\x1a\n"
 """How many times as many pixels a side are drawn as are written: edges get smooth."""
 
 
@@ -137,6 +138,29 @@ class Canvas:
                 f"--out {path} cannot be written: {error.strerror or error}.",
                 remedy="Name a file in a folder that exists and is yours.",
             ) from None
+
+
+def refuse_replacing(path: Path) -> None:
+    """Refuse to draw over a file that is no picture of this kind.
+
+    Raises:
+        SettingsError: It is one.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_PNG))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise SettingsError(
+            f"--out {path} cannot be written: {error.strerror or error}.",
+            remedy="Name a file in a folder that exists and is yours.",
+        ) from None
+    if start and start != _PNG:
+        raise SettingsError(
+            f"--out {path} is there already and no PNG picture, so it is not replaced.",
+            remedy="Name another file, such as reward.png.",
+        )
 
 
 def sequential(share: Floats) -> NDArray[np.uint8]:

@@ -112,6 +112,10 @@ def compare(
     """
     files = [file_of(settings, file) for file in (first, second)]
     course = Course.of(drive(settings))
+    if out is not None:
+        from drcli.reward.canvas import refuse_replacing
+
+        refuse_replacing(out)
     trials = try_out([(file, display_name(file, directory)) for file in files], course, directory)
     for trial in trials:
         refuse_failing(trial)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.config import Settings
-from drcli.reward.canvas import FAINT, LINES, Canvas, number, sequential
+from drcli.reward.canvas import FAINT, LINES, Canvas, number, refuse_replacing, sequential
 from drcli.reward.drive import Trip, drive
 from drcli.reward.field import SPEED_MPS
 from drcli.reward.panels import Box, Curve, Scale, draw_curves, draw_map, height_of_map
@@ -58,6 +58,7 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
         SettingsError: The function fails, there is no such track, or the picture cannot be written.
     """
     path = file_of(settings, file)
+    refuse_replacing(out)
     course = Course.of(drive(settings))
     [trial] = try_out([(path, display_name(path, directory))], course, directory)
     refuse_failing(trial)

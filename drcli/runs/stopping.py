@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.config import Settings
-from drcli.errors import WorkerDied
+from drcli.errors import SettingsError, WorkerDied
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.runs.record import RunRecord, is_alive
-from drcli.store.connect import stop_storage
+from drcli.store.connect import stop_default_storage, stop_storage
 
 TRAINING_PATIENCE_S = 20.0
 """For a checkpoint, metrics and logs; after it workers are killed."""
@@ -60,6 +60,19 @@ def running_trainings(directory: Path) -> list[RunRecord]:
     return [record for record in records if record is not None and record.alive]
 
 
+def stop_the_only_training(directory: Path) -> Stopped | None:
+    """End the training that runs in a working folder; None where there is none, or several.
+
+    Raises:
+        WorkerDied: Its process does not leave.
+    """
+    trainings = running_trainings(directory)
+    if len(trainings) != 1:
+        return None
+    _end_trainings(trainings)
+    return _stopped(trainings[0])
+
+
 def stop_runs(directory: Path) -> list[Stopped]:
     """End every training and evaluation that was started in a working folder.
 
@@ -69,12 +82,8 @@ def stop_runs(directory: Path) -> list[Stopped]:
     evaluations = running_evaluations(directory)
     trainings = running_trainings(directory)
     _tell(evaluations)
-    _tell(trainings)
-    if not _wait(trainings, TRAINING_PATIENCE_S):
-        _tell(trainings)  # the second time a supervisor kills its workers
-        _wait(trainings, KILLED_PATIENCE_S)
+    _end_trainings(trainings)
     _wait(evaluations, EVALUATION_PATIENCE_S)
-    _refuse_left(trainings)
     _refuse_left(evaluations)
     return [*map(_stopped, trainings), *map(_stopped, evaluations)]
 
@@ -97,14 +106,29 @@ def stop_all(directory: Path, load: Callable[[], Settings]) -> StopReport:
 
     Args:
         directory: The racer's working folder.
-        load: Gives the settings, which say where the server keeps its objects. Called last, so that
-            wrong ones keep nothing running but the server.
+        load: Gives the settings, which say where the server keeps its objects.
 
     Raises:
+        SettingsError: They are wrong, and no server is found where one usually is.
         WorkerDied: A process does not leave.
     """
     stopped = stop_runs(directory)
-    return StopReport(stopped, stop_storage(load(), directory))
+    try:
+        settings = load()
+    except SettingsError:
+        # Where nearly every server keeps its objects; the settings are needed for another place.
+        if stop_default_storage(directory):
+            return StopReport(stopped, True)
+        raise
+    return StopReport(stopped, stop_storage(settings, directory))
+
+
+def _end_trainings(trainings: Sequence[RunRecord]) -> None:
+    _tell(trainings)
+    if not _wait(trainings, TRAINING_PATIENCE_S):
+        _tell(trainings)  # the second time a supervisor kills its workers
+        _wait(trainings, KILLED_PATIENCE_S)
+    _refuse_left(trainings)
 
 
 def _tell(records: Sequence[RunRecord | EvaluationRecord]) -> None:

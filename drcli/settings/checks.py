@@ -35,6 +35,13 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}",
             "Exchange the two, or set both to the same time.",
         )
+    if settings.model_prefix == settings.custom_files_prefix:
+        yield Finding(
+            settings.source("DR_LOCAL_S3_MODEL_PREFIX"),
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files "
+            "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX)",
+            "Give the model a folder of its own: -w would wipe your files.",
+        )
     if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
         yield Finding(
             settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX"),

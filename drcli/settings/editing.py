@@ -135,7 +135,7 @@ class _Files:
         where = old.where if old is not None else file
         raise SettingsError(
             f"{where}: {name}={shown(hidden(name, value))} cannot be written into that line.",
-            remedy=f"Leave out line breaks and quotes, or edit {file} by hand.",
+            remedy=f"Leave out line breaks, quotes, $ and \\, or edit {file} by hand.",
         )
 
     def stronger(self, change: Change, environ: Mapping[str, str]) -> str | None:

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from drcli.config import Settings
-from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames
+from drcli.config import Settings, catalogue
+from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames, StorageConfig
 from drcli.store.look import storage_config
 from drcli.store.profiles import read_profile
 from drcli.store.s3 import S3Bucket
@@ -81,3 +81,9 @@ def ensure_storage(settings: Settings, directory: Path) -> None:
 def stop_storage(settings: Settings, directory: Path) -> bool:
     """End the local server; objects stay. True when one was running."""
     return stop(storage_config(settings, directory))
+
+
+def stop_default_storage(directory: Path) -> bool:
+    """The same where the settings cannot be read: for the server whose objects lie in data/s3."""
+    folder = directory / catalogue()["DR_S3_DATA_DIR"].default
+    return stop(StorageConfig("local", "", folder))

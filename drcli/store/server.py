@@ -53,9 +53,15 @@ def ensure_running(config: StorageConfig) -> Endpoint:
         return Endpoint(None, profile=config.profile, region=config.region)
     if config.cloud != "local":
         return _remote(config)
-    config.data_dir.mkdir(parents=True, exist_ok=True)
-    with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
-        return _ensure_local(config)
+    try:
+        config.data_dir.mkdir(parents=True, exist_ok=True)
+        with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
+            return _ensure_local(config)
+    except OSError as e:
+        raise StorageError(
+            f"The local bucket cannot be kept in {config.data_dir}: {e.strerror or e}.",
+            remedy="Check that you may write there, or set DR_S3_DATA_DIR to another folder.",
+        ) from e
 
 
 def find_running(config: StorageConfig) -> Endpoint | None:

@@ -17,6 +17,7 @@ from drcli.transfer.places import (
     PLAN_PATIENCE_S,
     checked_prefix,
     parse_url,
+    refuse_nesting,
     refuse_overlap,
     refuse_training,
     source_bucket,
@@ -113,6 +114,7 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     listed = list_model(there, source)
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
     refuse_overlap((there, source), (here, options.prefix), may_write=not options.dry_run)
+    refuse_nesting(here, options.prefix, settings)
     refuse_training(here, options.prefix)
     return PlannedDownload(
         options=options,

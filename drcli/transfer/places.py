@@ -42,7 +42,8 @@ def target_bucket(settings: Settings, directory: Path, *, local: bool, patience_
     if settings.upload_s3_bucket in ("", UNDEFINED):
         raise SettingsError(
             "No upload bucket defined. Exiting.",
-            remedy="Set DR_UPLOAD_S3_BUCKET in system.env, or stay in the local bucket with -L.",
+            remedy="Set DR_UPLOAD_S3_BUCKET in system.env. Uploads and downloads stay in the local "
+            "bucket with -L.",
         )
     return open_upload_bucket(settings, patience_s=patience_s)
 
@@ -125,12 +126,42 @@ def refuse_overlap(
     if before == after:
         raise SettingsError(
             "Target equals source. Exiting.",
-            remedy="Choose another prefix with `dr-set-upload-model PREFIX`, or another bucket.",
+            remedy="Choose another prefix with --to or `dr-set-upload-model PREFIX`, or another "
+            "bucket.",
         )
     raise SettingsError(
         f"{after} is not beside {before}, and wiping one would delete the other.",
         remedy="Choose another prefix.",
     )
+
+
+def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings) -> None:
+    """Refuse a copy in our own bucket that lies inside something else, or around it.
+
+    Raises:
+        SettingsError: It would share a folder with another model or with the racer's own files.
+    """
+    own = settings.custom_files_prefix
+    if contains(own, prefix) or contains(prefix, own):
+        raise SettingsError(
+            f"{prefix} is not beside {own}, which holds your own files "
+            "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
+            remedy="Choose another prefix.",
+        )
+    above = ["/".join(prefix.split("/")[:depth]) for depth in range(1, prefix.count("/") + 1)]
+    models = [model for model in above if bucket.exists(keys.coach_checkpoint(model))]
+    index = keys.coach_checkpoint(prefix)
+    end = index.removeprefix(keys.folder(prefix))
+    models += [
+        info.key.removesuffix(f"/{end}")
+        for info in bucket.list(keys.folder(prefix))
+        if info.key.endswith(f"/{end}") and info.key != index
+    ]
+    if models:
+        raise SettingsError(
+            f"{prefix} is not beside the model {models[0]}, and wiping one would delete the other.",
+            remedy="Choose another prefix.",
+        )
 
 
 def refuse_training(bucket: Bucket, prefix: str) -> None:

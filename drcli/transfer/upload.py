@@ -25,6 +25,7 @@ from drcli.transfer.places import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
     checked_prefix,
+    refuse_nesting,
     refuse_overlap,
     refuse_training,
     target_bucket,
@@ -126,6 +127,8 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
     there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
     refuse_overlap((here, source), (there, target), may_write=not options.dry_run)
+    if options.local:
+        refuse_nesting(there, target, settings)
     refuse_training(there, target)
     refuse_incomplete(settings, here, source)
     chosen = choose(here, source, options.choice)

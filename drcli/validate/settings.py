@@ -99,6 +99,8 @@ def judge(settings: Settings) -> list[Violation]:
 
 def _remark(sentence: str) -> Violation:
     finding = from_sentence(sentence, "Correct the line, or remove it.")
+    if "is missing" in finding.what:
+        finding = replace(finding, remedy="`dr-init` writes one.")
     if "effect here" in finding.what:
         finding = replace(finding, remedy="Keep the lines or remove them.")
     return Violation(

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -66,6 +67,71 @@ def test_the_version_goes_to_stdout(dr, capsys):
 
     assert code == 0
     assert capsys.readouterr().out == f"dr {__version__}\n"
+
+
+@pytest.mark.parametrize("command", [["--version"], ["config", "check"]])
+def test_a_closed_input_is_as_good_as_an_empty_one(working_folder, command):
+    program = f"from drcli.cli import main; main({command!r})"
+
+    done = subprocess.run(
+        ["bash", "-c", 'exec "$@" <&-', "bash", sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+    )
+
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_full_disk_behind_the_output_is_one_sentence(working_folder):
+    if not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full here")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", "from drcli.cli import main; main(['config', 'check'])"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "Error: The result cannot be written to standard output: No space"
+    )
+
+
+def test_another_folder_than_the_current_one_is_mentioned(dr, working_folder, monkeypatch, capsys):
+    other = working_folder / "other"
+    other.mkdir()
+    (other / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
+    monkeypatch.setenv("DR_DIR", str(working_folder))
+    monkeypatch.chdir(other)
+
+    dr("config", "show", "DR_LOCAL_S3_MODEL_PREFIX")
+
+    printed = capsys.readouterr()
+    assert printed.out.startswith("DR_LOCAL_S3_MODEL_PREFIX=model ")
+    assert f"DR_DIR={working_folder} counts, not {other}" in printed.err
+
+
+def test_a_folder_that_is_none_is_blamed_on_its_variable(dr, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DR_DIR", str(tmp_path / "nowhere"))
+
+    code = dr("status")
+
+    assert code == 3
+    assert capsys.readouterr().err.startswith("Error: environment: DR_DIR=")
+
+
+@pytest.mark.parametrize("columns", ["0", "10"])
+def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
+    done = subprocess.run(
+        [sys.executable, "-c", "from drcli.cli import main; main(['config', 'check'])"],
+        env={**os.environ, "COLUMNS": columns},
+        capture_output=True,
+        text=True,
+    )
+
+    assert "No errors" in done.stdout
 
 
 def test_help_lists_all_exit_codes(dr, capsys):

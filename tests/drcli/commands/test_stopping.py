@@ -157,3 +157,26 @@ def test_a_process_that_does_not_leave_is_named_with_the_way_to_end_it(
     assert code == 5
     assert f"Process {child.pid} does not leave." in said
     assert f"kill -9 {child.pid}" in said
+
+
+@pytest.mark.parametrize("command", ["stop-training", "stop-all"])
+def test_settings_that_were_broken_meanwhile_do_not_keep_a_training_alive(
+    dr, working_folder, training, command
+):
+    child = training()
+    (working_folder / "run.env").write_text("broken\n")
+
+    dr(command)
+
+    assert child.wait(5) == -signal.SIGTERM
+
+
+def test_of_several_trainings_broken_settings_stop_none(dr, working_folder, training, capsys):
+    children = [training(0), training(1)]
+    (working_folder / "run.env").write_text("broken\n")
+
+    code = dr("stop-training")
+
+    assert code == 3
+    assert [child.poll() for child in children] == [None, None]
+    assert "run.env line 1" in capsys.readouterr().err

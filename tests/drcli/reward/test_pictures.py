@@ -6,7 +6,14 @@ from PIL import Image
 
 from drcli.errors import SettingsError
 from drcli.reward import duel, plot
-from drcli.reward.canvas import Canvas, diverging, number, sequential, ticks
+from drcli.reward.canvas import (
+    Canvas,
+    diverging,
+    number,
+    refuse_replacing,
+    sequential,
+    ticks,
+)
 from drcli.reward.panels import Curve
 
 
@@ -42,6 +49,21 @@ def test_two_functions_make_one_wide_picture(trial_of, tmp_path):
     with Image.open(tmp_path / "both.png") as picture:
         assert picture.width > picture.height
         assert brightness(picture).std() > 20
+
+
+def test_a_file_that_is_no_picture_is_not_drawn_over(tmp_path):
+    own = tmp_path / "run.env"
+    own.write_text("DR_WORKERS=1\n")
+
+    with pytest.raises(SettingsError, match="is there already and no PNG picture"):
+        refuse_replacing(own)
+
+
+def test_an_older_picture_may_be_replaced(tmp_path):
+    Canvas(20, 20).save(tmp_path / "old.png")
+
+    refuse_replacing(tmp_path / "old.png")
+    refuse_replacing(tmp_path / "none.png")
 
 
 def test_a_picture_that_cannot_be_written_is_refused_with_its_name(tmp_path):

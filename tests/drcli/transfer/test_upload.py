@@ -260,6 +260,21 @@ def test_a_model_is_not_uploaded_into_itself(mover):
         mover.upload(local=True, to="team/model/copy")
 
 
+@pytest.mark.parametrize("target", ["other/copy", "custom_files", "custom_files/copy"])
+def test_a_copy_in_our_own_bucket_lies_beside_everything_else(mover, target):
+    mover.here.put("other/model/.coach_checkpoint", b"1_Step-5.ckpt")
+
+    with pytest.raises(SettingsError, match="is not beside"):
+        mover.upload(local=True, to=target)
+
+
+def test_a_copy_does_not_take_another_model_into_its_folder(mover):
+    mover.here.put("group/other/model/.coach_checkpoint", b"1_Step-5.ckpt")
+
+    with pytest.raises(SettingsError, match="group is not beside the model group/other"):
+        mover.upload(local=True, to="group")
+
+
 def test_one_bucket_under_two_addresses_is_recognised(mover):
     class SameBucket(MemoryBucket):
         """The bucket of the working folder, as somebody else reaches it."""
