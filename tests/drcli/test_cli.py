@@ -114,6 +114,7 @@ def test_another_folder_than_the_current_one_is_mentioned(dr, working_folder, mo
 
 
 def test_a_folder_that_is_none_is_blamed_on_its_variable(dr, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DR_DIR", str(tmp_path / "nowhere"))
 
     code = dr("status")
