@@ -23,7 +23,11 @@ import pytest
 from drcli.commands.lazy import load
 from drcli.commands.table import COMMANDS
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # of a busy machine, for all together
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(900),  # of a busy machine, for all together
+    pytest.mark.xdist_group("command-table"),  # one workspace serves all
+]
 
 AT_ONCE = 3
 """Programs that run at the same time; two cores and some waiting."""
