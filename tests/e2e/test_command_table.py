@@ -26,7 +26,6 @@ from drcli.commands.table import COMMANDS
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(900),  # of a busy machine, for all together
-    pytest.mark.xdist_group("command-table"),  # one workspace serves all
 ]
 
 AT_ONCE = 3
