@@ -45,6 +45,8 @@ if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ]; then
 fi
 [ -x "$venv/bin/python" ] || "$(find_python)" -m venv "$venv"
 echo "Installing into $venv ..." >&2
+# The pip that comes with Python 3.11 takes minutes to read the index pages of boto3. Any does.
+"$venv/bin/python" -m pip install --quiet --upgrade pip || true
 install_torch
 "$venv/bin/python" -m pip install --quiet --editable ".${extra:+[$extra]}"
 touch "$stamp"
