@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from drcli.commands.options import AsJson
+
 app = typer.Typer(no_args_is_help=True, help="Let the Tab key finish commands and their values.")
 
 
@@ -33,9 +35,7 @@ def install(
         Literal["bash", "zsh", "fish"] | None,
         typer.Argument(help="Taken from $SHELL when left out.", show_default=False),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Let every new shell know how to finish the dr commands.
 

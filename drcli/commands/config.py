@@ -5,16 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 from drcli.errors import SettingsError
 
 if TYPE_CHECKING:
     from drcli.settings.fields import FileName
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
-
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-]
 
 
 @app.command()
@@ -25,7 +22,7 @@ def show(
     changed: Annotated[
         bool, typer.Option("--changed", help="Only what differs from the defaults.")
     ] = False,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show the settings, each with the file and line it comes from.
 
@@ -45,7 +42,7 @@ def show(
 
 
 @app.command()
-def check(as_json: _AsJson = False) -> None:
+def check(as_json: AsJson = False) -> None:
     """Check all settings: everything wrong, odd or without effect, at once.
 
     Exits 3 when something is wrong. `dr validate` looks at your other files too.
@@ -72,7 +69,7 @@ def change(
         str | None,
         typer.Option("--file", metavar="FILE", help="run.env or system.env, if not by itself."),
     ] = None,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Change settings in the files of this folder, or of its experiment.
 
@@ -127,6 +124,10 @@ def _known(written: str, others: tuple[str, ...]) -> str:
 
 
 def _file(name: str | None) -> "FileName | None":
-    if name is None or name == "run.env" or name == "system.env":
-        return name  # type: ignore[return-value]
-    raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")
+    if name == "run.env":
+        return "run.env"
+    if name == "system.env":
+        return "system.env"
+    if name is not None:
+        raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")
+    return None

@@ -1,17 +1,10 @@
 """`dr upload-custom-files` and `dr download-custom-files`."""
 
-from typing import Annotated
-
-import typer
-
 from drcli.commands.folder import settings, working_folder
-
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-]
+from drcli.commands.options import AsJson
 
 
-def upload_custom_files(as_json: _AsJson = False) -> None:
+def upload_custom_files(as_json: AsJson = False) -> None:
     """Copy custom_files/, or that of the experiment, to DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
 
     All files in it, settings files included; nothing is deleted there.
@@ -25,7 +18,7 @@ def upload_custom_files(as_json: _AsJson = False) -> None:
     console.emit(report, views_models.custom_files(report, up=True), as_json=as_json)
 
 
-def download_custom_files(as_json: _AsJson = False) -> None:
+def download_custom_files(as_json: AsJson = False) -> None:
     """Copy DR_LOCAL_S3_CUSTOM_FILES_PREFIX into custom_files/, or into that of the experiment.
 
     Nothing is deleted; a file that was different stays beside the new one as NAME.bak.

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson, Force
 
 
 def download_model(
@@ -17,7 +18,7 @@ def download_model(
         str | None,
         typer.Option("-t", "--target", metavar="PREFIX", help="What to call it here."),
     ] = None,
-    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
+    force: Force = False,
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete what lies there and is no part of it.")
     ] = False,
@@ -31,9 +32,7 @@ def download_model(
     local: Annotated[
         bool, typer.Option("-L", "--local", help="The bucket is one of the local server.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fetch a model from another bucket into the local one.
 

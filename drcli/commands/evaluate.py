@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
     from drcli.config import Settings
@@ -46,9 +47,7 @@ def evaluate(
     clone: Annotated[
         bool, typer.Option("-c", "--clone", help="Evaluate a copy at <prefix>-E.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Drive evaluation laps with the model and report them.
 

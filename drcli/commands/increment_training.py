@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson, Force
 
 
 def increment_training(
-    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
+    force: Force = False,
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete what lies under the new model prefix.")
     ] = False,
@@ -20,9 +21,7 @@ def increment_training(
         str | None,
         typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make the next training go on from this model's weights, under a new name.
 

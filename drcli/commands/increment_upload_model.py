@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson, Force
 
 
 def increment_upload_model(
-    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
+    force: Force = False,
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete what lies there in the upload bucket.")
     ] = False,
@@ -20,9 +21,7 @@ def increment_upload_model(
         str | None,
         typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
 

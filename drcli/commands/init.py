@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import working_folder
+from drcli.commands.options import AsJson
 
 
 def init(
@@ -45,9 +46,7 @@ def init(
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
     mount: Annotated[bool, typer.Option("-m", hidden=True)] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a working folder: settings, the three files of a model, and bin/activate.sh.
 

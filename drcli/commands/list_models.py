@@ -5,12 +5,10 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 _Pattern = Annotated[
     str, typer.Argument(metavar="[PATTERN]", help="Part of a name, or all of it with * and ?.")
-]
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
 ]
 
 
@@ -19,7 +17,7 @@ def list_models(
     upload: Annotated[
         bool, typer.Option("--upload", help="Look into the bucket of uploads.")
     ] = False,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the models in the bucket: checkpoints, the best and the last, size.
 
@@ -30,7 +28,7 @@ def list_models(
     _list(pattern, upload=upload, as_json=as_json)
 
 
-def list_aws_models(pattern: _Pattern = "", as_json: _AsJson = False) -> None:
+def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
     """List the models in the bucket of uploads, as `dr-list-models --upload` does.
 
     Example: dr-list-aws-models

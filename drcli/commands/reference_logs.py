@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 from drcli.errors import DrError
 
 if TYPE_CHECKING:
@@ -28,9 +29,6 @@ _Evaluation = Annotated[
     bool, typer.Option("-e", "--evaluation", help="That of an evaluation instead.")
 ]
 _Whole = Annotated[bool, typer.Option("-a", "--all", help="Show all of it first.")]
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-]
 
 
 class NotRunning(DrError):
@@ -68,7 +66,7 @@ def logs_robomaker(
     _follow(look, f"Robomaker #{replica}", wait_s, whole=whole)
 
 
-def find_sagemaker(as_json: _AsJson = False) -> None:
+def find_sagemaker(as_json: AsJson = False) -> None:
     """Print the process number of the trainer. Exits 1 where no training runs.
 
     Example: dr-find-sagemaker
@@ -82,7 +80,7 @@ def find_robomaker(
         typer.Option("-n", "--replica", min=1, help="Only this simulation worker, from 1."),
     ] = None,
     evaluation: _Evaluation = False,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print the process numbers of the simulation workers, one a line.
 
@@ -97,7 +95,7 @@ def find_robomaker(
         _print(found[replica - 1 : replica], f"Robomaker #{replica}", as_json=as_json)
 
 
-def get_robomaker_stats(replica: _Replica = 1, as_json: _AsJson = False) -> None:
+def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     """Show how fast a simulation worker drove in its newest iteration.
 
     All its cars together; 1.0 x would be real time. Exits 1 where it does not run.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import working_folder
+from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
     from drcli.config import Settings
@@ -19,13 +20,10 @@ _File = Annotated[
 _World = Annotated[
     str | None, typer.Option("--world", "-w", help="Track to try it on; DR_WORLD_NAME if left out.")
 ]
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-]
 
 
 @app.command()
-def check(file: _File = None, world: _World = None, as_json: _AsJson = False) -> None:
+def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
     """Try a reward function on a drive over the track, and say what is wrong with it.
 
     Scripted drivers meet every parameter: on the centre line, slow and fast, from border to border,
@@ -56,7 +54,7 @@ def plot(
         Path, typer.Option("-o", "--out", help="The picture; replaced if it is there.")
     ] = Path("reward.png"),
     world: _World = None,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Draw what a reward function pays, on a map of the track and along the lap.
 
@@ -78,7 +76,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Draw both into this picture.")
     ] = None,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare what two reward functions pay the same drivers.
 

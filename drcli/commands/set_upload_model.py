@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,7 @@ class UploadName:
 
 def set_upload_model(
     prefix: Annotated[str, typer.Argument(help="Name of the next upload.")],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX into run.env.
 

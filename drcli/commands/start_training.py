@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 from drcli.errors import WorkerDied
 
 if TYPE_CHECKING:
@@ -53,9 +54,7 @@ def start_training(
         int | None,
         typer.Option("--seed", min=0, metavar="S", help="Repeat a training exactly."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes.
 

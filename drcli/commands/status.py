@@ -1,16 +1,11 @@
 """`dr status`."""
 
-from typing import Annotated
-
-import typer
-
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 
 def status(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show whether a training is alive and how far the car gets.
 

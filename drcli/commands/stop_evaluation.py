@@ -1,16 +1,11 @@
 """`dr stop-evaluation`."""
 
-from typing import Annotated
-
-import typer
-
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 
 def stop_evaluation(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """End a running evaluation of this DR_RUN_ID, whichever shell started it.
 

@@ -1,16 +1,11 @@
 """`dr summary`."""
 
-from typing import Annotated
-
-import typer
-
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 
 def summary(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show settings, bucket, what runs, and the machine, on one page.
 

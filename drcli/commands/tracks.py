@@ -6,17 +6,15 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 app = typer.Typer(no_args_is_help=True, help="List, show, add and fetch tracks.")
 
-_AsJson = Annotated[
-    bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-]
 _Force = Annotated[bool, typer.Option("--force", help="Replace a track of that name.")]
 
 
 @app.command("list")
-def list_all(as_json: _AsJson = False) -> None:
+def list_all(as_json: AsJson = False) -> None:
     """List all tracks: those built in, and those in the folder DR_TRACKS_DIR.
 
     Example: dr-tracks list --json
@@ -35,7 +33,7 @@ def list_all(as_json: _AsJson = False) -> None:
 def show(
     name: Annotated[str, typer.Argument(help="Name of a track, or a route file.")],
     png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show a track: facts and a small map.
 
@@ -59,7 +57,7 @@ def add(
         float | None, typer.Option("--length", help="Metres of a lap; needed by .svg files.")
     ] = None,
     force: _Force = False,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check a route and put it into the folder DR_TRACKS_DIR.
 
@@ -87,7 +85,7 @@ def fetch(
     ] = None,
     called: Annotated[str | None, typer.Option("--name", help="Name to give it here.")] = None,
     force: _Force = False,
-    as_json: _AsJson = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fetch a route of the community from the web into the folder DR_TRACKS_DIR.
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings
+from drcli.commands.options import AsJson
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,7 @@ class Checked:
 
 def update(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Read the settings again and say whether they are right.
 

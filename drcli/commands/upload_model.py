@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson, Force
 
 if TYPE_CHECKING:
     from drcli.transfer.naming import PlannedUploadIncrement
 
 
 def upload_model(
-    force: Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")] = False,
+    force: Force = False,
     best: Annotated[bool, typer.Option("-b", "--best", help="The best checkpoint.")] = False,
     number: Annotated[
         int | None,
@@ -35,9 +36,7 @@ def upload_model(
     dry_run: Annotated[
         bool, typer.Option("-d", "--dry-run", help="Only say what would be done.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Copy a checkpoint, with all that belongs to it, to the bucket of uploads.
 

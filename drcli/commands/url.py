@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
     from drcli.runs.addresses import PlaceName
@@ -25,9 +26,7 @@ def url(
     what: Annotated[
         What, typer.Argument(help="bucket, model, custom-files, metrics or all.")
     ] = What.all,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show the addresses of bucket, model, files and metrics, ready to paste.
 

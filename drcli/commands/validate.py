@@ -5,13 +5,12 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import working_folder
+from drcli.commands.options import AsJson
 from drcli.errors import SettingsError
 
 
 def validate(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on the last line of stdout.")
-    ] = False,
+    as_json: AsJson = False,
     console_compatible: Annotated[
         bool,
         typer.Option(

@@ -41,11 +41,6 @@ def model_metadata(prefix: str) -> str:
     return folder(prefix) + "model/model_metadata.json"
 
 
-def root_metadata(prefix: str) -> str:
-    """A second copy of the model's metadata, where import tools look for it."""
-    return folder(prefix) + MODEL_METADATA_FILE
-
-
 def hyperparameters(prefix: str) -> str:
     """The model's own copy of its hyperparameters, all values filled in."""
     return folder(prefix) + "ip/hyperparameters.json"
