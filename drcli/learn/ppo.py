@@ -8,13 +8,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from drcli.learn.adam import Adam
 from drcli.learn.buffer import Rollout
 from drcli.learn.crew import Crew
 from drcli.learn.gae import gae
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.precision import Compute
-from drcli.learn.state import optimizer_tensors, restore_optimizer
 
 SCHEDULE_END = 0.05
 """Share of a knob that is left at the end of its schedule: a training that runs on still learns."""
@@ -113,18 +113,16 @@ class PPO:
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
-        self.optimizer = torch.optim.Adam(
-            model.parameters(), lr=config.lr, eps=config.adam_eps, fused=True
-        )
+        self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._crew = Crew(self.model, compute.parts, compute.threads)
 
     def optimizer_tensors(self) -> dict[str, Tensor]:
         """The optimizer's memory, to go on with."""
-        return optimizer_tensors(self.optimizer)
+        return self.optimizer.tensors()
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """Take up the memory of another optimizer."""
-        restore_optimizer(self.optimizer, tensors)
+        self.optimizer.restore(tensors)
 
     def remember(self, rollout: Rollout) -> None:
         """Nothing: what other weights drove teaches this algorithm nothing."""
@@ -153,8 +151,7 @@ class PPO:
         batch = _Batch.prepare(rollout, self.config, self.model.spec.stack, self.compute.device)
         order = torch.Generator().manual_seed(seed)
         lr = self.config.lr_at(steps_before)
-        for group in self.optimizer.param_groups:
-            group["lr"] = lr
+        self.optimizer.lr = lr
         beta = self.config.beta_entropy_at(steps_before)
         history = []
         self.model.train()

@@ -8,13 +8,13 @@ from torch import Tensor
 from torch.func import functional_call
 from torch.nn import functional
 
+from drcli.learn.adam import Adam
 from drcli.learn.buffer import Rollout
 from drcli.learn.crew import Crew
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import Compute
 from drcli.learn.replay import Replay, Transitions
 from drcli.learn.squashed import SACAgent, squash
-from drcli.learn.state import optimizer_tensors, restore_optimizer
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far
@@ -81,7 +81,7 @@ class SAC:
         self.updates_per_step = config.updates_per_step or UPDATES_PER_STEP[compute.device.type]
         self.replay = Replay(model.spec, config.replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]
-        self.optimizer = torch.optim.Adam(learned, lr=config.lr, fused=True)
+        self.optimizer = Adam(learned, config.lr)
         self._crew = Crew(self.model, compute.parts, compute.threads)
 
     @property
@@ -95,11 +95,11 @@ class SAC:
 
     def optimizer_tensors(self) -> dict[str, Tensor]:
         """The optimizer's memory, for a checkpoint; the replay is not among it."""
-        return optimizer_tensors(self.optimizer)
+        return self.optimizer.tensors()
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """Take up the memory of another optimizer; the replay fills by `remember`."""
-        restore_optimizer(self.optimizer, tensors)
+        self.optimizer.restore(tensors)
 
     def update(
         self,

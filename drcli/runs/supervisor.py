@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import FrameType
 
 from drcli.errors import DrError, StorageError
@@ -25,6 +25,9 @@ LOG_UPLOAD_S = 300.0
 
 LEAVE_S = 10.0
 """How long a worker may take to leave after SIGTERM before it is killed."""
+
+DISMISSED_S = 10.0
+"""How long after a worker left in good order the trainer may take to end, as it then should."""
 
 QUICK_DEATH_S = 20.0
 """A worker that lives shorter than this after a restart has died quickly."""
@@ -48,8 +51,9 @@ class Child:
     arguments: list[str]
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
+    dismissed: float | None = None
     restarts: int = 0
-    quick_deaths: int = field(default=0)
+    quick_deaths: int = 0
 
     @property
     def running(self) -> bool:
@@ -123,7 +127,7 @@ class Supervisor:
                 cwd=self._job.directory,
                 start_new_session=True,
             )
-        child.started = time.monotonic()
+        child.started, child.dismissed = time.monotonic(), None
         self._log(f"{child.name} started, process {child.process.pid}.")
 
     def _watch(self) -> Outcome:
@@ -158,6 +162,11 @@ class Supervisor:
             return Outcome(0, words.message if words else "Training is complete.")
         if words is not None and words.final and code > 0:
             return Outcome(words.code, words.message, words.remedy)
+        if code == 0:
+            # The trainer sends the workers home before it ends itself.
+            child.dismissed = child.dismissed or time.monotonic()
+            if time.monotonic() < child.dismissed + DISMISSED_S:
+                return None
 
         lived_s = time.monotonic() - child.started
         child.quick_deaths = child.quick_deaths + 1 if lived_s < QUICK_DEATH_S else 0
