@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +20,7 @@ from drcli.errors import DrError, SettingsError, StorageError, WorkerDied
 from drcli.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
+from drcli.runs.launching import start_process
 from drcli.runs.logs import log_file
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.store import keys
@@ -88,28 +88,16 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     Raises:
         WorkerDied: It ended at once, or gave no sign of life.
     """
-    settings, directory, folder = plan.job.settings, plan.job.directory, plan.job.folder
-    path = log_file(settings, directory, "evaluation")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab") as log:
-        process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "drcli.runs.detached_evaluation"),
-                *(plan.stamp, *plan.checkpoints),
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=plan.job.to_environment(),
-            cwd=directory,
-            start_new_session=True,
-        )
+    process = start_process(
+        plan.job, "evaluation", "drcli.runs.detached_evaluation", plan.stamp, *plan.checkpoints
+    )
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
-        record = EvaluationRecord.read(folder)
+        record = EvaluationRecord.read(plan.job.folder)
         if record is not None:
             return record
         time.sleep(0.02)
+    path = log_file(plan.job.settings, plan.job.directory, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
 
@@ -162,24 +150,17 @@ def _run(plan: EvaluationPlan) -> None:
     """Run the worker to its end, its output going to the log."""
     job = plan.job
     path = log_file(job.settings, job.directory, "evaluation")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(b"")
-    with path.open("ab") as log:  # at its end, because a second evaluation may share it
-        process = subprocess.Popen(
-            [sys.executable, "-m", "drcli.worker.evaluate", plan.stamp, *plan.checkpoints],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=job.to_environment(),
-            cwd=job.directory,
-            start_new_session=True,
-        )
-        try:
-            _note(plan, process.pid)
-            code = process.wait()
-        except BaseException:
-            _end(plan, process)
-            raise
+    if path.exists():
+        os.truncate(path, 0)
+    process = start_process(
+        job, "evaluation", "drcli.worker.evaluate", plan.stamp, *plan.checkpoints
+    )
+    try:
+        _note(plan, process.pid)
+        code = process.wait()
+    except BaseException:
+        _end(plan, process)
+        raise
     if code == 0:
         return
     words = LastWords.find(job.folder, "evaluation")

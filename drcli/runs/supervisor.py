@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from types import FrameType
 from drcli.errors import DrError, StorageError
 from drcli.job import Job, LastWords
 from drcli.runs import lease
+from drcli.runs.launching import start_process
 from drcli.runs.logs import log_file, upload_logs
 from drcli.runs.record import RunRecord, WorkerRecord
 from drcli.runs.report import State
@@ -81,7 +81,6 @@ class Supervisor:
         self._record = record
         self._revive_server = revive_server
         self._signal: int | None = None
-        self._environment = job.to_environment()
         self._children = [Child("trainer", "drcli.worker.train", [])]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
@@ -115,18 +114,7 @@ class Supervisor:
         self._signal = number
 
     def _start(self, child: Child) -> None:
-        path = log_file(self._job.settings, self._job.directory, child.name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("ab") as log:
-            child.process = subprocess.Popen(
-                [sys.executable, "-m", child.module, *child.arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=self._environment,
-                cwd=self._job.directory,
-                start_new_session=True,
-            )
+        child.process = start_process(self._job, child.name, child.module, *child.arguments)
         child.started, child.dismissed = time.monotonic(), None
         self._log(f"{child.name} started, process {child.process.pid}.")
 

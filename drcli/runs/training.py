@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +11,7 @@ import psutil
 
 from drcli.config import Settings
 from drcli.errors import WorkerDied
+from drcli.runs.launching import start_process
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, is_alive, run_folder
 from drcli.runs.report import RunReport
@@ -38,19 +37,8 @@ def launch(plan: "RunPlan") -> int:
     from drcli.runs.plan import refuse_second_run
 
     settings, directory = plan.job.settings, plan.job.directory
-    path = log_file(settings, directory, "supervisor")
-    path.parent.mkdir(parents=True, exist_ok=True)
     before = RunRecord.read(plan.job.folder)
-    with path.open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "drcli.runs.detached"],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=plan.job.to_environment(),
-            cwd=directory,
-            start_new_session=True,
-        )
+    process = start_process(plan.job, "supervisor", "drcli.runs.detached")
     deadline = time.monotonic() + READY_TIMEOUT_S
     while RunRecord.read(plan.job.folder) == before and time.monotonic() < deadline:
         if process.poll() is not None:
@@ -60,6 +48,7 @@ def launch(plan: "RunPlan") -> int:
     if record is not None and record.pid != process.pid:
         refuse_second_run(settings, plan.job.folder)
     if record == before:
+        path = log_file(settings, directory, "supervisor")
         raise WorkerDied(
             "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
         )
