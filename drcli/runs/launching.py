@@ -1,0 +1,33 @@
+"""Starts a process of a run: apart from the terminal, its words going to a log file."""
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from drcli.runs.logs import log_file
+
+if TYPE_CHECKING:
+    from drcli.job import Job
+
+
+def start_process(job: "Job", name: str, module: str, *arguments: str) -> "subprocess.Popen[bytes]":
+    """Start a module as a process that outlives this one, in a session of its own.
+
+    Args:
+        job: What it works on; it finds it in its environment.
+        name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
+        module: What is run, as "drcli.worker.train".
+        arguments: Its command line.
+    """
+    path = log_file(job.settings, job.directory, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab") as log:  # at its end, because several processes may share it
+        return subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=job.to_environment(),
+            cwd=job.directory,
+            start_new_session=True,
+        )
