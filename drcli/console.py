@@ -4,14 +4,18 @@ import dataclasses
 import json
 import math
 import os
+import shutil
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from typing import Any, Literal, NoReturn, TextIO
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
+from rich.segment import Segment, Segments
+from rich.text import Text
 
 from drcli import verbosity
 from drcli.errors import Aborted, OutputLost
@@ -33,13 +37,29 @@ class _Console(Console):
 NARROWEST = 40
 """Columns below which nothing of ours can be read; COLUMNS=0 means that nobody knows."""
 
-_COLUMNS = os.environ.get("COLUMNS", "")
-_WIDTH = 80 if _COLUMNS.isdigit() and int(_COLUMNS) < NARROWEST else None
+BOUNDLESS = 100_000
+"""Columns of a pipe: nothing is folded, so that programs find a row of a table in one line."""
 
-out = _Console(highlight=False, width=_WIDTH)
+_UNKNOWN_COLUMNS = 80
+
+
+def fresh(*, stderr: bool = False) -> Console:
+    """A console for the environment as it is now; without any escape sequence under NO_COLOR."""
+    known = os.environ.get("COLUMNS", "")
+    too_narrow = known.isdigit() and int(known) < NARROWEST
+    return _Console(
+        stderr=stderr,
+        highlight=False,
+        emoji=False,
+        color_system=None if os.environ.get("NO_COLOR") else "auto",
+        width=_UNKNOWN_COLUMNS if too_narrow else None,
+    )
+
+
+out = fresh()
 """Results."""
 
-err = _Console(stderr=True, highlight=False, width=_WIDTH)
+err = fresh(stderr=True)
 """Hints, warnings, progress and failures."""
 
 
@@ -48,15 +68,27 @@ def emit(report: Any, rendered: RenderableType, *, as_json: bool) -> None:
 
     Args:
         report: A dataclass. Its properties become keys beside its fields.
-        rendered: The same for people.
+        rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe. No
+            line ends in a blank.
         as_json: Which of the two.
     """
     if as_json:
         write(json.dumps(_plain(_with_properties(report)), allow_nan=False) + "\n")
     else:
         with _printing():
-            out.print(rendered, soft_wrap=True)
+            out.print(_fitted(rendered), soft_wrap=True, end="")
             out.file.flush()
+
+
+def columns() -> int:
+    """Columns that results may fill: those of the terminal, or no end of them in a pipe.
+
+    Rich is not asked, which takes every dumb terminal for one of 80 columns.
+    """
+    if not out.file.isatty():
+        return BOUNDLESS
+    known = shutil.get_terminal_size().columns
+    return known if known >= NARROWEST else _UNKNOWN_COLUMNS
 
 
 def write(text: str) -> None:
@@ -175,10 +207,20 @@ def suggest(commands: list[tuple[str, str]]) -> None:
 
 
 def fail(message: str, remedy: str) -> None:
-    """A failure and what to do about it."""
-    err.print(f"[bold red]Error:[/] {escape(message)}", soft_wrap=True)
-    if remedy:
-        err.print(f"  [dim]Try:[/] {escape(remedy)}", soft_wrap=True)
+    """A failure and what to do about it, or several failures.
+
+    Args:
+        message: A sentence, or several, a line each.
+        remedy: What to do. Where it has several lines, they belong to the lines of the message, in
+            the same order.
+    """
+    pairs = [(message, remedy)]
+    if "\n" in remedy:
+        pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))
+    for sentence, what_to_do in pairs:
+        err.print(f"[bold red]Error:[/] {escape(sentence)}", soft_wrap=True)
+        if what_to_do:
+            err.print(f"  [dim]Try:[/] {escape(what_to_do)}", soft_wrap=True)
 
 
 def is_live() -> bool:
@@ -188,6 +230,23 @@ def is_live() -> bool:
     """
     attached = sys.stdin.isatty() and sys.stderr.isatty() and not verbosity.quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
+
+
+def _fitted(rendered: RenderableType) -> Segments:
+    """What a renderable looks like in the columns there are, without blanks at the end of lines."""
+    view = Text(rendered) if isinstance(rendered, str) else rendered
+    lines = out.render_lines(view, out.options.update(max_width=columns()), pad=False)
+    return Segments([segment for line in lines for segment in (*_trimmed(line), Segment.line())])
+
+
+def _trimmed(line: list[Segment]) -> list[Segment]:
+    """A line without the blanks that tables put at its end."""
+    while line and not line[-1].text.strip():
+        line = line[:-1]
+    if not line:
+        return []
+    last = line[-1]
+    return [*line[:-1], Segment(last.text.rstrip(), last.style)]
 
 
 @contextmanager

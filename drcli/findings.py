@@ -52,7 +52,7 @@ class UnfitError(ValueError):
 
 
 class FindingsError(SettingsError):
-    """Everything that is wrong: a line each, with the remedies in the same order.
+    """Everything that is wrong: a line each, and as many lines of remedies in the same order.
 
     Args:
         findings: At least one.
@@ -60,7 +60,7 @@ class FindingsError(SettingsError):
     """
 
     def __init__(self, findings: Sequence[Finding], warnings: Sequence[str] = ()) -> None:
-        remedies = dict.fromkeys(finding.remedy for finding in findings[:MOST_SHOWN])
+        remedies = (finding.remedy for finding in findings[:MOST_SHOWN])
         super().__init__("\n".join(few(map(str, findings))), remedy="\n".join(remedies))
         self.findings = tuple(findings)
         self.warnings = tuple(warnings)

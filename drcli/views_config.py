@@ -1,7 +1,7 @@
-"""From reports about settings to what people see, within 80 columns where the values allow."""
+"""How settings look: values with their places, findings, edits."""
 
 import re
-import textwrap
+from collections.abc import Iterable
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -9,57 +9,46 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.findings import MOST_SHOWN, shown
+from drcli.views_layout import INDENT, Fitted, indented
 
 if TYPE_CHECKING:
     from drcli.settings.editing import Edit
     from drcli.settings.inspection import Check, Value, Values
 
-WIDTH = 79
-
 PLACE_COLUMN = 46
-"""Where the place of a value stands, unless the value is longer."""
+"""Where the place of a value stands, unless the value is longer or the terminal narrow."""
+
+PLACE_COLUMNS = 22
+"""Columns that most places need."""
+
+PLACE_INDENT = 4
+"""Columns before a place that has a line of its own, because there is no room behind the value."""
 
 
 def values(report: "Values") -> RenderableType:
     """All values, as lines of a settings file with their places behind."""
-    lines: list[RenderableType] = []
-    for title, group in groupby(report.settings, lambda value: value.group):
-        lines += [Text(f"# {title}", style="bold"), *map(_line, group), Text("")]
-    for worker in report.workers:
-        lines += [Text(f"# Worker {worker.worker}", style="bold")]
-        lines += [*map(_line, worker.settings), Text("")]
-    if not lines:
-        return Text("Every setting has its default.")
-    return Group(*lines[:-1])
+    return Fitted(lambda columns: _values(report, columns))
 
 
 def explained(report: "Values") -> RenderableType:
     """Some values, each with what it means and what may be written."""
-    lines: list[RenderableType] = []
-    for value in report.settings:
-        lines += [_line(value), Text(f"  {value.meaning}")]
-        default = f" Default: {value.default}." if value.default else ""
-        lines.append(Text(f"  May be {value.expected}.{default}", style="dim"))
-        if value.reason:
-            lines.append(Text(f"  No effect here: {value.reason}.", style="yellow"))
-    for worker in report.workers:
-        lines += map(_line, worker.settings)
-    return Group(*lines)
+    return Fitted(lambda columns: _explained(report, columns))
 
 
 def check(report: "Check") -> RenderableType:
     """Everything there is to say about the settings."""
-    lines: list[Text] = []
+    lines: list[RenderableType] = []
     for finding in report.errors[:MOST_SHOWN]:
         lines.append(Text.assemble(("Error: ", "bold red"), str(finding)))
-        lines.append(Text(f"  Try: {finding.remedy}", style="dim"))
+        lines.append(indented(Text(f"Try: {finding.remedy}", style="dim")))
     if len(report.errors) > MOST_SHOWN:
         lines.append(Text(f"And {len(report.errors) - MOST_SHOWN:,} more like these."))
     lines += [Text.assemble(("Warning: ", "yellow"), text) for text in report.warnings]
     if report.without_effect:
         lines.append(Text("Accepted without effect:"))
     for group in report.without_effect:
-        lines += [Text(f"  {group.reason}:"), Text(_wrapped(group.names), style="dim")]
+        lines.append(indented(f"{group.reason}:"))
+        lines.append(indented(Text(", ".join(group.names), style="dim"), 2 * INDENT))
     style = "green" if report.valid else "bold red"
     counts = f"{_count(report.errors, 'error')}, {_count(report.warnings, 'warning')}."
     lines.append(Text(counts.capitalize(), style=style))
@@ -75,19 +64,47 @@ def edit(report: "Edit") -> RenderableType:
     return Group(*lines)
 
 
-def _line(value: "Value") -> Text:
-    """One value as it would be written, and where it comes from."""
-    quote = '"' if re.search(r"\s|#", value.value) else ""
-    written = f"{value.name}={quote}{value.value}{quote}"
-    place = f"# {value.source}" + (", no effect" if value.reason else "")
-    style = "" if value.changed else "dim"
-    return Text.assemble((written.ljust(PLACE_COLUMN), style), " ", (place, "dim"))
+def _values(report: "Values", columns: int) -> RenderableType:
+    lines: list[RenderableType] = []
+    for title, group in groupby(report.settings, lambda value: value.group):
+        lines += [Text(f"# {title}", style="bold"), *_lines(group, columns), Text("")]
+    for worker in report.workers:
+        lines += [Text(f"# Worker {worker.worker}", style="bold")]
+        lines += [*_lines(worker.settings, columns), Text("")]
+    if not lines:
+        return Text("Every setting has its default.")
+    return Group(*lines[:-1])
 
 
-def _wrapped(names: "tuple[str, ...]") -> str:
-    """Names on as many indented lines as they need."""
-    indent = "    "
-    return textwrap.fill(", ".join(names), WIDTH, initial_indent=indent, subsequent_indent=indent)
+def _explained(report: "Values", columns: int) -> RenderableType:
+    lines: list[RenderableType] = []
+    for value in report.settings:
+        lines += [*_lines([value], columns), indented(value.meaning)]
+        default = f" Default: {value.default}." if value.default else ""
+        lines.append(indented(Text(f"May be {value.expected}.{default}", style="dim")))
+        if value.reason:
+            lines.append(indented(Text(f"No effect here: {value.reason}.", style="yellow")))
+    for worker in report.workers:
+        lines += _lines(worker.settings, columns)
+    return Group(*lines)
+
+
+def _lines(values: "Iterable[Value]", columns: int) -> list[RenderableType]:
+    """Values as they would be written, each with the place it comes from."""
+    column = min(PLACE_COLUMN, columns - PLACE_COLUMNS)
+    lines: list[RenderableType] = []
+    for value in values:
+        quote = '"' if re.search(r"\s|#", value.value) else ""
+        written = f"{value.name}={quote}{value.value}{quote}"
+        place = f"# {value.source}" + (", no effect" if value.reason else "")
+        style = "" if value.changed else "dim"
+        if max(len(written), column) + 1 + len(place) <= columns:
+            written = written.ljust(column)
+        if len(written) + 1 + len(place) <= columns:
+            lines.append(Text.assemble((written, style), " ", (place, "dim")))
+        else:
+            lines += [Text(written, style), indented(Text(place, "dim"), PLACE_INDENT)]
+    return lines
 
 
 def _count(things: "tuple[object, ...]", word: str) -> str:

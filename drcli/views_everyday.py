@@ -1,4 +1,4 @@
-"""What the everyday commands show: summary, addresses, what was stopped, speed."""
+"""How summary, addresses, what was stopped and speed look."""
 
 import time
 from typing import TYPE_CHECKING
@@ -7,6 +7,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from drcli.console import BOUNDLESS
+from drcli.views_layout import Fitted, indented
+
 if TYPE_CHECKING:
     from drcli.runs.addresses import Addresses
     from drcli.runs.speed import SpeedReport
@@ -14,7 +17,7 @@ if TYPE_CHECKING:
     from drcli.runs.summary import BucketState, Running, Summary
 
 WIDE = 120
-"""Columns from which a summary stands in two columns."""
+"""Columns from which a summary stands in two columns, on a terminal."""
 
 _LABEL_WIDTH = 12
 """As wide as `evaluation` and its indent, so that all values of a page stand in one line."""
@@ -22,38 +25,18 @@ _LABEL_WIDTH = 12
 Rows = list[tuple[str, RenderableType]]
 
 
-def summary(report: "Summary", width: int) -> RenderableType:
-    """The page of `dr summary`.
-
-    Args:
-        report: What there is to say.
-        width: Columns of the terminal.
-    """
-    left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
-    right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
-    head: list[RenderableType] = [Text(report.folder, style="bold")]
-    origin = [f"experiment {report.experiment}"] if report.experiment else []
-    origin += [f"git branch {report.branch}"] if report.branch else []
-    if origin:
-        head.append(Text(", ".join(origin), style="dim"))
-    warnings = [Text(f"Warning: {text}", style="yellow") for text in report.warnings]
-    if width < WIDE:
-        return Group(*head, _column([*left, *right]), *warnings)
-    both = Table.grid(padding=(0, 4), expand=False)
-    both.add_column(ratio=1)
-    both.add_column(ratio=1)
-    both.add_row(_column(left), _column(right))
-    both.width = width
-    return Group(*head, both, *warnings)
+def summary(report: "Summary") -> RenderableType:
+    """The page of `dr summary`."""
+    return Fitted(lambda columns: _summary(report, columns))
 
 
 def addresses(report: "Addresses") -> RenderableType:
     """The addresses, each on a line of its own so that it can be pasted."""
-    lines = [Text(f"Server: {report.endpoint or 'not started yet'}")]
+    lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
     for place in report.places:
         lines.append(Text(f"{place.name}:", style="bold"))
         ways = (place.s3, place.http, place.folder)
-        lines += [Text(f"  {way}") for way in ways if way is not None]
+        lines += [indented(way) for way in ways if way is not None]
     return Group(*lines)
 
 
@@ -78,6 +61,24 @@ def speed(report: "SpeedReport") -> RenderableType:
         f"{report.worker}: {report.steps_per_s:.0f} steps/s, {report.real_time_factor:.0f} x real "
         f"time, in the {report.steps:,} steps of iteration {report.iteration}."
     )
+
+
+def _summary(report: "Summary", columns: int) -> RenderableType:
+    left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
+    right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
+    head: list[RenderableType] = [Text(report.folder, style="bold")]
+    origin = [f"experiment {report.experiment}"] if report.experiment else []
+    origin += [f"git branch {report.branch}"] if report.branch else []
+    if origin:
+        head.append(Text(", ".join(origin), style="dim"))
+    warnings = [Text(f"Warning: {text}", style="yellow") for text in report.warnings]
+    if not WIDE <= columns < BOUNDLESS:
+        return Group(*head, _column([*left, *right]), *warnings)
+    both = Table.grid(padding=(0, 4), expand=True)
+    both.add_column(ratio=1)
+    both.add_column(ratio=1)
+    both.add_row(_column(left), _column(right))
+    return Group(*head, both, *warnings)
 
 
 def _ended(report: "StopReport") -> list[str]:

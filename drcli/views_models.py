@@ -1,11 +1,12 @@
-"""What the commands that move models and files show."""
+"""How models and files look that were copied, and a list of models."""
 
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
 from rich.filesize import decimal
-from rich.table import Table
 from rich.text import Text
+
+from drcli.views_layout import Fitted, Rows
 
 if TYPE_CHECKING:
     from drcli.transfer.custom_files import CustomFilesReport
@@ -13,6 +14,12 @@ if TYPE_CHECKING:
     from drcli.transfer.listing import CheckpointEntry, ModelList
     from drcli.transfer.naming import UploadIncrement
     from drcli.transfer.upload import UploadReport
+
+_WITH_TIME = 100
+"""Columns from which a date has its time."""
+
+_DAY, _MINUTE = 10, 16
+"""Characters of a time in ISO 8601 up to its day and its minute."""
 
 
 def upload(report: "UploadReport") -> RenderableType:
@@ -41,7 +48,8 @@ def download(report: "DownloadReport") -> RenderableType:
         f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
     ]
     if report.deleted:
-        lines.append(f"{_files(len(report.deleted))} that are no part of it deleted.")
+        verb = "would be deleted" if report.dry_run else "deleted"
+        lines.append(f"{_files(len(report.deleted))} that are no part of it {verb}.")
     if report.strays:
         lines.append(
             f"{_files(len(report.strays))} that are no part of it stay there; -w deletes them."
@@ -64,35 +72,34 @@ def custom_files(report: "CustomFilesReport", *, up: bool) -> RenderableType:
     return Text("\n".join(lines))
 
 
-def models(found: "ModelList", width: int) -> RenderableType:
-    """The models of a bucket.
-
-    Args:
-        found: What was found.
-        width: Columns of the terminal; a narrow one gets what matters most.
-    """
+def models(found: "ModelList") -> RenderableType:
+    """The models of a bucket."""
     if not found.models:
         what = f"No model in s3://{found.bucket} has {found.pattern} in its name."
         return Text(what if found.pattern else f"There is no model in s3://{found.bucket}.")
-    table = Table(box=None, pad_edge=False)
-    table.add_column("model", overflow="fold")
-    for name in ("ckpts", "best", "last", "size"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("modified", no_wrap=True)
-    wide = width >= 100
-    for model in found.models:
-        prefix = Text(model.prefix)
-        if model.training:
-            prefix.append(" (training)", style="green")
-        table.add_row(
-            prefix,
-            str(model.checkpoints),
-            _checkpoint(model.best),
-            _checkpoint(model.last),
-            decimal(model.size_bytes),
-            model.modified[:16].replace("T", " ") if wide else model.modified[:10],
-        )
-    return Group(Text(f"s3://{found.bucket}", style="bold"), table)
+    return Group(
+        Text(f"s3://{found.bucket}", style="bold"),
+        Fitted(lambda columns: _table(found, columns)),
+    )
+
+
+def _table(found: "ModelList", columns: int) -> Rows:
+    digits = _MINUTE if columns >= _WITH_TIME else _DAY
+    return Rows(
+        ("model", "ckpts", "best", "last", "size", "modified"),
+        [
+            (
+                Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
+                str(model.checkpoints),
+                _checkpoint(model.best),
+                _checkpoint(model.last),
+                decimal(model.size_bytes),
+                model.modified[:digits].replace("T", " "),
+            )
+            for model in found.models
+        ],
+        left=("model", "modified"),
+    )
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:

@@ -1,4 +1,4 @@
-"""From reports about reward functions to what people see, within 80 columns."""
+"""How reports about reward functions look."""
 
 from typing import TYPE_CHECKING
 
@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli import sparkline
+from drcli.views_layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
     from drcli.reward.check import RewardReport
@@ -14,7 +15,10 @@ if TYPE_CHECKING:
     from drcli.reward.lint import Remark
     from drcli.reward.plot import PlotReport
 
-_CURVE_WIDTH = 54
+_CURVE_COLUMNS = 54
+"""Columns of the curve of a lap where there are enough."""
+
+_CURVE_NAME = "steady lap "
 
 
 def check(report: "RewardReport") -> RenderableType:
@@ -29,9 +33,7 @@ def check(report: "RewardReport") -> RenderableType:
     if any(driver.total is not None for driver in report.drivers):
         parts += [Text(""), _drivers(report)]
         curve = [value for value in report.curve if value is not None]
-        parts.append(
-            Text.assemble(("steady lap ", "dim"), (sparkline.curve(curve, _CURVE_WIDTH), "cyan"))
-        )
+        parts.append(Fitted(lambda columns: _curve(curve, columns)))
     for title, style, remarks in (
         ("Error", "bold red", report.errors),
         ("Warning", "bold yellow", report.warnings),
@@ -57,19 +59,22 @@ def plot(report: "PlotReport") -> RenderableType:
 
 def comparison(report: "ComparisonReport") -> RenderableType:
     """What two functions pay the same drivers."""
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for name in ("driver", "steps", "time", "A a lap", "B a lap", "A a step", "B a step"):
-        table.add_column(name, justify="left" if name == "driver" else "right")
-    for driver in report.drivers:
-        table.add_row(
-            driver.name,
-            str(driver.steps),
-            f"{driver.seconds:.1f} s",
-            _number(driver.first_total),
-            _number(driver.second_total),
-            _number(driver.first_mean),
-            _number(driver.second_mean),
-        )
+    table = Rows(
+        ("driver", "steps", "time", "A a lap", "B a lap", "A a step", "B a step"),
+        [
+            (
+                driver.name,
+                str(driver.steps),
+                f"{driver.seconds:.1f} s",
+                _number(driver.first_total),
+                _number(driver.second_total),
+                _number(driver.first_mean),
+                _number(driver.second_mean),
+            )
+            for driver in report.drivers
+        ],
+        left=("driver",),
+    )
     parts: list[RenderableType] = [
         Text.assemble(("A: ", "bold"), report.first),
         Text.assemble(("B: ", "bold"), report.second),
@@ -84,14 +89,10 @@ def comparison(report: "ComparisonReport") -> RenderableType:
             parts.append(Text(f"{name} pays {'a fast' if prefers else 'a slow'} lap more."))
     if report.places:
         parts += [Text(""), Text("They differ most, each scaled to what it pays:")]
-        parts.append(
-            _indented(
-                [
-                    Text(f"{place.place}: A {_number(place.first)}, B {_number(place.second)}")
-                    for place in report.places
-                ]
-            )
-        )
+        parts += [
+            indented(f"{place.place}: A {_number(place.first)}, B {_number(place.second)}")
+            for place in report.places
+        ]
     if report.picture:
         parts.append(Text.assemble("Picture: ", (report.picture, "bold")))
     return Group(*parts)
@@ -100,7 +101,7 @@ def comparison(report: "ComparisonReport") -> RenderableType:
 def _facts(report: "RewardReport") -> Table:
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(style="dim", no_wrap=True)
-    table.add_column()
+    table.add_column(overflow="fold")
     if report.returns:
         table.add_row("returns", ", ".join(report.returns))
     if report.least is not None and report.greatest is not None and report.mean is not None:
@@ -120,37 +121,37 @@ def _facts(report: "RewardReport") -> Table:
     return table
 
 
-def _drivers(report: "RewardReport") -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for name in ("driver", "steps", "time", "progress", "ended", "reward", "a step"):
-        table.add_column(name, justify="left" if name in ("driver", "ended") else "right")
-    for driver in report.drivers:
-        table.add_row(
-            driver.name,
-            str(driver.steps),
-            f"{driver.seconds:.1f} s",
-            f"{driver.progress:.0f} %",
-            driver.end.replace("_", " "),
-            "failed" if driver.total is None else _number(driver.total),
-            "" if driver.mean is None else _number(driver.mean),
-        )
-    return table
+def _drivers(report: "RewardReport") -> Rows:
+    return Rows(
+        ("driver", "steps", "time", "progress", "ended", "reward", "a step"),
+        [
+            (
+                driver.name,
+                str(driver.steps),
+                f"{driver.seconds:.1f} s",
+                f"{driver.progress:.0f} %",
+                driver.end.replace("_", " "),
+                "failed" if driver.total is None else _number(driver.total),
+                "" if driver.mean is None else _number(driver.mean),
+            )
+            for driver in report.drivers
+        ],
+        left=("driver", "ended"),
+    )
+
+
+def _curve(rewards: list[float], columns: int) -> Text:
+    """What the steps of a lap pay."""
+    width = min(_CURVE_COLUMNS, columns - len(_CURVE_NAME))
+    return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
 
 def _remark(remark: "Remark", title: str, style: str) -> RenderableType:
-    head = Text.assemble((f"{title}: ", style), remark.where, (f" ({remark.rule})", "dim"))
-    lines = [Text(remark.message), Text.assemble(("Try: ", "dim"), remark.remedy)]
-    return Group(head, _indented(lines))
-
-
-def _indented(lines: list[Text]) -> Table:
-    """Texts that are broken at the edge of the terminal, below what they belong to."""
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_column(width=1)
-    table.add_column()
-    for line in lines:
-        table.add_row("", line)
-    return table
+    return Group(
+        Text.assemble((f"{title}: ", style), remark.where, (f" ({remark.rule})", "dim")),
+        indented(remark.message),
+        indented(Text.assemble(("Try: ", "dim"), remark.remedy)),
+    )
 
 
 def _likeness(report: "ComparisonReport") -> str:

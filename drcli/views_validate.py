@@ -1,16 +1,17 @@
-"""From the report of the rules to what people see."""
+"""How the report of the rules looks."""
 
-from textwrap import indent
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from drcli.views_layout import indented
+
 if TYPE_CHECKING:
     from drcli.validate.report import Report, Violation
 
-INDENT = " " * 8
-"""Before what is wrong, below its rule."""
+BELOW_RULE = 8
+"""Columns before what is wrong, below its rule."""
 
 
 def report(found: "Report") -> RenderableType:
@@ -25,17 +26,16 @@ def report(found: "Report") -> RenderableType:
             parts += [part for item in group for part in _violation(item)]
     if found.skipped:
         parts.append(Text("Not tried", style="bold"))
-        parts += [Text(f"  {', '.join(item.rules)}: {item.reason}") for item in found.skipped]
+        parts += [indented(f"{', '.join(item.rules)}: {item.reason}") for item in found.skipped]
     parts.append(Text(_sum(found), style="bold green" if found.ok else "bold red"))
     return Group(*parts)
 
 
 def _violation(item: "Violation") -> list[RenderableType]:
-    lines = [Text(f"  {item.rule}  {item.where}".rstrip())]
-    lines.append(Text(indent(item.message, INDENT)))
+    lines = [indented(f"{item.rule}  {item.where}"), indented(item.message, BELOW_RULE)]
     if item.remedy:
-        lines.append(Text(indent(f"Try: {item.remedy}", INDENT), style="dim"))
-    return [*lines]
+        lines.append(indented(Text(f"Try: {item.remedy}", style="dim"), BELOW_RULE))
+    return lines
 
 
 def _sum(found: "Report") -> str:

@@ -6,16 +6,23 @@ import typer
 
 from drcli.commands.options import AsJson
 
-app = typer.Typer(no_args_is_help=True, help="Let the Tab key finish commands and their values.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Let the Tab key finish commands and their values.\n\nExample: dr-completion install",
+)
+
+_Shell = Annotated[
+    Literal["bash", "zsh", "fish"] | None,
+    typer.Argument(
+        metavar="[SHELL]",
+        help="bash, zsh or fish; taken from $SHELL when left out.",
+        show_default=False,
+    ),
+]
 
 
 @app.command()
-def show(
-    shell: Annotated[
-        Literal["bash", "zsh", "fish"] | None,
-        typer.Argument(help="Taken from $SHELL when left out.", show_default=False),
-    ] = None,
-) -> None:
+def show(shell: _Shell = None) -> None:
     """Print what a shell has to run.
 
     Example: source <(dr completion show bash)
@@ -30,13 +37,7 @@ def show(
 
 
 @app.command()
-def install(
-    shell: Annotated[
-        Literal["bash", "zsh", "fish"] | None,
-        typer.Argument(help="Taken from $SHELL when left out.", show_default=False),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
+def install(shell: _Shell = None, as_json: AsJson = False) -> None:
     """Let every new shell know how to finish the dr commands.
 
     Writes a file of its own, and one line into ~/.bashrc or ~/.zshrc.

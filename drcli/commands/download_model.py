@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
-from drcli.commands.options import AsJson, Force
+from drcli.commands.options import AsJson, DryRun, Force
 
 
 def download_model(
@@ -22,9 +22,7 @@ def download_model(
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete what lies there and is no part of it.")
     ] = False,
-    dry_run: Annotated[
-        bool, typer.Option("-d", "--dry-run", help="Only say what would be done.")
-    ] = False,
+    dry_run: DryRun = False,
     custom_files: Annotated[
         bool,
         typer.Option("-c", "--custom-files", help="Copy its three files into custom_files/ too."),

@@ -59,7 +59,7 @@ def evaluate(
 
     Example: dr-evaluate --json
     """
-    from drcli import console, views
+    from drcli import console, views_evaluation
     from drcli.runs import evaluation
 
     if quiet and context.info_name == STARTER:
@@ -71,7 +71,7 @@ def evaluate(
         directory=working_folder(),
         on_progress=(lambda text: None) if quiet else console.say,
     )
-    console.emit(report, views.evaluation(report), as_json=as_json)
+    console.emit(report, views_evaluation.evaluation(report), as_json=as_json)
     if not quiet:
         console.suggest(
             [

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
-from drcli.commands.options import AsJson, Force
+from drcli.commands.options import AsJson, Delimiter, Force
 
 
 def increment_training(
@@ -17,10 +17,7 @@ def increment_training(
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="Name of the new model.")
     ] = None,
-    delimiter: Annotated[
-        str | None,
-        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
-    ] = None,
+    delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
     """Make the next training go on from this model's weights, under a new name.
@@ -33,8 +30,6 @@ def increment_training(
     from drcli import console, views
     from drcli.runs.increment import make_increment, plan_increment
 
-    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
-        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
     loaded, folder = settings(), working_folder()
     planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from drcli.commands.folder import settings, working_folder
-from drcli.commands.options import AsJson, Force
+from drcli.commands.options import AsJson, Delimiter, Force
 
 
 def increment_upload_model(
@@ -17,10 +17,7 @@ def increment_upload_model(
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="The next name, as it shall be.")
     ] = None,
-    delimiter: Annotated[
-        str | None,
-        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
-    ] = None,
+    delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
     """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
@@ -32,8 +29,6 @@ def increment_upload_model(
     from drcli import console, views_models
     from drcli.transfer.naming import make_upload_increment, plan_upload_increment
 
-    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
-        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
     folder = working_folder()
     planned = plan_upload_increment(
         settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe

@@ -1,5 +1,6 @@
 """A command group that loads a command when it is called, so that no call pays for the others."""
 
+import shutil
 from difflib import get_close_matches
 from importlib import import_module
 from itertools import groupby
@@ -22,6 +23,9 @@ TAKES_ANY = {
 }
 """What makes a command leave its options to somebody else."""
 
+NARROWEST, HELP_COLUMNS = 40, 80
+"""Columns between which help is folded; the library's own least is 50."""
+
 QUIET_HELP = "Only results, warnings and failures."
 
 _BY_NAME = {command.name: command for command in COMMANDS}
@@ -29,6 +33,13 @@ _BY_NAME = {command.name: command for command in COMMANDS}
 
 class LazyGroup(TyperGroup):
     """The commands of `drcli.commands.table`."""
+
+    def make_context(self, *args: Any, **extra: Any) -> Any:
+        """The context of a call, whose help fits a narrow terminal too."""
+        columns = shutil.get_terminal_size().columns
+        if NARROWEST <= columns < HELP_COLUMNS:
+            extra["terminal_width"] = columns - 1
+        return super().make_context(*args, **extra)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names in the order of the table."""
@@ -124,6 +135,9 @@ def _load(command: Command) -> Any:
         target.rich_markup_mode = None
         group = get_group(target)
         group.name = command.name
+        for single in group.commands.values():
+            # The library's own would end in three dots after 45 letters.
+            single.short_help = " ".join(str(single.help).partition("\n\n")[0].split())
         return group
     return _from_function(
         CommandInfo(

@@ -44,4 +44,4 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     bucket = bucket_to_look_at(settings(), working_folder(), upload=upload)
     with console.waiting(f"Looking through s3://{bucket.name} ..."):
         found = find(bucket, pattern)
-    console.emit(found, views_models.models(found, console.out.width), as_json=as_json)
+    console.emit(found, views_models.models(found), as_json=as_json)

@@ -6,14 +6,13 @@ from typing import Annotated
 
 import typer
 
+from drcli.commands.absent import Absent
 from drcli.commands.folder import settings, working_folder
 
 TAIL_LINES = 20
 POLL_S = 0.3
 OTHERS = ("trainer", "supervisor", "evaluation")
 """Logs beside those of the simulation workers."""
-
-_STARTS = ("a training with `dr-start-training`", "an evaluation with `dr-evaluate`")
 
 
 def logs(
@@ -30,20 +29,19 @@ def logs(
 ) -> None:
     """Show what a worker has to say.
 
+    Exits 1 where there is no log yet.
+
     Example: dr-logs trainer -f
     """
     from drcli import console
     from drcli.commands.tail import Tail
-    from drcli.errors import SettingsError
     from drcli.runs.logs import log_file
 
-    path = log_file(settings(), working_folder(), _name(worker, number))
+    loaded, name = settings(), _name(worker, number)
+    path = log_file(loaded, working_folder(), name)
     if not path.exists():
         if not follow:
-            raise SettingsError(
-                f"There is no log yet: {path}.",
-                remedy=f"Start {_STARTS[worker == 'evaluation']}, or wait for it with -f.",
-            )
+            raise Absent(f"There is no log yet: {path}.", remedy=_remedy(name, loaded.workers))
         console.say(f"Waiting for {path} ...")
     tail = Tail(path, None if whole else TAIL_LINES)
     try:
@@ -62,3 +60,13 @@ def _name(worker: str, number: int) -> str:
     if worker in OTHERS or re.fullmatch(r"sim-\d+", worker):
         return worker
     raise typer.BadParameter(f"'{worker}' is none of sim, {', '.join(OTHERS)}.")
+
+
+def _remedy(name: str, workers: int) -> str:
+    """What to do about the log of that name, in a training on so many simulation workers."""
+    if name == "evaluation":
+        return "Start an evaluation with `dr-evaluate`, or wait for one with -f."
+    kind, _, number = name.partition("-")
+    if kind == "sim" and int(number) >= workers:
+        return f"Choose a worker from 0 to {workers - 1}: DR_WORKERS is {workers}."
+    return "Start a training with `dr-start-training`, or wait for one with -f."

@@ -8,10 +8,12 @@ from drcli.commands.lazy import load
 from drcli.commands.manual_texts import (
     EXIT_CODES,
     HEAD,
+    KEYS_HEAD,
     REFERENCE_HEAD,
     TOPICS,
 )
 from drcli.commands.reference import REFERENCE, Row
+from drcli.commands.report_keys import REPORTS, keys_of
 from drcli.commands.table import COMMANDS, program_names
 
 _PROGRAMS = {name: program for program, name in program_names().items()}
@@ -25,6 +27,7 @@ def document() -> str:
     groups = _groups()
     parts = [HEAD, _overview(groups), _exit_codes(), *TOPICS, REFERENCE_HEAD, _reference()]
     parts += ["## Every command", *(_section(group) for group in groups)]
+    parts += [KEYS_HEAD, *(_keys(report, names) for report, names in REPORTS.items())]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -125,6 +128,13 @@ def _parameter(parameter: Any) -> str:
         tail = "" if parameter.is_flag else f" {value}"
         names = ", ".join(f"`{name}{tail}`" for name in parameter.opts)
     return f"| {_cell(names)} | {_cell(parameter.help or '')} |"
+
+
+def _keys(report: str, names: tuple[str, ...]) -> str:
+    """The keys of a report, below the commands that print it."""
+    programs = ", ".join(f"`dr-{name}`" for name in names)
+    rows = [f"| `{key}` | {_cell(meaning)} |" for key, meaning in keys_of(report)]
+    return "\n".join([f"**{programs}**", "", "| key | meaning |", "| --- | --- |", *rows])
 
 
 def _cell(text: str) -> str:

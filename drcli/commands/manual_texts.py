@@ -13,9 +13,9 @@ standard output, everything else to standard error.
 
 EXIT_CODES = {
     0: "done",
-    1: "a question was not answered with yes; `dr-logs-*`, `dr-find-*` and "
-    "`dr-get-robomaker-stats`: it does not run; or a bug of ours, whose traceback is in "
-    "`data/logs/`",
+    1: "a question was not answered with yes; `dr-logs*`, `dr-find-*` and "
+    "`dr-get-robomaker-stats`: it does not run, or has no log yet; or a bug of ours, whose "
+    "traceback is in `data/logs/`",
     2: "wrong command line",
     3: "a setting, parameter file or reward function is wrong",
     4: "the bucket cannot be reached, read or written; `dr-tracks fetch` cannot get its file",
@@ -35,6 +35,14 @@ REFERENCE_HEAD = """
 *same* does what it did there; *better* does it too, and what is said beside it; *later* is a name
 that says what is not built yet and what to use now, and exits 7 (0 where it was to end
 something); *not needed* has nothing to do here.
+"""
+
+KEYS_HEAD = """
+## Keys of every report
+
+What `--json` prints. `outer[].inner` is a key of each object in a list. Keys are only ever added; a
+value that is not known is null. Where a command refuses something, it prints its words to standard
+error, and no report unless it had one before.
 """
 
 _FOLLOWING = """

@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.commands.absent import Absent
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
-from drcli.errors import DrError
 
 if TYPE_CHECKING:
     from drcli.runs.processes import Process
@@ -31,12 +32,6 @@ _Evaluation = Annotated[
 _Whole = Annotated[bool, typer.Option("-a", "--all", help="Show all of it first.")]
 
 
-class NotRunning(DrError):
-    """The process that was asked for is not there. Its exit code is the reference's, 1."""
-
-    final = True
-
-
 def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
     """Follow the trainer's log while the training runs.
 
@@ -44,7 +39,7 @@ def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
 
     Example: dr-logs-sagemaker -w 15
     """
-    _follow(_trainers, "Sagemaker", wait_s, whole=whole)
+    _follow(_trainers, _TRAINER, wait_s, whole=whole)
 
 
 def logs_robomaker(
@@ -63,7 +58,7 @@ def logs_robomaker(
     def look() -> "list[Process]":
         return _robomakers(evaluation)[replica - 1 : replica]
 
-    _follow(look, f"Robomaker #{replica}", wait_s, whole=whole)
+    _follow(look, _Wanted.of(replica, evaluation=evaluation), wait_s, whole=whole)
 
 
 def find_sagemaker(as_json: AsJson = False) -> None:
@@ -71,7 +66,7 @@ def find_sagemaker(as_json: AsJson = False) -> None:
 
     Example: dr-find-sagemaker
     """
-    _print(_trainers(), "Sagemaker", as_json=as_json)
+    _print(_trainers(), _TRAINER, as_json=as_json)
 
 
 def find_robomaker(
@@ -89,10 +84,9 @@ def find_robomaker(
     Example: dr-find-robomaker -n 1
     """
     found = _robomakers(evaluation)
-    if replica is None:
-        _print(found, "Robomaker", as_json=as_json)
-    else:
-        _print(found[replica - 1 : replica], f"Robomaker #{replica}", as_json=as_json)
+    if replica is not None:
+        found = found[replica - 1 : replica]
+    _print(found, _Wanted.of(replica, evaluation=evaluation), as_json=as_json)
 
 
 def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
@@ -107,9 +101,35 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
 
     found = _robomakers(False)[replica - 1 : replica]
     if not found:
-        raise _not_running(f"Robomaker #{replica}")
+        raise _absent(_Wanted.of(replica))
     report = speed_of(found[0], settings(), working_folder())
     console.emit(report, views_everyday.speed(report), as_json=as_json)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is looked for.
+
+    Attributes:
+        title: What the reference calls it.
+        starter: The command that starts it.
+        log: The command that shows its log, also after its end.
+    """
+
+    title: str
+    starter: str
+    log: str
+
+    @classmethod
+    def of(cls, replica: int | None, *, evaluation: bool = False) -> "_Wanted":
+        """A simulation worker from 1 on, or any of them where no number is given."""
+        title = "Robomaker" if replica is None else f"Robomaker #{replica}"
+        if evaluation:
+            return cls(title, "dr-start-evaluation -q", "dr-logs evaluation")
+        return cls(title, "dr-start-training", f"dr-logs sim -n {(replica or 1) - 1}")
+
+
+_TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 
 
 def _trainers() -> "list[Process]":
@@ -125,12 +145,14 @@ def _robomakers(evaluation: bool) -> "list[Process]":
     return look(settings(), working_folder())
 
 
-def _follow(look: "Callable[[], list[Process]]", title: str, wait_s: float, *, whole: bool) -> None:
+def _follow(
+    look: "Callable[[], list[Process]]", wanted: "_Wanted", wait_s: float, *, whole: bool
+) -> None:
     """Show a worker's log until its run has ended or Ctrl-C comes.
 
     Args:
         look: Finds the worker.
-        title: What the reference calls it.
+        wanted: What is looked for.
         wait_s: How long it may take to start.
         whole: Whether to begin with all of the log.
     """
@@ -140,12 +162,12 @@ def _follow(look: "Callable[[], list[Process]]", title: str, wait_s: float, *, w
     deadline = time.monotonic() + wait_s
     found = look()
     if not found and wait_s:
-        console.say(f"Waiting for {title} to start ...")
+        console.say(f"Waiting for {wanted.title} to start ...")
     while not found and time.monotonic() < deadline:
         time.sleep(POLL_S)
         found = look()
     if not found:
-        raise _not_running(title)
+        raise _absent(wanted)
     tail = Tail(Path(found[0].log), None if whole else TAIL_LINES)
     try:
         while found:
@@ -157,7 +179,7 @@ def _follow(look: "Callable[[], list[Process]]", title: str, wait_s: float, *, w
         return
 
 
-def _print(found: "list[Process]", title: str, *, as_json: bool) -> None:
+def _print(found: "list[Process]", wanted: "_Wanted", *, as_json: bool) -> None:
     """Process numbers of the workers that live; a failure where there are none."""
     from drcli import console
     from drcli.runs.processes import ProcessReport
@@ -167,11 +189,11 @@ def _print(found: "list[Process]", title: str, *, as_json: bool) -> None:
     if as_json or lines:
         console.emit(report, lines, as_json=as_json)
     if not lines:
-        raise _not_running(title)
+        raise _absent(wanted)
 
 
-def _not_running(title: str) -> NotRunning:
-    return NotRunning(
-        f"{title} is not running.",
-        remedy="`dr-summary` tells what runs, `dr-logs` shows what the last one said.",
+def _absent(wanted: "_Wanted") -> Absent:
+    return Absent(
+        f"{wanted.title} is not running.",
+        remedy=f"Start it with `{wanted.starter}`; `{wanted.log}` shows what the last one said.",
     )

@@ -27,7 +27,7 @@ class UploadName:
 
 
 def set_upload_model(
-    prefix: Annotated[str, typer.Argument(help="Name of the next upload.")],
+    prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Name of the next upload.")],
     as_json: AsJson = False,
 ) -> None:
     """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX into run.env.

@@ -4,9 +4,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 
-def status(
-    as_json: AsJson = False,
-) -> None:
+def status(as_json: AsJson = False) -> None:
     """Show whether a training is alive and how far the car gets.
 
     Exits 5 when a worker is dead, so that a script can wait on it.

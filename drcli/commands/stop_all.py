@@ -4,9 +4,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 
-def stop_all(
-    as_json: AsJson = False,
-) -> None:
+def stop_all(as_json: AsJson = False) -> None:
     """Stop everything that was started in this folder.
 
     Trainings and evaluations of every DR_RUN_ID end, then the folder's local S3 server. Everything

@@ -4,9 +4,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 
-def stop_evaluation(
-    as_json: AsJson = False,
-) -> None:
+def stop_evaluation(as_json: AsJson = False) -> None:
     """End a running evaluation of this DR_RUN_ID, whichever shell started it.
 
     It leaves within a second, with exit code 143 there and no results. Harmless when none runs.

@@ -1,9 +1,10 @@
 """`dr stop-training`."""
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.options import AsJson
 
 
-def stop_training() -> None:
+def stop_training(as_json: AsJson = False) -> None:
     """Stop the running training.
 
     Everything learned so far is in the bucket; dr-start-training --resume goes on with it.
@@ -13,7 +14,7 @@ def stop_training() -> None:
     """
     from drcli import console
     from drcli.errors import SettingsError
-    from drcli.runs.stopping import stop_the_only_training
+    from drcli.runs.stopping import Stopped, StopReport, stop_the_only_training
     from drcli.runs.training import is_running, stop
 
     folder = working_folder()
@@ -24,21 +25,25 @@ def stop_training() -> None:
         stopped = stop_the_only_training(folder)
         if stopped is None:
             raise
-        console.say(f"Stopped the training of {stopped.model}, whatever the settings say now.")
+        said = f"Stopped the training of {stopped.model}, whatever the settings say now."
+        console.emit(StopReport([stopped]), said, as_json=as_json)
         return
     if not is_running(loaded, folder):
-        console.say("No training is running.")
+        console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
     report = stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
     if is_running(loaded, folder):
-        console.say(
+        said = (
             f"The training of {model} (process {report.pid}) is still leaving. "
             "`dr-stop-training` again stops it at once."
         )
+        console.emit(StopReport(), said, as_json=as_json)
         return
     newest = f"; its last checkpoint is {report.last.name}" if report.last else ""
-    console.say(f"Stopped the training of {model}{newest}.")
+    stopped = Stopped("training", report.run_id, model, report.pid or 0)
+    said = f"Stopped the training of {model}{newest}."
+    console.emit(StopReport([stopped]), said, as_json=as_json)
     console.suggest(
         [
             ("dr-start-training --resume", "go on training"),

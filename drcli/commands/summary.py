@@ -4,9 +4,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 
-def summary(
-    as_json: AsJson = False,
-) -> None:
+def summary(as_json: AsJson = False) -> None:
     """Show settings, bucket, what runs, and the machine, on one page.
 
     What runs is shown of every DR_RUN_ID in this folder. No server is started, and the bucket has
@@ -18,4 +16,4 @@ def summary(
     from drcli.runs.summary import summarize
 
     report = summarize(settings(), working_folder())
-    console.emit(report, views_everyday.summary(report, console.out.width), as_json=as_json)
+    console.emit(report, views_everyday.summary(report), as_json=as_json)

@@ -8,7 +8,10 @@ import typer
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
-app = typer.Typer(no_args_is_help=True, help="List, show, add and fetch tracks.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="List, show, add and fetch tracks.\n\nExample: dr-tracks show reinvent_base",
+)
 
 _Force = Annotated[bool, typer.Option("--force", help="Replace a track of that name.")]
 
@@ -19,19 +22,19 @@ def list_all(as_json: AsJson = False) -> None:
 
     Example: dr-tracks list --json
     """
-    from drcli import console, views
+    from drcli import console, views_tracks
     from drcli.tracks.listing import list_tracks
 
     memory = working_folder() / "data" / "cache" / "tracks.json"
     found = list_tracks(settings().tracks_folder, memory)
     for sentence in found.unreadable:
         console.warn(sentence)
-    console.emit(found, views.track_list(found), as_json=as_json)
+    console.emit(found, views_tracks.track_list(found), as_json=as_json)
 
 
 @app.command()
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a track, or a route file.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a track, or a route file.")],
     png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -39,16 +42,17 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli import console, views
-    from drcli.tracks.folder import show_track
+    from drcli import console, views_tracks
+    from drcli.tracks.folder import MAP_COLUMNS, show_track
 
-    view = show_track(name, settings().tracks_folder, png)
-    console.emit(view, views.track(view), as_json=as_json)
+    columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
+    view = show_track(name, settings().tracks_folder, png, columns=columns)
+    console.emit(view, views_tracks.track(view), as_json=as_json)
 
 
 @app.command()
 def add(
-    file: Annotated[Path, typer.Argument(help="A .npy, .csv or .svg file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .npy, .csv or .svg file.")],
     name: Annotated[str | None, typer.Option("--name", help="Name of the track.")] = None,
     width: Annotated[
         float | None, typer.Option("--width", help="Metres of road around a centre line.")
@@ -63,7 +67,7 @@ def add(
 
     Example: dr-tracks add my_track.svg --length 25 --width 0.9
     """
-    from drcli import console, views
+    from drcli import console, views_tracks
     from drcli.tracks.folder import add_track
 
     facts = add_track(
@@ -74,12 +78,12 @@ def add(
         length_m=length,
         replace=force,
     )
-    console.emit(facts, views.track_facts(facts), as_json=as_json)
+    console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)
 
 
 @app.command()
 def fetch(
-    name: Annotated[str, typer.Argument(help="Name of a world, as Oval_track.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a world, as Oval_track.")],
     url: Annotated[
         str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL when left out.")
     ] = None,
@@ -91,9 +95,9 @@ def fetch(
 
     Example: dr-tracks fetch Oval_track
     """
-    from drcli import console, views
+    from drcli import console, views_tracks
     from drcli.tracks.fetch import fetch_track
 
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
-    console.emit(facts, views.track_facts(facts), as_json=as_json)
+    console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.commands.folder import settings, working_folder
-from drcli.commands.options import AsJson, Force
+from drcli.commands.options import AsJson, DryRun, Force
 
 if TYPE_CHECKING:
     from drcli.transfer.naming import PlannedUploadIncrement
@@ -33,9 +33,7 @@ def upload_model(
     wipe: Annotated[
         bool, typer.Option("-w", "--wipe", help="Delete checkpoints of earlier uploads there.")
     ] = False,
-    dry_run: Annotated[
-        bool, typer.Option("-d", "--dry-run", help="Only say what would be done.")
-    ] = False,
+    dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
     """Copy a checkpoint, with all that belongs to it, to the bucket of uploads.

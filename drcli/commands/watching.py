@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drcli import console, views
+from drcli import console, views, views_iterations
 from drcli.commands.tail import Tail
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
         for record in ready:
             if (record.iteration, record.elapsed_s) not in printed:
                 printed.add((record.iteration, record.elapsed_s))
-                console.say(views.iteration_line(record, verbose=verbose))
+                console.say(views_iterations.line(record, verbose=verbose))
         if report.warning and not warned:
             console.warn(f"{report.warning}.")
         warned = bool(report.warning)

@@ -14,6 +14,9 @@ from drsim.routes import read_route, write_route
 from drsim.trackmap import picture_map, text_map
 from drsim.worlds import WorldInfo, describe, known_worlds, load_track
 
+MAP_COLUMNS = 78
+"""Letters in a line of a map where there is room for them."""
+
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
 
@@ -43,8 +46,16 @@ def measure_tracks(folder: Path) -> TrackList:
     return TrackList(str(folder), tracks, unreadable)
 
 
-def show_track(name: str, folder: Path, picture: Path | None = None) -> TrackView:
+def show_track(
+    name: str, folder: Path, picture: Path | None = None, *, columns: int = MAP_COLUMNS
+) -> TrackView:
     """A track's facts and map.
+
+    Args:
+        name: Of the track, or a route file.
+        folder: Where tracks of the racer's own lie.
+        picture: Where to write a picture, if one is asked for.
+        columns: Most letters in a line of the map.
 
     Raises:
         SettingsError: There is no such track, or the picture cannot be written.
@@ -62,7 +73,7 @@ def show_track(name: str, folder: Path, picture: Path | None = None) -> TrackVie
                 f"--png {picture} cannot be written: {error.strerror}.",
                 remedy="Name a file in a folder that exists and is yours.",
             ) from None
-    return TrackView(facts, text_map(track), str(picture) if picture else None)
+    return TrackView(facts, text_map(track, columns), str(picture) if picture else None)
 
 
 def add_track(

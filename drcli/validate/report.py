@@ -83,13 +83,13 @@ def refuse(violations: Iterable[Violation]) -> None:
     """Refuse to go on if there are errors.
 
     Raises:
-        SettingsError: A line for each error, with the remedies in the same order.
+        SettingsError: A line for each error, and as many lines of remedies in the same order.
     """
     errors, _ = by_severity(violations)
     if errors:
-        remedies = dict.fromkeys(error.remedy for error in errors)
         raise SettingsError(
-            "\n".join(error.sentence for error in errors), remedy="\n".join(remedies)
+            "\n".join(" ".join(error.sentence.splitlines()) for error in errors),
+            remedy="\n".join(" ".join(error.remedy.splitlines()) for error in errors),
         )
 
 

@@ -42,10 +42,44 @@ def test_numbers_that_json_does_not_know_become_null(capsys):
     assert json.loads(capsys.readouterr().out)["degrees"] == [None, None]
 
 
-def test_people_get_the_rendered_report_in_whole_lines(capsys):
+def test_a_pipe_gets_the_rendered_report_in_whole_lines_without_blanks_at_their_end(capsys):
     console.emit(Weather([25.0]), "warm " * 40, as_json=False)
 
-    assert capsys.readouterr().out == "warm " * 40 + "\n"
+    assert capsys.readouterr().out == ("warm " * 40).rstrip() + "\n"
+
+
+def test_a_report_is_printed_as_it_is_whatever_stands_in_its_names(capsys):
+    console.emit(Weather([25.0]), "/a [red]/:car:/run.env", as_json=False)
+    console.say("/a [red]/:car:/run.env")
+
+    printed = capsys.readouterr()
+    assert printed.out == printed.err == "/a [red]/:car:/run.env\n"
+
+
+def test_each_of_several_failures_is_followed_by_its_own_remedy(capsys):
+    console.fail("One broke.\nTwo broke.\nAnd 3 more like these.", "Mend one.\nMend two.")
+
+    assert capsys.readouterr().err.splitlines() == [
+        "Error: One broke.",
+        "  Try: Mend one.",
+        "Error: Two broke.",
+        "  Try: Mend two.",
+        "Error: And 3 more like these.",
+    ]
+
+
+@pytest.mark.parametrize(("known", "columns"), [("100", 100), ("10", 80)])
+def test_results_fill_the_columns_of_a_terminal(monkeypatch, known, columns):
+    monkeypatch.setenv("COLUMNS", known)
+    monkeypatch.setattr("sys.stdout", Terminal())
+
+    assert console.columns() == columns
+
+
+def test_results_are_not_folded_in_a_pipe(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "100")
+
+    assert console.columns() == console.BOUNDLESS
 
 
 def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):

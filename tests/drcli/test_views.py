@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from drcli import views
+from drcli import views, views_evaluation, views_iterations
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -79,6 +79,14 @@ def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_r
     assert not any("sim-0" in line for line in lines)
 
 
+def test_status_of_a_failed_training_tells_what_to_do(make_report):
+    report = make_report("failed", 1, message="The loss is NaN.", remedy="Lower lr.", exit_code=6)
+
+    lines = screen(views.run(report)).splitlines()
+
+    assert lines[1:3] == ["The loss is NaN.", "  Try: Lower lr."]
+
+
 def test_a_dead_worker_catches_the_eye(make_report):
     report = make_report("running")
     dead = report.workers[1].__class__("sim-0", 7, False, 2, "drives iteration 0", "x.log")
@@ -89,7 +97,7 @@ def test_a_dead_worker_catches_the_eye(make_report):
 
 
 def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
-    shown = screen(views.evaluation(evaluation_report))
+    shown = screen(views_evaluation.evaluation(evaluation_report))
 
     assert shown == EVALUATION
 
@@ -99,11 +107,11 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(views.evaluation(lost))
+    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(views_evaluation.evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
-    line = views.iteration_line(make_record(8))
+    line = views_iterations.line(make_record(8))
 
     assert line == (
         "   0:12 iter   8    4500 steps  reward   42.0  progress  34.0 %  eval 100 % 3/3"
@@ -112,7 +120,7 @@ def test_an_iteration_fits_a_line_of_80_columns(make_record):
 
 
 def test_an_iteration_without_its_evaluation_says_so(make_record):
-    line = views.iteration_line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
+    line = views_iterations.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
 
     assert line.endswith("eval ...")
 
@@ -185,7 +193,7 @@ def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_repor
     slower = [replace(trial, lap_s=trial.lap_s + 1.0) for trial in own.trials]
     race = replace(own, opponent=replace(own, prefix="rival", trials=slower))
 
-    shown = screen(views.evaluation(race))
+    shown = screen(views_evaluation.evaluation(race))
 
     assert "8_Step-4000.ckpt of rival on" in shown
     assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
@@ -197,7 +205,9 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
         opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
     )
 
-    assert screen(views.evaluation(race)).splitlines()[-1] == "model wins with more laps."
+    assert (
+        screen(views_evaluation.evaluation(race)).splitlines()[-1] == "model wins with more laps."
+    )
 
 
 def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
@@ -206,7 +216,7 @@ def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
         trials=[replace(trial, status="Off track") for trial in evaluation_report.trials],
     )
 
-    assert "Nobody wins." in screen(views.evaluation(replace(lost, opponent=lost)))
+    assert "Nobody wins." in screen(views_evaluation.evaluation(replace(lost, opponent=lost)))
 
 
 def test_a_collapse_is_told_in_every_display(make_report):

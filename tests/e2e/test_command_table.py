@@ -92,6 +92,7 @@ AFTERWARDS = [
     Call("reward check --json", ""),
     Call("tracks show reinvent_base", "reinvent_base"),
     Call("tracks show reinvent_base --json", "facts"),
+    Call("stop-training --json", "stopped server"),
     Call("logs trainer -a", "Policy training> Surrogate loss="),
     Call("logs-robomaker", "Robomaker #1 is not running.", 1),
     Call("logs-sagemaker", "Sagemaker is not running.", 1),

@@ -234,7 +234,7 @@ def test_a_terminal_gets_colours(sized):
     assert COLOURS.search(written["wrong-value"])
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 60)], ids=["80x24", "200x60"])
+@pytest.mark.parametrize("size", [(40, 24), (80, 24), (200, 60)], ids=["40x24", "80x24", "200x60"])
 def test_the_live_display_is_drawn_in_place_and_fits(folder, size):
     written = in_terminal(ASKED + LIVE, folder, size)
 
@@ -244,16 +244,9 @@ def test_the_live_display_is_drawn_in_place_and_fits(folder, size):
     compare(f"live-{size[0]}x{size[1]}", seen)
 
 
-def test_no_color_leaves_words_and_no_live_display(folder):
-    written = in_terminal(QUICK + ASKED, folder, (80, 24), NO_COLOR="1")
-
-    assert not COLOURS.search(written)
-    assert "live: False" in written
-    assert "Try:" in written
-
-
-def test_a_dumb_terminal_gets_no_escape_sequence_at_all(folder):
-    written = in_terminal(QUICK + ASKED, folder, (80, 24), TERM="dumb")
+@pytest.mark.parametrize("variables", [{"NO_COLOR": "1"}, {"TERM": "dumb"}], ids=str)
+def test_without_colours_there_is_no_escape_sequence_at_all(folder, variables):
+    written = in_terminal(QUICK + ASKED, folder, (80, 24), **variables)
 
     assert "\x1b" not in written
     assert "live: False" in written

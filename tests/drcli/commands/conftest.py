@@ -1,15 +1,41 @@
-"""A run that exists only on paper, in place of processes and bucket."""
+"""Runs and reports that exist only on paper, in place of processes, buckets and drives."""
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from drcli.job import Job
+from drcli.reward.check import (
+    DriverReport,
+    Extreme,
+    ParameterReport,
+    TimeReport,
+)
+from drcli.reward.compare import ComparisonReport, DriverComparison, PlaceComparison
+from drcli.reward.lint import Remark
+from drcli.reward.plot import PlotReport
+from drcli.runs.increment import Increment
 from drcli.runs.inputs import InputFile, Inputs
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.report import RunReport
+from drcli.runs.pretrained import Pretrained
+from drcli.runs.processes import Process
+from drcli.runs.report import EvaluationReport, RunReport
+from drcli.runs.speed import SpeedReport
+from drcli.runs.stopping import Stopped, StopReport
+from drcli.tracks.facts import TrackFacts, TrackList
+from drcli.transfer.custom_files import CustomFilesReport
+from drcli.transfer.download import DownloadReport
+from drcli.transfer.listing import CheckpointEntry, ModelEntry, ModelList
+from drcli.transfer.naming import UploadIncrement
+from drcli.transfer.upload import UploadReport
+from drcli.validate.report import Report, Skipped, Violation
+
+MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
+URL = f"s3://bucket/{MODEL}"
+TRACK = "a_track_with_a_name_that_no_small_terminal_has_room_for"
 
 
 class PaperRun:
@@ -101,3 +127,117 @@ def log(working_folder: Path) -> Callable[[str], Path]:
         return path
 
     return path_of
+
+
+@pytest.fixture
+def paper_reports(
+    run: PaperRun,
+    evaluation_report: EvaluationReport,
+    make_report: Callable[..., RunReport],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Reports with long names in place of what takes servers, time or a model."""
+    run.before = make_report("running", 12, prefix=MODEL)
+    run.looks = [make_report("finished", 12, prefix=MODEL)]
+    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
+    _lay_down(run.folder, monkeypatch)
+
+
+def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the packages behind the commands answer with them."""
+    (folder / "run.env").write_text(
+        f'DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX="{MODEL}"\n'
+        "DR_HOST_X=True\nDR_UPLOAD_S3_BUCKET=uploads\n"
+    )
+    monkeypatch.setenv("HOME", str(folder / "home"))
+    monkeypatch.setattr("drcli.commands.url.settings", _settings)
+
+    def answer(name: str, report: object) -> None:
+        monkeypatch.setattr(f"drcli.{name}", lambda *_, **__: report)
+
+    files = [f"a-folder/a-file-with-a-long-name-{k}.data-00000-of-00001" for k in range(3)]
+    source = {"source": URL, "checkpoint": "8_Step-4000.ckpt", "copied": files}
+    plan = {"source_url": URL, "target_url": URL, "used": 0, "chosen": SimpleNamespace(line="c")}
+    answer("transfer.upload.plan_upload", SimpleNamespace(**plan))
+    answer(
+        "transfer.upload.upload",
+        UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
+    )
+    options = SimpleNamespace(prefix="model")
+    answer("transfer.download.plan_download", SimpleNamespace(**plan, options=options))
+    answer("transfer.download.download", DownloadReport(**source, target=URL, custom_files=files))
+    custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
+    answer("transfer.custom_files.upload_custom_files", custom)
+    answer("transfer.custom_files.download_custom_files", custom)
+    upload_step = UploadIncrement(f"{folder}/run.env", f"{folder}/run.env.bak", MODEL, MODEL)
+    answer("transfer.naming.plan_upload_increment", SimpleNamespace(step=upload_step))
+    answer("transfer.naming.make_upload_increment", None)
+    weights = Pretrained(MODEL, "best", "8_Step-4000.ckpt", 1.0, "0")
+    step = Increment("run.env", "run.env.bak", "bucket", MODEL, MODEL, weights, wipes=False)
+    answer("runs.increment.plan_increment", SimpleNamespace(step=step))
+    answer("runs.increment.make_increment", None)
+    score = CheckpointEntry("8_Step-4000.ckpt", 87.54321)
+    model = ModelEntry(MODEL, 4, score, score, 99, 123_456_789, "2026-01-02T03:04:05", True)
+    answer("transfer.places.bucket_to_look_at", SimpleNamespace(name="bucket"))
+    answer("transfer.listing.list_models", ModelList("bucket", "", [model]))
+    worker = Process("trainer", 4243, True, "/logs/trainer.log")
+    answer("runs.processes.trainers", [worker])
+    answer("runs.processes.simulations", [worker])
+    answer("runs.speed.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
+    stopped = Stopped("evaluation", 0, URL, 4243)
+    answer("runs.stopping.stop_all", StopReport([stopped], server=True))
+    answer("runs.stopping.stop_evaluations", [stopped])
+    size = {"length_m": 17.7, "width_m": 1.07, "least_width_m": 0.5, "greatest_width_m": 1.1}
+    facts = TrackFacts(
+        **{"name": TRACK, **size, "closed": True, "direction": "counterclockwise"},
+        **{"waypoints": 119, "spacing_m": 0.15, "line_family": "out", "source": "own"},
+        **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
+    )
+    answer("tracks.listing.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
+    answer("tracks.folder.add_track", facts)
+    answer("tracks.fetch.fetch_track", facts)
+    where = "custom_files/reward_function.py line 12"
+    broken = Violation("V-21", "error", where, "It is wrong. " * 9, "Write it as it shall be. " * 5)
+    skipped = Skipped(
+        ("V-10", "V-11"), "The bucket cannot be reached while the settings are wrong."
+    )
+    answer("validate.everything.validate", Report("", False, (broken,), (broken,), (skipped,)))
+    answer("reward.check.check", _reward_report())
+    answer("reward.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
+    answer("reward.compare.compare", _comparison())
+
+
+def _settings():
+    """Settings whose bucket has an address on the web."""
+    from drcli.config import load_settings
+
+    remote = {"DR_CLOUD": "remote", "DR_REMOTE_MINIO_URL": "http://a-long-name-of-a-server:9000"}
+    return load_settings(Path.cwd(), flags=remote)
+
+
+def _reward_report() -> SimpleNamespace:
+    remark = Remark("works", "error", "reward_function.py line 3", "It fails. " * 9, "Mend it.")
+    return SimpleNamespace(
+        works=False,
+        others=[],
+        **{"file": "custom_files/reward_function.py", "world": TRACK, "race_type": "TIME_TRIAL"},
+        **{"reversed": True, "calls": 2666, "returns": ["float"], "mean": 0.5},
+        least=Extreme(0.001, "fast driver, step 97, 63.7 % of the lap, 0.33 m right of the centre"),
+        greatest=Extreme(1.0, "standing driver, step 6, 1.0 % of the lap, 0.00 m right"),
+        time=TimeReport(1.0, 1.0, 6.8, "somewhere", 0.4),
+        parameters=[ParameterReport(f"parameter_{k}", 0.0, 1.0, k > 3) for k in range(27)],
+        drivers=[DriverReport("steady", "", 226, 15.1, 100.0, "lap_complete", 202.5, 0.8959)],
+        curve=[k / 200 for k in range(200)],
+        errors=[remark],
+        warnings=[remark],
+    )
+
+
+def _comparison() -> ComparisonReport:
+    return ComparisonReport(
+        **{"first": "a.py", "second": "b.py", "world": TRACK, "race_type": "TIME_TRIAL"},
+        **{"correlation": 0.5, "rank_correlation": 0.5, "picture": "both.png"},
+        drivers=[DriverComparison("steady", "", 226, 15.1, 12345.0, 1.0, 98765.0, 1.0)],
+        places=[PlaceComparison("63.7 % of the lap, 0.33 m right of the centre", 1.0, 0.0, 1.0)],
+        **{"first_prefers_fast": True, "second_prefers_fast": False},
+    )

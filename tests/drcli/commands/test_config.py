@@ -142,8 +142,8 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "Accepted without effect:",
         "  no containers are used:",
-        "    DR_SIMAPP_SOURCE, DR_SIMAPP_VERSION, DR_MINIO_IMAGE, DR_ANALYSIS_IMAGE,",
-        "    DR_DOCKER_STYLE",
+        "    DR_SIMAPP_SOURCE, DR_SIMAPP_VERSION, DR_MINIO_IMAGE, DR_ANALYSIS_IMAGE, "
+        "DR_DOCKER_STYLE",
         "  nothing opens a window and no X server is needed:",
         "    DR_HOST_X",
         "No errors, no warnings.",

@@ -74,13 +74,24 @@ def test_following_waits_for_a_log_that_comes_late_and_says_so(dr, log, capsys, 
     assert printed.err == f"Waiting for {path} ...\n"
 
 
-def test_a_missing_log_exits_3_and_says_how_to_wait_for_it(dr, working_folder, capsys):
-    code = dr("logs", "trainer")
+@pytest.mark.parametrize("worker", ["trainer", "evaluation"])
+def test_a_missing_log_exits_1_and_says_how_to_wait_for_it(dr, working_folder, capsys, worker):
+    code = dr("logs", worker)
 
     said = capsys.readouterr().err
-    assert code == 3
-    assert "trainer.log" in said
+    assert code == 1
+    assert f"{worker}.log" in said
     assert "-f" in said
+
+
+def test_the_log_of_a_worker_that_there_never_is_is_not_worth_waiting_for(
+    dr, working_folder, capsys
+):
+    code = dr("logs", "-n", "7")
+
+    said = capsys.readouterr().err
+    assert code == 1
+    assert "Try: Choose a worker from 0 to 1: DR_WORKERS is 2." in said
 
 
 def test_an_unknown_worker_exits_2_with_those_there_are(dr, working_folder, capsys):

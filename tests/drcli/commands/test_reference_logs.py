@@ -67,20 +67,20 @@ def meanwhile(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("command", "title"),
+    ("command", "title", "log"),
     [
-        (["logs-sagemaker"], "Sagemaker"),
-        (["logs-robomaker"], "Robomaker #1"),
-        (["logs-robomaker", "-n", "2"], "Robomaker #2"),
-        (["logs-robomaker", "-e"], "Robomaker #1"),
-        (["find-sagemaker"], "Sagemaker"),
-        (["find-robomaker"], "Robomaker"),
-        (["find-robomaker", "-n", "3"], "Robomaker #3"),
-        (["get-robomaker-stats", "-n", "2"], "Robomaker #2"),
+        (["logs-sagemaker"], "Sagemaker", "trainer"),
+        (["logs-robomaker"], "Robomaker #1", "sim -n 0"),
+        (["logs-robomaker", "-n", "2"], "Robomaker #2", "sim -n 1"),
+        (["logs-robomaker", "-e"], "Robomaker #1", "evaluation"),
+        (["find-sagemaker"], "Sagemaker", "trainer"),
+        (["find-robomaker"], "Robomaker", "sim -n 0"),
+        (["find-robomaker", "-n", "3"], "Robomaker #3", "sim -n 2"),
+        (["get-robomaker-stats", "-n", "2"], "Robomaker #2", "sim -n 1"),
     ],
 )
 def test_what_does_not_run_is_said_in_the_references_words_with_its_code(
-    dr, working_folder, capsys, command, title
+    dr, working_folder, capsys, command, title, log
 ):
     code = dr(*command)
 
@@ -88,6 +88,7 @@ def test_what_does_not_run_is_said_in_the_references_words_with_its_code(
     assert code == 1
     assert printed.out == ""
     assert f"{title} is not running." in printed.err
+    assert f"`dr-logs {log}` shows what the last one said" in printed.err
 
 
 def test_a_log_is_followed_until_its_training_ends(

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from drcli.errors import SettingsError
+from drcli.validate.report import Violation, refuse
 
 
 def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, capsys):
@@ -165,6 +166,30 @@ def test_a_refusal_starts_nothing_and_ends_with_its_own_code(dr, run, capsys):
     assert code == 3
     assert run.asked == ["prepare"]
     assert capsys.readouterr().err == "Error: run.env line 1: no.\n  Try: Change it.\n"
+
+
+def test_each_file_that_is_wrong_is_named_with_its_own_remedy(dr, run, capsys):
+    same = "Compare it with the file of the same kind that `dr init` writes."
+    with pytest.raises(SettingsError) as refusal:
+        refuse(
+            [
+                Violation("V-04", "error", "hyperparameters.json line 2", "No comma.", "Put one."),
+                Violation("V-03", "error", "model_metadata.json line 1", "It is empty.", same),
+                Violation("V-03", "error", "model_metadata.json line 9", "It is torn.", same),
+            ]
+        )
+    run.refusal = refusal.value
+
+    dr("start-training")
+
+    assert capsys.readouterr().err.splitlines() == [
+        "Error: model_metadata.json line 1: It is empty.",
+        f"  Try: {same}",
+        "Error: model_metadata.json line 9: It is torn.",
+        f"  Try: {same}",
+        "Error: hyperparameters.json line 2: No comma.",
+        "  Try: Put one.",
+    ]
 
 
 def test_what_is_allowed_but_odd_is_said(dr, run, make_report, capsys):

@@ -1,5 +1,7 @@
 """`dr stop-training` as its caller meets it."""
 
+import json
+
 
 def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys, monkeypatch):
     run.looks = [make_report("stopped", 3, exit_code=143)]
@@ -10,12 +12,25 @@ def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, caps
 
     printed = capsys.readouterr()
     assert code == 0
-    assert printed.out == ""
-    first, *rest = printed.err.splitlines()
-    assert first == (
-        "Stopped the training of s3://bucket/model; its last checkpoint is 3_Step-1500.ckpt."
+    assert printed.out == (
+        "Stopped the training of s3://bucket/model; its last checkpoint is 3_Step-1500.ckpt.\n"
     )
-    assert "dr-start-training --resume" in rest[1]
+    assert "dr-start-training --resume" in printed.err
+
+
+def test_programs_get_what_was_stopped_as_from_the_other_stops(
+    dr, run, make_report, capsys, monkeypatch
+):
+    run.looks = [make_report("stopped", 3, exit_code=143)]
+    answers = iter([True, False])
+    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
+
+    dr("stop-training", "--json")
+
+    assert json.loads(capsys.readouterr().out) == {
+        "stopped": [{"kind": "training", "run_id": 0, "model": "s3://bucket/model", "pid": 4242}],
+        "server": False,
+    }
 
 
 def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
@@ -24,7 +39,7 @@ def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
     code = dr("stop-training")
 
     assert code == 0
-    assert capsys.readouterr().err == "No training is running.\n"
+    assert capsys.readouterr().out == "No training is running.\n"
     assert run.asked == []
 
 
@@ -33,6 +48,6 @@ def test_a_training_that_is_still_leaving_is_not_called_stopped(dr, run, make_re
 
     dr("stop-training")
 
-    said = capsys.readouterr().err
+    said = capsys.readouterr().out
     assert "still leaving" in said
     assert "Stopped" not in said

@@ -48,7 +48,7 @@ def report():
 def shown(report, width):
     screen = Console(width=width, color_system=None, file=io.StringIO())
     with screen.capture() as captured:
-        screen.print(views_everyday.summary(report, width), soft_wrap=True)
+        screen.print(views_everyday.summary(report))
     return captured.get().splitlines()
 
 

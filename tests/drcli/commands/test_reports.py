@@ -1,0 +1,213 @@
+"""Every report on terminals of several widths and kinds, in a pipe, and in JSON."""
+
+import io
+import json
+import sys
+
+import pytest
+from rich.cells import cell_len
+
+from drcli import console
+from drcli.commands.lazy import load
+from drcli.commands.report_keys import REPORTS, keys_of
+from drcli.commands.table import COMMANDS
+from drcli.errors import SettingsError
+
+from .conftest import MODEL, TRACK
+
+WIDTHS = [40, 60, 80, 200]
+
+CALLS = {
+    "start-training": "",
+    "stop-training": "training",
+    "increment-training -f": "starts with the weights of",
+    "evaluate": "laps",
+    "start-evaluation": "laps",
+    "status": "full training laps",
+    "summary": "DR_RUN_ID",
+    "find-sagemaker": "4243",
+    "find-robomaker": "4243",
+    "get-robomaker-stats": "steps/s",
+    "upload-model -f": "Uploaded",
+    "increment-upload-model -f": "The next upload goes to",
+    "download-model -f -s s3://uploads/model -t model": "Downloaded",
+    "list-models": "(training)",
+    "list-aws-models": "(training)",
+    f"set-upload-model {MODEL}": "The next upload goes to",
+    "init elsewhere": "",
+    "config show": "DR_WORLD_NAME=reinvent_base",
+    "config show DR_WORLD_NAME DR_HOST_X": "May be",
+    "config check": "No errors",
+    "config set DR_WORKERS=1": "DR_WORKERS=1",
+    "validate": "V-21",
+    "upload-custom-files": "copied to",
+    "download-custom-files": "copied to",
+    "update": "",
+    "update-env": "",
+    "reload": "",
+    "url": "http",
+    "completion install bash": "",
+    "stop-all": "Stopped the local S3 server",
+    "stop-evaluation": "Stopped the evaluation",
+    "tracks list": "own",
+    "tracks show reinvent_base": "waypoints",
+    f"tracks add {TRACK}.csv": "waypoints",
+    f"tracks fetch {TRACK}": "waypoints",
+    "reward check": "steady lap",
+    "reward plot": "Picture",
+    "reward compare a.py b.py": "Correlation",
+}
+"""What follows `dr`, and a word of what it prints. The first words name the command."""
+
+REFUSING = ("validate", "reward check")
+"""What reports an error here, and so exits with its code."""
+
+
+class Terminal(io.StringIO):
+    """Standard output as a terminal, or as a pipe."""
+
+    def __init__(self, *, attached: bool) -> None:
+        super().__init__()
+        self._attached = attached
+
+    def isatty(self) -> bool:
+        return self._attached
+
+
+@pytest.fixture
+def printed(paper_reports, dr, monkeypatch):
+    """Lines that a command prints on a terminal of so many columns; None stands for a pipe."""
+
+    def lines(words: str, columns: int | None) -> list[str]:
+        terminal = Terminal(attached=columns is not None)
+        monkeypatch.setenv("COLUMNS", str(columns or 40))
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stdout", terminal)
+            code = dr(*words.split())
+        assert code == (SettingsError.code if words in REFUSING else 0)
+        return terminal.getvalue().splitlines()
+
+    return lines
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    """Lets the consoles find a variable, and none of those that would outdo it."""
+
+    def put(variable: str) -> None:
+        for doubtful in ("NO_COLOR", "FORCE_COLOR", "TERM"):
+            monkeypatch.delenv(doubtful, raising=False)
+        monkeypatch.setenv(*variable.split("="))
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stdout", Terminal(attached=True))
+            patch.setattr(sys, "stderr", Terminal(attached=True))
+            consoles = {"out": console.fresh(), "err": console.fresh(stderr=True)}
+        for name, made in consoles.items():
+            monkeypatch.setattr(console, name, made)
+
+    return put
+
+
+@pytest.mark.parametrize("columns", WIDTHS)
+@pytest.mark.parametrize("words", CALLS)
+def test_no_line_is_wider_than_the_terminal_nor_cut_nor_ends_in_a_blank(printed, words, columns):
+    lines = printed(words, columns)
+
+    assert [line for line in lines if cell_len(line) > columns] == []
+    assert [line for line in lines if line != line.rstrip()] == []
+    assert [line for line in lines if "\N{HORIZONTAL ELLIPSIS}" in line] == []
+    assert CALLS[words] in " ".join(lines)
+
+
+@pytest.mark.parametrize("words", ["list-models", "tracks list", "config show", "url", "summary"])
+def test_a_pipe_gets_each_row_in_one_line_however_long(printed, words):
+    lines = printed(words, None)
+
+    name = TRACK if words == "tracks list" else MODEL
+    assert any(name in line for line in lines)
+    assert [line for line in lines if line != line.rstrip()] == []
+
+
+@pytest.mark.parametrize("words", ["list-models", "tracks list", "config show", "status"])
+def test_a_narrow_terminal_gets_every_letter_of_a_name(printed, words):
+    lines = printed(words, 40)
+
+    name = TRACK if words == "tracks list" else MODEL
+    assert name in "".join(line.strip() for line in lines)
+
+
+@pytest.mark.parametrize("words", CALLS)
+@pytest.mark.parametrize("variable", ["NO_COLOR=1", "TERM=dumb"])
+def test_a_terminal_without_colours_gets_no_escape_sequence(
+    printed, environment, capfd, words, variable
+):
+    environment(variable)
+
+    lines = printed(words, 80)
+
+    assert "\x1b" not in "".join(lines) + capfd.readouterr().err
+
+
+def test_another_terminal_gets_colours(printed, environment):
+    environment("TERM=xterm")
+
+    assert "\x1b[" in "".join(printed("status", 80))
+
+
+# What stands here for the report of `reward check` has no fields to become keys.
+@pytest.mark.parametrize("words", [words for words in CALLS if words != "reward check"])
+def test_a_program_gets_the_documented_keys(paper_reports, dr, capsys, words):
+    dr(*words.split(), "--json")
+
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    [report] = [report for report, names in REPORTS.items() if command(words) in names]
+    assert list(told) == [key for key, _ in keys_of(report) if "." not in key]
+
+
+# The choices of `dr url` are one word, as the library writes them.
+@pytest.mark.parametrize("name", [c.name for c in COMMANDS if not c.takes_any and c.name != "url"])
+def test_help_fits_a_narrow_terminal(dr, capsys, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "40")
+
+    dr(name, "--help")
+
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if len(line) > 40] == []
+
+
+def test_the_help_of_a_group_tells_of_its_commands_in_whole_sentences(dr, capsys):
+    dr("tracks", "--help")
+
+    told = " ".join(capsys.readouterr().out.split())
+    assert (
+        "fetch Fetch a route of the community from the web into the folder DR_TRACKS_DIR." in told
+    )
+
+
+def test_the_report_of_every_command_is_documented():
+    documented = {name for names in REPORTS.values() for name in names}
+
+    assert documented - {"start-evaluation -q"} == NAMES
+
+
+def test_every_command_that_reports_is_looked_at():
+    assert {command(words) for words in CALLS} == NAMES
+
+
+def reporting() -> set[str]:
+    """Names of all commands that know --json, with those of their groups."""
+    names = set()
+    for command in COMMANDS:
+        loaded = load(command)
+        for part, single in getattr(loaded, "commands", {"": loaded}).items():
+            if any("--json" in parameter.opts for parameter in single.params):
+                names.add(f"{command.name} {part}".strip())
+    return names
+
+
+NAMES = reporting()
+
+
+def command(words: str) -> str:
+    """The name of the command that is called, with that of its group."""
+    return next(name for name in NAMES if f"{words} ".startswith(f"{name} "))
