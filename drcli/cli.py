@@ -22,7 +22,7 @@ to begin, `dr completion install` lets the Tab key finish command lines.
 \b
 Exit codes:
     0  done
-    1  answered with no, nothing runs that was asked for, or a bug of ours
+    1  answered with no, does not run, has no log yet, or a bug of ours
     2  wrong command line
     3  wrong setting, parameter file or reward function
     4  storage cannot be reached, read or written

@@ -63,7 +63,7 @@ err = fresh(stderr=True)
 """Hints, warnings, progress and failures."""
 
 
-def emit(report: Any, rendered: RenderableType, *, as_json: bool) -> None:
+def emit(report: Any, rendered: RenderableType, *, as_json: bool, folded: bool = True) -> None:
     """Print a result: for people, or as one JSON object on the last line of stdout.
 
     Args:
@@ -71,12 +71,13 @@ def emit(report: Any, rendered: RenderableType, *, as_json: bool) -> None:
         rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe. No
             line ends in a blank.
         as_json: Which of the two.
+        folded: Whether it is folded on a terminal too: an address in two pieces cannot be pasted.
     """
     if as_json:
         write(json.dumps(_plain(_with_properties(report)), allow_nan=False) + "\n")
     else:
         with _printing():
-            out.print(_fitted(rendered), soft_wrap=True, end="")
+            out.print(_fitted(rendered, columns() if folded else BOUNDLESS), soft_wrap=True, end="")
             out.file.flush()
 
 
@@ -232,10 +233,10 @@ def is_live() -> bool:
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 
-def _fitted(rendered: RenderableType) -> Segments:
-    """What a renderable looks like in the columns there are, without blanks at the end of lines."""
+def _fitted(rendered: RenderableType, width: int) -> Segments:
+    """What a renderable looks like in so many columns, without blanks at the end of lines."""
     view = Text(rendered) if isinstance(rendered, str) else rendered
-    lines = out.render_lines(view, out.options.update(max_width=columns()), pad=False)
+    lines = out.render_lines(view, out.options.update(max_width=width), pad=False)
     return Segments([segment for line in lines for segment in (*_trimmed(line), Segment.line())])
 
 

@@ -68,6 +68,13 @@ class Aborted(DrError):
     final = True
 
 
+class Absent(DrError):
+    """What was asked for does not run, or never ran. Source: the reference's code."""
+
+    code = 1
+    final = True
+
+
 class OutputLost(DrError):
     """The result is there and cannot be printed."""
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.console import BOUNDLESS
-from drcli.views_layout import Fitted, indented
+from drcli.views_layout import Fitted
 
 if TYPE_CHECKING:
     from drcli.runs.addresses import Addresses
@@ -31,12 +31,12 @@ def summary(report: "Summary") -> RenderableType:
 
 
 def addresses(report: "Addresses") -> RenderableType:
-    """The addresses, each on a line of its own so that it can be pasted."""
+    """The addresses, each in one piece, whatever the terminal, so that it can be pasted."""
     lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
     for place in report.places:
         lines.append(Text(f"{place.name}:", style="bold"))
         ways = (place.s3, place.http, place.folder)
-        lines += [indented(way) for way in ways if way is not None]
+        lines += [Text(f"  {way}") for way in ways if way is not None]
     return Group(*lines)
 
 

@@ -13,6 +13,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 CODES = {
     "Aborted": 1,
+    "Absent": 1,
     "SettingsError": 3,
     "Finding": 3,
     "UnfitError": 3,
@@ -26,7 +27,7 @@ CODES = {
 """Failures and the exit code that a command ends with. Their subclasses are found by themselves."""
 
 TITLES = {
-    1: "A question that was not answered with yes",
+    1: "What does not run or was never there, and questions that were not answered with yes",
     3: "Settings, parameter files, reward functions and tracks",
     4: "The bucket",
     5: "Processes",

@@ -41,7 +41,7 @@ def url(
     every: list[PlaceName] = ["bucket", "model", "custom-files", "metrics"]
     names = [name for name in every if what in (What.all, name)]
     report = addresses(settings(), working_folder(), names)
-    console.emit(report, views_everyday.addresses(report), as_json=as_json)
+    console.emit(report, views_everyday.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(
