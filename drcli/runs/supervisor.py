@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import FrameType
 
+from drcli.config import Settings
 from drcli.errors import DrError, StorageError
 from drcli.job import Job, LastWords
 from drcli.runs import lease
@@ -46,6 +47,7 @@ class Child:
     name: str
     module: str
     arguments: list[str]
+    environment: dict[str, str] = field(default_factory=dict)
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
     restarts: int = 0
@@ -78,7 +80,7 @@ class Supervisor:
         self._revive_server = revive_server
         self._signal: int | None = None
         self._environment = job.to_environment()
-        self._children = [Child("trainer", "drcli.worker.train", [])]
+        self._children = [Child("trainer", "drcli.worker.train", [], _gpus(job.settings))]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
         self._clocks: dict[str, float] = {}
@@ -119,7 +121,7 @@ class Supervisor:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=self._environment,
+                env={**self._environment, **child.environment},
                 cwd=self._job.directory,
                 start_new_session=True,
             )
@@ -242,3 +244,9 @@ class Supervisor:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a", encoding="utf-8") as log:
             print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)
+
+
+def _gpus(settings: Settings) -> dict[str, str]:
+    """Environment of the one process that computes on GPUs, where the racer chose some."""
+    chosen = settings.sagemaker_cuda_devices
+    return {"CUDA_VISIBLE_DEVICES": chosen} if chosen else {}
