@@ -12,8 +12,9 @@ from drcli import activation
 from drcli.envfile import Entry
 from drcli.settings.loading import Loader
 from drcli.settings.model import Settings, catalogue
+from drcli.settings.secrets import hidden
 
-__all__ = ["Settings", "active_run_file", "catalogue", "load_settings"]
+__all__ = ["Settings", "active_run_file", "catalogue", "hidden", "load_settings"]
 
 
 def load_settings(

@@ -64,14 +64,26 @@ def read_env_file(path: Path, name: str) -> EnvFile:
     Raises:
         SettingsError: It cannot be opened or is no text.
     """
+    return parse_env(content_of(path, name), name)
+
+
+def content_of(path: Path, name: str) -> bytes:
+    """The bytes of a settings file.
+
+    Args:
+        path: The file.
+        name: What to call it in messages.
+
+    Raises:
+        SettingsError: It cannot be opened.
+    """
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as e:
         raise SettingsError(
             f"{name}: cannot be read ({e.strerror or e}).",
             remedy=f"Check that {path} is a file and that you may read it.",
         ) from e
-    return parse_env(data, name)
 
 
 def parse_env(data: bytes, name: str) -> EnvFile:
@@ -122,7 +134,7 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     end = ends[0] if ends is not None else "\n"
     for key, value in values.items():
         if key in places:
-            lines[places[key]] = _with_value(lines[places[key]], value)
+            lines[places[key]] = _line_with(lines[places[key]], value)
             continue
         if lines and not lines[-1].endswith(("\n", "\r")):
             lines[-1] += end
@@ -131,7 +143,36 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     return mark + "".join(lines).encode()
 
 
-def _with_value(line: str, value: str) -> str:
+def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None:
+    """The content of a settings file in which a name reads as one value, and all else as before.
+
+    The value gets quotes where it needs them; a `$` in it stays alive.
+
+    Args:
+        data: Content that `parse_env` finds nothing wrong with.
+        key: The name to give a value to.
+        value: What it shall read as.
+        name: What to call the file in messages.
+
+    Returns:
+        None where no quotes help, or the value is no text.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    wanted = {**{entry.name: entry.value for entry in parse_env(data, name).entries}, key: value}
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        return None  # other bytes of a command line arrive as these
+    for written in (value, f'"{value}"', f"'{value}'"):
+        changed = with_values(data, {key: written}, name)
+        after = {entry.name: entry for entry in parse_env(changed, name).entries}
+        read = {entry.name: entry.value for entry in after.values()}
+        if read == wanted and (after[key].expands or "$" not in value):
+            return changed
+    return None
+
+
+def _line_with(line: str, value: str) -> str:
     """A NAME=value line with another value, in the quotes that it had."""
     head, equals, rest = line.partition("=")
     quoted = _QUOTED.fullmatch(rest)

@@ -46,7 +46,7 @@ def rewrite(path: Path, data: bytes) -> None:
     Raises:
         SettingsError: It cannot be written; it is as it was.
     """
-    target = path.resolve()
+    target = Path(os.path.realpath(path))  # a link in a circle stands for itself
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         if target.exists():

@@ -9,10 +9,26 @@
 # Silent, and as good the tenth time as the first. What goes wrong is one line on stderr and status
 # 1, and changes nothing. The commands need none of this: they read the files themselves.
 
-_DR_SCRIPT=${BASH_SOURCE[0]:-$0}
+_DR_SCRIPT=${BASH_SOURCE:-$0}
 
+case ${BASH_VERSION:+bash:${SHELLOPTS:-}:}${ZSH_VERSION:+zsh} in
+'' | bash*:posix:*)
+    echo "activate.sh: only bash and zsh can use it, not sh. Try: bash" >&2
+    return 1 2>/dev/null || exit 1
+    ;;
+esac
+
+# What this process was started as; $0 of zsh is the file that is being read.
+_DR_STARTED=${ZSH_ARGZERO:-${BASH_VERSION:+$0}}
+if [ "$_DR_STARTED" -ef "$_DR_SCRIPT" ] || [ "$_DR_STARTED" -ef "${_DR_HOME:-}/bin/activate.sh" ]; then
+    printf 'activate.sh: executed, it changes no shell. Try: source %q\n' "$_DR_STARTED" >&2
+    return 1 2>/dev/null || exit 1
+fi
+unset _DR_STARTED
+
+# Says what is wrong, and what to do about it.
 _dr_fail() {
-    printf 'activate.sh: %s\n' "$1" >&2
+    printf 'activate.sh: %s. Try: %s\n' "$1" "$2" >&2
     return 1
 }
 
@@ -42,21 +58,53 @@ _dr_export() {
     eval "$lines"
 }
 
+# Whether an argument that is no option of ours and no file was meant for us. A script that sources
+# this without arguments hands on its own, of which $2 has a line each; a person hands on nothing.
+_dr_is_mistake() {
+    case $- in
+    *i*) return 0 ;;
+    esac
+    case $1 in
+    -*) ! _dr_was_started_with "$2" ;;
+    *) return 1 ;;
+    esac
+}
+
+# Whether these are the last arguments of the running script; yes where no system file tells.
+_dr_was_started_with() {
+    [ -r "/proc/$$/cmdline" ] || return 0
+    case $(tr '\0' '\n' <"/proc/$$/cmdline") in
+    *"
+$1") return 0 ;;
+    *) return 1 ;;
+    esac
+}
+
 _dr_activate() {
-    local home=${_DR_HOME:-} programs=${_DR_PROGRAMS:-} beside experiment='' file=''
+    local home=${_DR_HOME:-} programs=${_DR_PROGRAMS:-} beside experiment='' file='' given
     unset _DR_HOME _DR_PROGRAMS
-    # Anything else is ignored: a script that passes no arguments hands on its own ones.
+    given=$(printf '%s\n' "$@")
     while [ $# -gt 0 ]; do
         case $1 in
         -e)
-            experiment=${2:-}
-            if [ $# -gt 1 ]; then shift; fi
+            if [ -z "${2:-}" ]; then
+                _dr_fail "-e needs the name of an experiment" "source bin/activate.sh -e NAME"
+                return 1
+            fi
+            experiment=$2
+            shift
+            ;;
+        '#'*)
+            break # behind a line that was pasted into zsh, which takes a comment for words
             ;;
         *)
             if [ -f "$1" ]; then
                 file=$(_dr_absolute "$(dirname -- "$1")")/${1##*/}
             elif [ "${1%.env}" != "$1" ]; then
-                _dr_fail "there is no file $1"
+                _dr_fail "there is no file $1" "name one that is there, or none for run.env"
+                return 1
+            elif _dr_is_mistake "$1" "$given"; then
+                _dr_fail "$1 is no option and no file" "source bin/activate.sh [-e NAME] [FILE]"
                 return 1
             fi
             ;;
@@ -77,11 +125,11 @@ _dr_activate() {
         *) PATH=$programs:$PATH ;;
         esac
     elif ! command -v dr >/dev/null; then
-        _dr_fail "there is no program dr; install it, or put it on PATH"
+        _dr_fail "there is no program dr" "install it again, or put its folder on PATH"
         return 1
     fi
     if ! home=$(_dr_folder_with run.env "$home" "$PWD" "${DR_DIR:-}" "$beside/.."); then
-        _dr_fail "there is no run.env in $PWD; go to your working folder, or write one: dr init"
+        _dr_fail "there is no run.env in $PWD" "go to your working folder, or write one: dr init"
         return 1
     fi
     _dr_export "$home" "$file" "$experiment" || return 1

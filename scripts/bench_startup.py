@@ -17,7 +17,8 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from drcli.setup.folder import plan_folder, write
+from drcli.setup.folder import plan_folder
+from drcli.setup.writing import write
 
 START_BAR_S = 0.4
 COMPLETION_BAR_S = 0.2

@@ -86,6 +86,7 @@ def change(
     console.emit(edit, views_config.edit(edit), as_json=as_json)
     for warning in edit.warnings:
         console.warn(warning)
+    console.say(f"Written in {edit.directory}.")
 
 
 def _wanted(values: list[str]) -> dict[str, str]:

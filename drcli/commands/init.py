@@ -1,17 +1,37 @@
 """`dr init`: writes a working folder."""
 
+import os
+import re
+import shlex
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.commands.folder import working_folder
 from drcli.commands.options import AsJson
 
+if TYPE_CHECKING:
+    from drcli.findings import FindingsError
+
+OPTIONS = {
+    "DR_WORLD_NAME": "--world",
+    "DR_RACE_TYPE": "--race-type",
+    "DR_LOCAL_S3_MODEL_PREFIX": "--prefix",
+    "DR_WORKERS": "--workers",
+    "DR_CLOUD": "--cloud",
+    "DR_LOCAL_S3_BUCKET": "--bucket",
+    "DR_REMOTE_MINIO_URL": "--endpoint",
+    "DR_LOCAL_S3_PROFILE": "--profile",
+    "DR_EXPERIMENT_NAME": "--experiment",
+}
+"""How the settings that can be given here are spelt on the command line."""
+
 
 def init(
     folder: Annotated[
-        Path | None, typer.Argument(help="Where; the current folder when left out.")
+        str | None, typer.Argument(help="Where; the current folder when left out.")
     ] = None,
     world: Annotated[str | None, typer.Option("--world", help="Track to race on.")] = None,
     race_type: Annotated[
@@ -21,7 +41,7 @@ def init(
         str | None, typer.Option("-p", "--prefix", help="Name of the model to train.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Simulation processes.")
+        int | None, typer.Option("--workers", help="Simulation processes, 1 to 10.")
     ] = None,
     cloud: Annotated[
         str | None, typer.Option("-c", "--cloud", help="local, remote, aws or azure.")
@@ -56,9 +76,13 @@ def init(
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
     from drcli import console
-    from drcli.setup.folder import plan_experiment, plan_folder, write
+    from drcli.findings import FindingsError
+    from drcli.setup.folder import has_activate_script, plan_experiment, plan_folder
     from drcli.setup.questions import with_answers
+    from drcli.setup.writing import write
 
+    if folder == "":
+        raise typer.BadParameter("The name of the folder is empty; the current one needs none.")
     if processor or style or mount:
         console.say("-a, -s and -m choose images and containers, of which there are none here.")
     given = {
@@ -72,38 +96,74 @@ def init(
         "DR_LOCAL_S3_PROFILE": profile,
     }
     values = {name: value for name, value in given.items() if value is not None}
-    if experiment is not None:
-        plan = plan_experiment(folder or working_folder(), experiment, values)
-    else:
-        if console.may_ask() and not force:
-            values = with_answers(values, console.ask)
-        plan = plan_folder(folder or Path.cwd(), values)
+    try:
+        if experiment is not None:
+            plan = plan_experiment(Path(folder or working_folder()), experiment, values)
+        else:
+            if console.may_ask() and not force:
+                values = with_answers(values, console.ask, console.warn)
+            plan = plan_folder(Path(folder or Path.cwd()), values)
+    except FindingsError as error:
+        raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
-        console.say(f"In {plan.folder} there are already: {', '.join(plan.clashes)}.")
+        there = f"In {plan.folder} there are already: {', '.join(plan.clashes)}."
         if not console.may_ask():
-            raise typer.BadParameter("Add --force to replace them; copies stay as .bak.")
-        console.agree("Replace them? A copy of each stays as .bak.", yes=False)
+            raise typer.BadParameter(f"{there} Add --force to replace them; copies stay as .bak.")
+        console.agree(f"{there} Replace them, and keep a copy of each as .bak?", yes=False)
     report = write(plan)
     for warning in report.warnings:
         console.warn(warning)
+    if report.backups:
+        console.warn(f"What was there before is kept as {', '.join(report.backups)}.")
     if as_json:
         console.emit(report, "", as_json=True)
     else:
         console.say(f"{len(report.written)} files written in {report.folder}.")
-        for copy in report.backups:
-            console.say(f"What was there before: {copy}")
-    console.suggest(_next(plan.folder, experiment))
+    console.suggest(_next(plan.folder, experiment, sourced=has_activate_script(plan.folder)))
 
 
-def _next(folder: Path, experiment: str | None) -> list[tuple[str, str]]:
-    import shlex
+def _in_options(error: "FindingsError", names: Collection[str]) -> Exception:
+    """A failure in the words of the command line, where that is what is wrong.
 
-    there = [] if folder == Path.cwd() else [(f"cd {shlex.quote(str(folder))}", "go there")]
-    if experiment is not None:
-        option = f" -e {experiment}"
-        there.append((f"source bin/activate.sh{option}", "work in the experiment"))
-    return [
-        *there,
-        ("dr-validate", "check everything"),
-        ("dr-start-training", "train"),
-    ]
+    Args:
+        error: In the words of the settings files, which do not exist yet.
+        names: Settings that were given here.
+    """
+    ours = [item for item in error.findings if item.what.partition("=")[0] in names]
+    if not ours:
+        return error
+    return typer.BadParameter(
+        "\n".join(f"{_spelt(item.what)}. {_spelt(item.remedy)}" for item in ours)
+    )
+
+
+def _spelt(text: str) -> str:
+    """A sentence with options for the settings in it, except in commands that it quotes."""
+
+    def option(match: "re.Match[str]") -> str:
+        if match[1] is None:
+            return match[0]
+        return OPTIONS[match[1]] + (" " if match[2] else "")
+
+    return re.sub(rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)", option, text)
+
+
+def _next(folder: Path, experiment: str | None, *, sourced: bool) -> list[tuple[str, str]]:
+    """What to type next, from the current folder.
+
+    Args:
+        folder: The working folder.
+        experiment: The experiment in it that was written.
+        sourced: Whether the folder has a bin/activate.sh of ours.
+    """
+    steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go there")]
+    active = os.environ.get("DR_DIR")
+    if experiment is not None and sourced:
+        steps.append((f"source bin/activate.sh -e {experiment}", "work in the experiment"))
+    elif experiment is not None:
+        here = f"DR_DIR={shlex.quote(str(folder))}"
+        steps.append((f"export {here} DR_EXPERIMENT_NAME={experiment}", "work in the experiment"))
+    elif active and Path(active).absolute() != folder:
+        leave = "unset DR_EXPERIMENT_NAME; source bin/activate.sh"
+        steps.append((leave, f"leave {active}"))
+    return [*steps, ("dr-validate", "check everything"), ("dr-start-training", "train")]

@@ -21,7 +21,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "transfer.listing:ModelList": ("list-models", "list-aws-models"),
     "commands.set_upload_model:UploadName": ("set-upload-model",),
     "transfer.custom_files:CustomFilesReport": ("upload-custom-files", "download-custom-files"),
-    "setup.folder:FolderReport": ("init",),
+    "setup.writing:FolderReport": ("init",),
     "settings.inspection:Values": ("config show",),
     "settings.inspection:Check": ("config check",),
     "settings.editing:Edit": ("config set",),

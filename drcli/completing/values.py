@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
 from drcli.errors import DrError
+from drcli.settings.worlds import built_in, own
 
 RACE_TYPES = ("TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL")
 CLOUDS = ("local", "remote", "aws", "azure")
@@ -63,16 +63,14 @@ Values = Callable[[Place], Iterator[str]]
 
 def worlds(place: Place) -> Iterator[str]:
     """Tracks that are built in, and the racer's own."""
-    spec = find_spec("drsim")
-    for package in (spec.submodule_search_locations or ()) if spec is not None else ():
-        yield from _stems(Path(package) / "assets" / "worlds", (".json",))
+    yield from built_in()
     yield from own_tracks(place)
 
 
 def own_tracks(place: Place) -> Iterator[str]:
     """The racer's own route files."""
     folder = place.folder / (place.settings.get("DR_TRACKS_DIR") or "tracks")
-    yield from _stems(folder, (".npy", ".csv"))
+    yield from own(folder)
 
 
 def model_prefixes(place: Place) -> Iterator[str]:
@@ -157,10 +155,6 @@ def _models_in(bucket: Path) -> Iterator[str]:
             below.clear()
             yield Path(folder).relative_to(bucket).as_posix()
         below.sort()
-
-
-def _stems(folder: Path, endings: tuple[str, ...]) -> list[str]:
-    return sorted(Path(name).stem for name in _names(folder) if name.endswith(endings))
 
 
 def _names(folder: Path) -> list[str]:

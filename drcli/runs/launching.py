@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from drcli.job import Job
 
 
-def start_process(job: "Job", name: str, module: str, *arguments: str) -> "subprocess.Popen[bytes]":
+def start_process(
+    job: "Job", name: str, module: str, *arguments: str, gpus: str = ""
+) -> "subprocess.Popen[bytes]":
     """Start a module as a process that outlives this one, in a session of its own.
 
     Args:
@@ -18,7 +20,9 @@ def start_process(job: "Job", name: str, module: str, *arguments: str) -> "subpr
         name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
         module: What is run, as "drcli.worker.train".
         arguments: Its command line.
+        gpus: Which it may use, as CUDA_VISIBLE_DEVICES has them; empty for those of this process.
     """
+    chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.settings, job.directory, name)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as log:  # at its end, because several processes may share it
@@ -27,7 +31,7 @@ def start_process(job: "Job", name: str, module: str, *arguments: str) -> "subpr
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=job.to_environment(),
+            env={**job.to_environment(), **chosen},
             cwd=job.directory,
             start_new_session=True,
         )

@@ -13,9 +13,8 @@ from datetime import UTC, datetime
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
-from drcli.config import Settings, catalogue
+from drcli.config import Settings, catalogue, hidden
 from drcli.runs.pretrained import Pretrained
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, get_json, put_json
@@ -125,7 +124,7 @@ def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
 def chosen_settings(settings: Settings) -> dict[str, Any]:
     """DR_ settings that somebody set to something else than their default, as plain values.
 
-    Settings that do nothing here are left out, and so is a name or password in an address.
+    Settings that do nothing here are left out, and what nobody may read is hidden.
     """
     values = settings.plain()
     chosen = {
@@ -135,14 +134,10 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
         and setting.effect != "accepted"
         and getattr(settings, setting.field) != setting.default
     }
-    return {name: _without_secret(value) for name, value in chosen.items()}
-
-
-def _without_secret(value: Any) -> Any:
-    if not isinstance(value, str) or "://" not in value:
-        return value
-    address = urlsplit(value)
-    return address._replace(netloc=address.netloc.rpartition("@")[2], query="").geturl()
+    return {
+        name: hidden(name, value) if isinstance(value, str) else value
+        for name, value in chosen.items()
+    }
 
 
 def _version(package: str) -> str | None:

@@ -17,7 +17,11 @@ from drcli.store.look import open_running_bucket
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
     """Everything there is to say about the run of these settings."""
     directory = (directory or Path.cwd()).absolute()
-    record = RunRecord.read(run_folder(settings, directory))
+    folder = run_folder(settings, directory)
+    record = RunRecord.read(folder)
+    alive = record is not None and record.alive
+    if not alive:
+        record = RunRecord.read(folder)  # a supervisor writes how it went just before it leaves
     if record is None:
         return RunReport(
             run_id=settings.run_id,
@@ -39,7 +43,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         except StorageError as error:
             activities = {"trainer": f"the bucket does not answer: {error}"}
     state: State = record.state
-    if record.state in LIVE_STATES and not record.alive:
+    if record.state in LIVE_STATES and not alive:
         state = "lost"
     running = state in LIVE_STATES
     workers = [

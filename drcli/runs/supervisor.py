@@ -49,6 +49,7 @@ class Child:
     name: str
     module: str
     arguments: list[str]
+    gpus: str = ""
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
     dismissed: float | None = None
@@ -81,7 +82,8 @@ class Supervisor:
         self._record = record
         self._revive_server = revive_server
         self._signal: int | None = None
-        self._children = [Child("trainer", "drcli.worker.train", [])]
+        gpus = job.settings.sagemaker_cuda_devices
+        self._children = [Child("trainer", "drcli.worker.train", [], gpus)]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
         self._clocks: dict[str, float] = {}
@@ -114,7 +116,9 @@ class Supervisor:
         self._signal = number
 
     def _start(self, child: Child) -> None:
-        child.process = start_process(self._job, child.name, child.module, *child.arguments)
+        child.process = start_process(
+            self._job, child.name, child.module, *child.arguments, gpus=child.gpus
+        )
         child.started, child.dismissed = time.monotonic(), None
         self._log(f"{child.name} started, process {child.process.pid}.")
 

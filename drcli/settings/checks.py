@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from drcli.findings import Finding, UnfitError
+from drcli.settings.kinds import BUCKET_RULE, follows_s3
 from drcli.settings.model import Settings, catalogue
 
 
@@ -26,6 +27,13 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             settings.source("DR_CLOUD"),
             f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty",
             "Set DR_REMOTE_MINIO_URL, as in http://192.168.1.5:9000, or write DR_CLOUD=local.",
+        )
+    if settings.cloud in ("local", "aws") and not follows_s3(settings.bucket):
+        yield Finding(
+            settings.source("DR_LOCAL_S3_BUCKET"),
+            f"DR_LOCAL_S3_BUCKET={settings.bucket} is no name of a bucket with "
+            f"DR_CLOUD={settings.cloud}",
+            BUCKET_RULE,
         )
     if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
         yield Finding(

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from drcli import activation
 from drcli.config import active_run_file, load_settings
-from drcli.envfile import Entry, parse_env, with_values
+from drcli.envfile import Entry, content_of, parse_env, with_any_value
 from drcli.errors import SettingsError
 from drcli.findings import Finding, FindingsError, shown
 from drcli.rewriting import only_writer, rewrite
+from drcli.settings.experiment import EXPERIMENT
 from drcli.settings.fields import FileName
 from drcli.settings.model import catalogue
 from drcli.settings.secrets import hidden
-
-EXPERIMENT = "DR_EXPERIMENT_NAME"
+from drcli.settings.worlds import missing
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,12 @@ class Edit:
     """What was changed, and what is worth knowing about it.
 
     Attributes:
+        directory: The working folder.
         changes: One for each setting.
         warnings: Sentences about what does not act as the racer may think.
     """
 
+    directory: str
     changes: tuple[Change, ...]
     warnings: tuple[str, ...]
 
@@ -82,7 +84,7 @@ def set_values(
     stronger = [
         text for change in files.changes if (text := files.stronger(change, outside)) is not None
     ]
-    return Edit(tuple(files.changes), (*stronger, *warnings))
+    return Edit(str(directory), tuple(files.changes), (*stronger, *warnings))
 
 
 class _Files:
@@ -91,7 +93,7 @@ class _Files:
     def __init__(self, directory: Path, run_file: str) -> None:
         self._run_file = run_file
         self._data = {
-            name: path.read_bytes() if (path := directory / name).exists() else b""
+            name: content_of(path, name) if os.path.lexists(path := directory / name) else b""
             for name in (run_file, "system.env")
         }
         self._original = dict(self._data)
@@ -120,23 +122,17 @@ class _Files:
         Raises:
             SettingsError: It cannot be written into its line.
         """
-        before = self._entries(file)
-        old = before.get(name)
-        new = {**{key: entry.value for key, entry in before.items()}, name: value}
-        for written in (value, f'"{value}"', f"'{value}'"):
-            data = with_values(self._data[file], {name: written}, file)
-            after = _entries(data, file)
-            read = {key: entry.value for key, entry in after.items()}
-            if read == new and (after[name].expands or "$" not in value):
-                self._data[file] = data
-                was = hidden(name, old.value) if old is not None else None
-                self.changes.append(Change(name, was, hidden(name, value), file))
-                return
-        where = old.where if old is not None else file
-        raise SettingsError(
-            f"{where}: {name}={shown(hidden(name, value))} cannot be written into that line.",
-            remedy=f"Leave out line breaks, quotes, $ and \\, or edit {file} by hand.",
-        )
+        old = self._entries(file).get(name)
+        data = with_any_value(self._data[file], name, value, file)
+        if data is None:
+            raise SettingsError(
+                f"{file if old is None else old.where}: {name}={shown(hidden(name, value))} cannot "
+                "be written into that line.",
+                remedy=f"Leave out line breaks, quotes, $ and \\, or edit {file} by hand.",
+            )
+        self._data[file] = data
+        was = hidden(name, old.value) if old is not None else None
+        self.changes.append(Change(name, was, hidden(name, value), file))
 
     def stronger(self, change: Change, environ: Mapping[str, str]) -> str | None:
         """Who wins over a changed value, as a sentence."""
@@ -192,4 +188,4 @@ def _judge(
         settings = load_settings(directory, contents=contents, environ=environ)
     except FindingsError as error:
         return error.findings, error.warnings
-    return (), settings.warnings
+    return tuple(missing(settings)), settings.warnings

@@ -1,5 +1,6 @@
 """Reads the files of a working folder into entries, and notes what is wrong or odd in them."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -27,8 +28,8 @@ class Files:
         """Whether each of them could be read, apart from single lines."""
 
     def exist(self, name: str) -> bool:
-        """Whether there is a file of that name."""
-        return name in self.contents or (self.directory / name).exists()
+        """Whether there is a file of that name, or a link that leads nowhere."""
+        return name in self.contents or os.path.lexists(self.directory / name)
 
     def read(self, name: str) -> dict[str, Entry]:
         """The entries of a file; a repeated name counts as last written, as in a shell.

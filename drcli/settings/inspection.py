@@ -13,6 +13,7 @@ from drcli.settings.fields import Effect, Setting
 from drcli.settings.layers import Layers
 from drcli.settings.model import Settings, catalogue
 from drcli.settings.secrets import hidden
+from drcli.settings.worlds import missing
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
         return Check(str(directory), error.findings, error.warnings)
     known = remainder(settings)  # told in full right here
     warnings = tuple(text for text in settings.warnings if text != known)
-    return Check(str(directory), (), warnings, idle(settings))
+    return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:

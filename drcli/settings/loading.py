@@ -4,22 +4,19 @@ It gathers everything that is wrong and all that looks odd, so that one start re
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drcli import activation
 from drcli.envfile import Entry
-from drcli.findings import Finding, FindingsError, closest, few, one_of, shown
+from drcli.findings import Finding, FindingsError, few, shown
 from drcli.settings.checks import contradictions, misfits
 from drcli.settings.effects import without_effect
+from drcli.settings.experiment import EXPERIMENT, chosen_experiment, run_file
 from drcli.settings.files import Files
 from drcli.settings.layers import Layers, references
 from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue, typed
+from drcli.settings.names import old_names, rename_old, strangers
 from drcli.settings.secrets import hidden
-
-TYPO_SIMILARITY = 0.85
-"""From here on an unknown DR_ name is taken for a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
 
 
 class Loader:
@@ -47,8 +44,8 @@ class Loader:
             SettingsError: There is no run.env.
         """
         system = self._system()
-        experiment = self._experiment([*upper, system])
-        run = self._files.read(self._run_file(experiment, upper))
+        experiment = chosen_experiment(self._files, [*upper, system])
+        run = self._files.read(run_file(self._files, upper, experiment))
         self._refuse_late_experiment(run, experiment)
 
         folder = f"experiments/{experiment}/" if experiment else ""
@@ -58,19 +55,21 @@ class Loader:
         entries = [own, *upper, run, system]
         for layer in entries:
             _drop_empty(layer)
-        self._rename(entries)
+        self._warnings += rename_old(entries)
         layers, values = self._settle(entries)
-        extra = self._unknown(layers, entries)
+        strange = strangers(layers, entries)
+        self._findings += strange.findings
+        self._warnings += strange.warnings
         self._refuse_findings()
 
         sources = {
             name: entry.where
-            for name in (*catalogue(), *extra)
+            for name in (*catalogue(), *strange.values)
             if (entry := layers.find(name)) is not None
         }
         settings = Settings(
             directory=self._files.directory,
-            extra=extra,
+            extra=strange.values,
             sources=sources,
             warnings=(),
             **typed(values),
@@ -93,13 +92,8 @@ class Loader:
         Args:
             upper: Layers above the files.
         """
-        return self._run_file(self._experiment([*upper, self._system()]), upper)
-
-    def _run_file(self, experiment: str, upper: list[dict[str, Entry]]) -> str:
-        if experiment:
-            return f"experiments/{experiment}/run.env"
-        outside = {name: entry.value for layer in upper for name, entry in layer.items()}
-        return activation.run_file(outside, self._files.directory)
+        experiment = chosen_experiment(self._files, [*upper, self._system()])
+        return run_file(self._files, upper, experiment)
 
     def _refuse_findings(self) -> None:
         if self._findings:
@@ -149,38 +143,11 @@ class Loader:
         self._warnings += dict.fromkeys(text for text in warnings if text not in self._warnings)
         return tuple(overrides)
 
-    def _experiment(self, entries: list[dict[str, Entry]]) -> str:
-        layers = Layers(entries, {})
-        name = (layers.text("DR_EXPERIMENT_NAME") or "").strip()
-        entry = layers.find("DR_EXPERIMENT_NAME")
-        if not name or entry is None:
-            return ""
-        existing = self._files.experiments()
-        if name not in existing:
-            what = f"DR_EXPERIMENT_NAME={shown(name)} has no experiments/{shown(name)}/run.env"
-            remedy = one_of(existing, name) if existing else "Create that file, or drop the name."
-            raise FindingsError([*self._findings, Finding(entry.where, what, remedy)])
-        return name
-
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
-        entry = run.pop("DR_EXPERIMENT_NAME", None)
+        entry = run.pop(EXPERIMENT, None)
         if entry is not None and entry.value not in ("", experiment):
-            what = f"DR_EXPERIMENT_NAME={shown(entry.value)} comes too late to choose a run.env"
+            what = f"{EXPERIMENT}={shown(entry.value)} comes too late to choose a run.env"
             self._findings.append(Finding(entry.where, what, "Move the line to system.env."))
-
-    def _rename(self, entries: list[dict[str, Entry]]) -> None:
-        """Let old names stand for the present ones."""
-        old_names = [(old, s.name) for s in catalogue().values() for old in s.old_names]
-        for old, name in old_names:
-            layer = next((layer for layer in entries if old in layer), None)
-            if layer is None:
-                continue
-            verdict = f"{layer[old].where}: {old} is the old name of {name}"
-            if any(name in other for other in entries):
-                self._warnings.append(f"{verdict} and ignored, because both are set.")
-            else:
-                layer[name] = replace(layer[old], name=name)
-                self._warnings.append(f"{verdict}; better write that.")
 
     def _settle(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
         """Values by field name; wrong ones that change nothing are dropped from the layers."""
@@ -238,45 +205,10 @@ class Loader:
             return str(self._files.directory / path)
         return text
 
-    def _unknown(self, layers: Layers, entries: list[dict[str, Entry]]) -> dict[str, str]:
-        """Names that are no settings, with their values; findings for misspelt settings."""
-        old_names = {old for setting in catalogue().values() for old in setting.old_names}
-        known = catalogue().keys() | old_names
-        extra: dict[str, str] = {}
-        from_outside: list[str] = []
-        for layer in entries:
-            for name, entry in layer.items():
-                ours = name.upper().startswith("DR_")
-                if name in known or name in extra or (entry.where == "environment" and not ours):
-                    continue
-                meant = closest(name if ours else f"DR_{name}", catalogue(), TYPO_SIMILARITY)
-                if ours and meant is not None:
-                    what = f"{name}={shown(hidden(name, entry.value))} is no setting"
-                    remedy = f"Did you mean {meant}? Correct the name, or remove the line."
-                    self._findings.append(Finding(entry.where, what, remedy))
-                    continue
-                text = layers.text(name)
-                extra[name] = entry.value if text is None or name in layers.findings else text
-                if name in layers.referenced:
-                    continue
-                if entry.where == "environment":
-                    from_outside.append(name)
-                else:
-                    hint = f" Did you mean {meant}?" if meant is not None else ""
-                    self._warnings.append(
-                        f"{entry.where}: {shown(name)} is no setting and has no effect.{hint}"
-                    )
-        if from_outside:
-            # A shell in which the reference was activated has a dozen names of its own.
-            self._warnings.append(
-                f"environment: unknown and without effect here: {', '.join(from_outside)}."
-            )
-        return extra
-
 
 def _is_of_worker(name: str) -> bool:
     """Whether a setting may differ from worker to worker; old names count as the present ones."""
-    present = next((s.name for s in catalogue().values() if name in s.old_names), name)
+    present = old_names().get(name, name)
     return present in WORKER_NAMES or present.startswith(WORKER_STEMS)
 
 

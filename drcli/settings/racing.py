@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from drcli.settings.fields import Group, setting
-from drcli.settings.kinds import Colour, WorldName
+from drcli.settings.kinds import Colour, Gpus, WorldName
 
 _VIDEO = "it only shows in videos, which are not recorded here"
 _FULL_SPEED = "the simulation keeps no clock: it always runs as fast as the processor can"
@@ -91,6 +91,12 @@ class TrainSettings(Group):
         "DR_TORCH_PRECISION",
         "auto",
         "Arithmetic of the learner; auto takes the faster one.",
+        file="system.env",
+    )
+    sagemaker_cuda_devices: Gpus = setting(
+        "DR_SAGEMAKER_CUDA_DEVICES",
+        "",
+        "GPUs of the learner; when empty, those that CUDA_VISIBLE_DEVICES allows.",
         file="system.env",
     )
     train_change_start_position: bool = setting(

@@ -12,7 +12,7 @@ _SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?
 
 
 def hidden(name: str, value: str) -> str:
-    """A value as it may be shown: without a password in an address, and no secret at all.
+    """A value as it may be shown: no secret, and no password or signature in an address.
 
     Args:
         name: Whose value it is.
@@ -20,11 +20,14 @@ def hidden(name: str, value: str) -> str:
     """
     if name not in catalogue() and _SECRET.search(name):
         return HIDDEN if value else ""
-    if "://" not in value or "@" not in value:
+    if "://" not in value:
         return value
     try:
         address = urlsplit(value)
     except ValueError:
         return HIDDEN
-    host = address.netloc.rpartition("@")[2]
-    return address._replace(netloc=f"{HIDDEN}@{host}").geturl() if host != address.netloc else value
+    _, at, host = address.netloc.rpartition("@")
+    shown = address._replace(
+        netloc=f"{HIDDEN}@{host}" if at else host, query=HIDDEN if address.query else ""
+    )
+    return value if shown == address else shown.geturl()

@@ -4,7 +4,15 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from drcli.settings.fields import FileName, Group, setting
-from drcli.settings.kinds import Address, BucketName, FolderName, ObjectKey, UploadBucket
+from drcli.settings.kinds import (
+    HOME_REGION,
+    Address,
+    BucketName,
+    FolderName,
+    ObjectKey,
+    Region,
+    UploadBucket,
+)
 
 
 class BucketSettings(Group):
@@ -20,7 +28,7 @@ class BucketSettings(Group):
     profile: str = setting(
         "DR_LOCAL_S3_PROFILE", "", "AWS profile with the keys; empty lets the AWS library search."
     )
-    aws_app_region: str = setting("DR_AWS_APP_REGION", "us-east-1", "AWS region.")
+    aws_app_region: Region = setting("DR_AWS_APP_REGION", HOME_REGION, "AWS region.")
     remote_minio_url: Address = setting(
         "DR_REMOTE_MINIO_URL", "", "S3 address of DR_CLOUD=remote and azure."
     )

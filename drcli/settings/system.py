@@ -14,7 +14,6 @@ _STREAM = "no camera stream is published"
 _DERIVED = "the reference's activation script works it out for its containers"
 _SPOT = "it steers the scripts of deepracer-on-the-spot"
 _CONSOLE = "models are not exchanged with DeepRacer on AWS"
-_GPU = "the trainer's GPU is chosen with CUDA_VISIBLE_DEVICES"
 _REAL_TIME = "metrics are written to the bucket only"
 
 
@@ -63,9 +62,6 @@ class ContainerSettings(Group):
         "",
         "GPUs of the simulation.",
         ignored="the simulation uses no GPU",
-    )
-    sagemaker_cuda_devices: str = setting(
-        "DR_SAGEMAKER_CUDA_DEVICES", "", "GPUs of the trainer.", planned=_GPU
     )
     cloud_watch_enable: bool = setting(
         "DR_CLOUD_WATCH_ENABLE", False, "Send logs to CloudWatch.", planned="logs stay here"

@@ -3,27 +3,37 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from drcli.completing.values import CLOUDS, RACE_TYPES
+from drcli.config import catalogue
+from drcli.findings import UnfitError, shown
 
 Ask = Callable[[str, str, Sequence[str]], str]
 """Takes a question, a default and the allowed words; returns the answer."""
+
+Tell = Callable[[str], None]
+"""Says a sentence."""
 
 TRAINABLE = RACE_TYPES[:3]
 """HEAD_TO_MODEL is for evaluations."""
 
 
-def with_answers(given: Mapping[str, str], ask: Ask) -> dict[str, str]:
+def with_answers(given: Mapping[str, str], ask: Ask, tell: Tell) -> dict[str, str]:
     """The settings that were given, and the answers to all questions that are left.
 
     Args:
         given: Texts by DR_ name; nothing is asked about these.
         ask: Puts a question.
+        tell: Says why an answer will not do; then it is asked again.
     """
     values = dict(given)
 
     def settle(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
-        if name not in values:
+        while name not in values:
             answer = ask(question, default, choices)
-            if answer:
+            try:
+                catalogue()[name].read(answer)
+            except UnfitError as unfit:
+                tell(f"{shown(answer)} {unfit.reason}. {unfit.remedy}")
+            else:
                 values[name] = answer
 
     settle("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")

@@ -8,12 +8,10 @@ from pathlib import Path
 
 from drcli import activation
 from drcli.envfile import Entry
-from drcli.errors import SettingsError
-from drcli.findings import FindingsError, one_of, shown
+from drcli.findings import FindingsError
+from drcli.settings.experiment import EXPERIMENT, chosen_experiment, run_file
 from drcli.settings.files import Files
 from drcli.settings.layers import Layers
-
-EXPERIMENT = "DR_EXPERIMENT_NAME"
 
 OURS = (activation.FOLDER, activation.RUN_FILE, activation.MARK)
 """Variables that activation sets by itself, whatever a file says."""
@@ -59,16 +57,16 @@ def shell_change(
         SettingsError: A file is missing, or a line of it cannot be read.
     """
     given = activation.chosen(environ)
+    outside = {key: Entry(key, value, "environment", expands=False) for key, value in given.items()}
     if experiment:
-        given[EXPERIMENT] = experiment
+        outside[EXPERIMENT] = Entry(EXPERIMENT, experiment, "-e", expands=False)
     files = Files(directory, {})
     system = files.read("system.env") if files.exist("system.env") else {}
-    name = _run_file(files, given, system)
+    name = run_file(files, [outside], chosen_experiment(files, [outside, system]))
     run = files.read(name)
     if files.findings:
         raise FindingsError(files.findings)
 
-    outside = {key: Entry(key, value, "environment", expands=False) for key, value in given.items()}
     layers = Layers([outside, run, system], {})
     names = [key for key in {**system, **run} if key not in outside and key not in OURS]
     texts = {key: layers.text(key) or "" for key in names}
@@ -86,22 +84,6 @@ def shell_change(
     gone = activation.copies(environ) - export.keys()
     warnings = tuple(f"{finding}" for finding in layers.findings.values())
     return ShellChange(export, tuple(sorted(gone)), warnings)
-
-
-def _run_file(files: Files, given: Mapping[str, str], system: Mapping[str, Entry]) -> str:
-    """Name of the run.env that counts."""
-    entry = system.get(EXPERIMENT)
-    name = (given.get(EXPERIMENT, entry.value if entry is not None else "")).strip()
-    if not name:
-        return activation.run_file(given, files.directory)
-    existing = files.experiments()
-    if name not in existing:
-        raise SettingsError(
-            f"{EXPERIMENT}={shown(name)} has no experiments/{shown(name)}/run.env "
-            f"in {files.directory}.",
-            remedy=one_of(existing, name) if existing else f"`dr init --experiment {name}`.",
-        )
-    return f"experiments/{name}/run.env"
 
 
 def _defaults() -> dict[str, str]:

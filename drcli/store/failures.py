@@ -103,6 +103,12 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
             f"There is no bucket '{attempt.bucket}' at {endpoint.place} ({names.bucket}).",
             remedy=f"Correct {names.bucket}, or create the bucket.",
         )
+    if code == "InvalidBucketName":
+        return StorageError(
+            f"The server at {endpoint.place} refuses '{attempt.bucket}' as the name of a bucket "
+            f"({names.bucket}).",
+            remedy=f"Set {names.bucket} to 3 to 63 small letters, digits, dots and hyphens.",
+        )
     if code in MISSING_CODES:
         return ObjectMissing(
             f"There is no object {attempt.bucket}/{attempt.key} at {endpoint.place}.",

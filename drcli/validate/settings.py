@@ -31,10 +31,9 @@ SCREEN = (
     "DR_HOST_X",
     "DR_DISPLAY",
     "DR_GUI_ENABLE",
-    "DR_SAGEMAKER_CUDA_DEVICES",
     "DR_ROBOMAKER_CUDA_DEVICES",
 )
-"""Settings about X servers and GPUs of containers (V-06)."""
+"""Settings about X servers and GPUs that nothing here needs (V-06)."""
 
 _LINE = re.compile(r"(.+\.env)(?: line (\d+))?")
 

@@ -16,7 +16,8 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.setup.folder import plan_experiment, plan_folder, write
+from drcli.setup.folder import plan_experiment, plan_folder
+from drcli.setup.writing import write
 
 pytestmark = pytest.mark.slow
 
@@ -116,6 +117,10 @@ def test_an_experiment_is_chosen_and_stays_chosen(run, folder):
         ("-e fats", "Did you mean fast?"),
         ("missing.env", "there is no file missing.env"),
         ("broken.env", "broken.env line 1: nonsense has no ="),
+        ("-e", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
+        ("-e ''", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
+        ("-e ../x", "../x is no plain folder name. Try: Write one of fast."),
+        ("-x", "-x is no option and no file. Try: source bin/activate.sh [-e NAME] [FILE]"),
     ],
 )
 def test_what_goes_wrong_is_one_line_and_the_shell_lives_on(run, folder, arguments, words):
@@ -131,13 +136,43 @@ def test_what_goes_wrong_is_one_line_and_the_shell_lives_on(run, folder, argumen
     assert words in done.stderr
 
 
-def test_words_of_a_script_that_mean_nothing_here_are_left_alone(run):
-    done = run(
-        "set -- 10 --verbose",
-        'source bin/activate.sh && echo "$DR_RUN_ID $#"',
+def test_arguments_of_a_script_that_mean_nothing_here_are_left_alone(shell, folder):
+    (folder / "train.sh").write_text('source bin/activate.sh && echo "$DR_RUN_ID $*"\n')
+
+    done = subprocess.run(
+        [shell, "train.sh", "10", "-w", "--verbose"],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
 
-    assert (done.stdout, done.stderr) == ("0 2\n", "")
+    assert (done.stdout, done.stderr) == ("0 10 -w --verbose\n", "")
+
+
+@pytest.mark.parametrize("script", ["bin/activate.sh", "./bin/../bin/activate.sh"])
+def test_who_executes_the_script_is_told_to_source_it(shell, folder, script):
+    done = subprocess.run(
+        [shell, script], cwd=folder, env=environment(), capture_output=True, text=True, timeout=60
+    )
+
+    assert done.returncode == 1
+    assert done.stderr == (f"activate.sh: executed, it changes no shell. Try: source {script}\n")
+
+
+def test_a_shell_that_cannot_use_the_script_says_so_and_lives_on(folder):
+    done = subprocess.run(
+        ["bash", "--posix", "-c", '. bin/activate.sh; echo "status $?"'],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+    assert done.stdout == "status 1\n"
+    assert done.stderr == "activate.sh: only bash and zsh can use it, not sh. Try: bash\n"
 
 
 def test_the_script_of_the_checkout_takes_the_folder_one_stands_in(run, folder):
@@ -197,6 +232,21 @@ def typist(request, folder) -> Iterator[Typist]:
     somebody = Typist(request.param, folder)
     yield somebody
     somebody.leave()
+
+
+@pytest.mark.parametrize("typist", ["bash", "zsh"], indirect=True)
+def test_a_line_that_was_pasted_with_its_comment_works(typist):
+    typist.type("source bin/activate.sh -e fast  # work in the experiment\n")
+    typist.type("echo $DR_EXPERIMENT_NAME-$DR_RUN_ID\n")
+
+    typist.wait_for("fast-1")
+
+
+@pytest.mark.parametrize("typist", ["bash", "zsh"], indirect=True)
+def test_a_word_that_somebody_typed_in_vain_is_refused(typist):
+    typist.type("source bin/activate.sh fast\n")
+
+    typist.wait_for("activate.sh: fast is no option and no file. Try: source bin/activate.sh")
 
 
 @pytest.mark.parametrize("typist", ["bash", "zsh"], indirect=True)

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from drcli.config import load_settings
-from drcli.setup.folder import plan_experiment, write
+from drcli.setup.folder import plan_experiment
+from drcli.setup.writing import write
 
 pytestmark = pytest.mark.slow
 

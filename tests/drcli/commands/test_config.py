@@ -150,14 +150,16 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
     ]
 
 
-def test_a_value_is_changed_and_the_change_shown(dr, working_folder, capsys):
+def test_a_value_is_changed_and_the_change_shown_with_its_folder(dr, working_folder, capsys):
     code = dr("config", "set", "workers=3", "DR_TRAIN_SEED=4")
 
+    printed = capsys.readouterr()
     assert code == 0
-    assert capsys.readouterr().out.splitlines() == [
+    assert printed.out.splitlines() == [
         "run.env: DR_WORKERS=3  (was 2)",
         "run.env: DR_TRAIN_SEED=4",
     ]
+    assert printed.err == f"Written in {working_folder}.\n"
     text = (working_folder / "run.env").read_text()
     assert text.endswith("DR_WORKERS=3\nDR_TRAIN_SEED=4\n")
 
@@ -167,6 +169,7 @@ def test_a_file_can_be_chosen(dr, working_folder, capsys):
 
     assert code == 0
     assert json.loads(capsys.readouterr().out) == {
+        "directory": str(working_folder),
         "changes": [{"name": "DR_TRAIN_SEED", "before": None, "after": "4", "file": "system.env"}],
         "warnings": [],
     }
@@ -217,3 +220,45 @@ def test_no_secret_is_repeated(dr, working_folder, capsys):
     printed = capsys.readouterr()
     assert "pst" not in printed.out + printed.err
     assert (working_folder / "system.env").read_text() == "AWS_SECRET_ACCESS_KEY=new-pst\n"
+
+
+def test_a_track_that_is_not_here_is_refused_with_the_likely_one(dr, working_folder, capsys):
+    before = (working_folder / "run.env").read_bytes()
+
+    code = dr("config", "set", "DR_WORLD_NAME=reinvent_bse")
+
+    said = capsys.readouterr().err
+    assert code == 3
+    assert "run.env line 1: DR_WORLD_NAME=reinvent_bse is no track that is here." in said
+    assert "Did you mean reinvent_base?" in said
+    assert (working_folder / "run.env").read_bytes() == before
+
+
+def test_a_track_that_is_not_here_fails_the_check(dr, working_folder, capsys):
+    (working_folder / "run.env").write_text("DR_WORLD_NAME=Nope\n")
+
+    code = dr("config", "check")
+
+    assert code == 3
+    assert "Error: run.env line 1: DR_WORLD_NAME=Nope" in capsys.readouterr().out
+
+
+def test_a_track_that_was_missing_before_does_not_stop_other_changes(dr, working_folder, capsys):
+    (working_folder / "run.env").write_text("DR_WORLD_NAME=Nope\n")
+
+    code = dr("config", "set", "DR_WORKERS=3")
+
+    assert code == 0
+    assert "DR_WORLD_NAME=Nope is no track that is here. That was so before." in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_settings_file_that_is_a_folder_is_a_sentence(dr, working_folder, capsys):
+    (working_folder / "run.env").unlink()
+    (working_folder / "run.env").mkdir()
+
+    code = dr("config", "set", "DR_WORKERS=3")
+
+    assert code == 3
+    assert "Error: run.env: cannot be read" in capsys.readouterr().err

@@ -53,16 +53,20 @@ def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
     assert racer.note("model-1")["seed"] == 11
 
 
-def test_names_and_passwords_in_addresses_are_not_noted(racer):
+def test_names_passwords_and_signatures_in_addresses_are_not_noted(racer):
     racer.run_env(
         "DR_REMOTE_MINIO_URL=http://me:secret@minio:9000",
+        "DR_TRACKS_URL=https://tracks/all?signature=secret",
         "DR_DROA_USERNAME=me",
         "AWS_SECRET_ACCESS_KEY=secret",
     )
 
     noted = chosen_settings(racer.settings())
 
-    assert noted == {"DR_REMOTE_MINIO_URL": "http://minio:9000"}
+    assert noted == {
+        "DR_REMOTE_MINIO_URL": "http://(hidden)@minio:9000",
+        "DR_TRACKS_URL": "https://tracks/all?(hidden)",
+    }
 
 
 def test_outside_git_there_is_no_state_to_note(racer, monkeypatch):

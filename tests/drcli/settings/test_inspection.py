@@ -66,6 +66,7 @@ def test_what_one_worker_changes_is_shown_apart(folder):
         "GITHUB_TOKEN=pst",
         "DR_REMOTE_MINIO_URL=http://me:pst@nas:9000",
         "ADDRESS=https://pst@nas/",
+        "DR_TRACKS_URL=https://nas/tracks?key=pst",
     ],
 )
 def test_no_secret_is_shown(folder, line):

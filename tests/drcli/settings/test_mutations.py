@@ -3,6 +3,7 @@
 import random
 import re
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ CASES = 200
 PLAIN = """
 abc -1 0 1e999 nan inf 0x10 1,5 ١٢ True? $NOBODY ${ ${} $(reboot) $DR_CAR_NAME$DR_CAR_NAME ' " 'open
 `ls` s3://bucket ../../etc/passwd / // . ~ ~nobody/x \\ \\n %s {} # = == null [1] 1;2;3 0.5,1; http://[
+eu_west 0.5,inf 0.5, ,, ../x 1_0 ０ ${X:-${Y}} -rf http://x:99999 1e-400 4294967296
 """
 VALUES = (*PLAIN.split(), "a b", "9" * 400, "x" * 10_000, "ü\u2028ß", "\x1b[31m", "\t", "\x7f")
 """What somebody, or an accident, may write behind an equal sign."""
@@ -67,7 +69,18 @@ def no_equal_sign(files: Files) -> None:
 
 
 def odd_line(files: Files) -> None:
-    forms = ("export {0}={1}", "{0} = {1}", "{0}={1}\n{0}={1}x", "  {0}={1}", "=", "{0}={0}", "[x]")
+    forms = (
+        "export {0}={1}",
+        "export {0}",
+        "{0}+={1}",
+        "{0}='' ''",
+        "{0} = {1}",
+        "{0}={1}\n{0}={1}x",
+        "  {0}={1}",
+        "=",
+        "{0}={0}",
+        "[x]",
+    )
     form = files.random.choice(forms)
     files.change_line(lambda name, value: form.format(name, value))
 
@@ -158,6 +171,44 @@ def test_line_ends_and_marks_change_nothing(seed, damage, working_folder, capsys
 
     assert end.value.code == 0
     assert capsys.readouterr().out.endswith("No errors, no warnings.\n")
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+def link_to_itself(path: Path) -> None:
+    path.symlink_to(path.name)
+
+
+def link_to_nothing(path: Path) -> None:
+    path.symlink_to("nowhere")
+
+
+@pytest.mark.parametrize("replace", [folder, link_to_itself, link_to_nothing])
+@pytest.mark.parametrize(
+    ("file", "command"),
+    [
+        *product(
+            ("run.env", "system.env"),
+            ("config check", "config set DR_CAR_NAME=x", "init --experiment x", "shell-env"),
+        ),
+        *product(("worker-2.env",), ("config check", "init --experiment x")),
+    ],
+)
+def test_what_is_no_file_is_refused_by_name(command, file, replace, working_folder, capsys):
+    with (working_folder / "run.env").open("a") as run:
+        run.write("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\n")
+    (working_folder / file).unlink(missing_ok=True)
+    replace(working_folder / file)
+
+    with pytest.raises(SystemExit) as end:
+        main(command.split())
+
+    said = capsys.readouterr().err
+    assert end.value.code == 3
+    assert re.match(rf"(Error|activate\.sh): {file}: ", said)
+    assert "bug of ours" not in said
 
 
 def _assert_place_and_key(sentence: str, data: dict[str, bytes]) -> None:

@@ -108,6 +108,39 @@ from drcli.findings import FindingsError
             id="bucket-as-address",
         ),
         pytest.param(
+            "DR_LOCAL_S3_BUCKET=Bad_Bucket",
+            "run.env line 2: DR_LOCAL_S3_BUCKET=Bad_Bucket is no name of a bucket with "
+            "DR_CLOUD=local.",
+            "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and "
+            "last, as in my-bucket.",
+            id="bucket-that-s3-refuses",
+        ),
+        pytest.param(
+            "DR_AWS_APP_REGION=eu_west",
+            "run.env line 2: DR_AWS_APP_REGION=eu_west is no AWS region.",
+            "Write one such as us-east-1 or eu-central-1.",
+            id="region",
+        ),
+        pytest.param(
+            f"DR_LOCAL_S3_MODEL_PREFIX={'m' * 256}",
+            f"run.env line 2: DR_LOCAL_S3_MODEL_PREFIX={'m' * 80}... is longer than servers and "
+            "disks take.",
+            "Write at most 255 characters between slashes, and 800 in all.",
+            id="long-prefix",
+        ),
+        pytest.param(
+            "DR_OA_OBJECT_POSITIONS=0.5,inf",
+            "run.env line 2: DR_OA_OBJECT_POSITIONS=0.5,inf is no list of progress,lane pairs.",
+            'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
+            id="infinite-lane",
+        ),
+        pytest.param(
+            "DR_SAGEMAKER_CUDA_DEVICES=0;1",
+            "run.env line 2: DR_SAGEMAKER_CUDA_DEVICES=0;1 is no list of GPUs.",
+            "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
+            id="gpus",
+        ),
+        pytest.param(
             "DR_REMOTE_MINIO_URL=mynas:9000",
             "run.env line 2: DR_REMOTE_MINIO_URL=mynas:9000 is no web address.",
             "Write it as in http://192.168.1.5:9000.",
@@ -233,13 +266,14 @@ def test_a_mistake_outside_the_files_names_its_place(folder, layer):
     assert str(refusal) == f"{place}: DR_WORKERS=all is no whole number."
 
 
-def test_an_experiment_that_does_not_exist_is_refused(folder):
-    folder.write("experiments/first/run.env", "")
+@pytest.mark.parametrize("target", ["system.env", "nowhere"])
+def test_a_link_that_leads_nowhere_is_no_missing_file(folder, target):
+    (folder.path / "system.env").unlink()
+    (folder.path / "system.env").symlink_to(target)
 
-    refusal = folder.refusal("", experiment="frist")
+    refusal = folder.refusal("DR_WORKERS=2\n")
 
-    assert str(refusal) == ("flag: DR_EXPERIMENT_NAME=frist has no experiments/frist/run.env.")
-    assert refusal.remedy == "Did you mean first? Write one of first."
+    assert str(refusal).startswith("system.env: cannot be read (")
 
 
 def test_a_folder_without_run_env_is_refused(tmp_path):

@@ -3,12 +3,16 @@
 import json
 import os
 import re
+import shlex
 import stat
 from pathlib import Path
 
 import pytest
 
+from drcli import rewriting
 from drcli.config import load_settings
+from drcli.errors import SettingsError
+from drcli.setup import writing
 from drcli.setup.shipped import model_file
 
 WRITTEN = [
@@ -20,18 +24,6 @@ WRITTEN = [
     "bin/activate.sh",
     ".gitignore",
 ]
-
-
-@pytest.fixture
-def empty(tmp_path, monkeypatch):
-    """A folder with nothing in it, current; its name is one that shells trip over."""
-    folder = tmp_path / "Müllers Auto $1"
-    folder.mkdir()
-    for name in os.environ:
-        if name.startswith("DR_"):
-            monkeypatch.delenv(name)
-    monkeypatch.chdir(folder)
-    return folder
 
 
 def settings_of(folder: Path):
@@ -107,18 +99,103 @@ def test_a_spot_instance_finds_the_lines_that_it_replaces(dr, empty, file, liter
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--cloud", "locla"], "DR_CLOUD=locla is none of local, remote, aws, azure"),
-        (["--cloud", "remote"], "DR_REMOTE_MINIO_URL is empty"),
-        (["--prefix", "a b"], "DR_LOCAL_S3_MODEL_PREFIX=a b holds ' '"),
-        (["--race-type", "RALLY"], "DR_RACE_TYPE=RALLY is none of"),
+        (["--cloud", "locla"], "--cloud locla is none of local, remote, aws, azure. Did you mean"),
+        (["--cloud", "remote"], "--cloud remote needs an address, but --endpoint is empty. Set"),
+        (["--prefix", "a b"], "--prefix a b holds ' '"),
+        (["--prefix", "custom_files"], "--prefix custom_files is the folder of your own files"),
+        (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' holds '\\n'"),
+        (["--profile", "\udcff"], "--profile '\\udcff' cannot stand in"),
+        (["--race-type", "RALLY"], "--race-type RALLY is none of"),
+        (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 1"),
+        (["--workers", "0"], "--workers 0 is below 1."),
+        (
+            ["--bucket", "Bad_Bucket"],
+            "--bucket Bad_Bucket is no name of a bucket with --cloud local",
+        ),
+        ([""], "The name of the folder is empty"),
+        (["--experiment", ""], "--experiment  is no plain folder name"),
     ],
+    ids=str,
 )
-def test_a_wrong_value_is_refused_before_anything_is_written(dr, empty, capsys, options, words):
+def test_a_bad_option_is_named_before_anything_is_written(dr, empty, capsys, options, words):
     code = dr("init", *options)
 
-    assert code == 3
+    assert code == 2
     assert words in capsys.readouterr().err
     assert list(empty.iterdir()) == []
+
+
+def test_all_bad_options_are_named_at_once(dr, empty, capsys):
+    dr("init", "--workers", "99", "--cloud", "locla")
+
+    said = capsys.readouterr().err
+    assert "--workers 99" in said
+    assert "--cloud locla" in said
+
+
+@pytest.mark.parametrize("value", ["my profile", "a # b", "#1"])
+def test_a_value_gets_the_quotes_that_it_needs(dr, empty, value):
+    code = dr("init", "--profile", value)
+
+    assert code == 0
+    assert settings_of(empty).profile == value
+
+
+@pytest.mark.parametrize("obstacle", ["custom_files", "bin", "tracks"])
+def test_a_file_where_a_folder_has_to_be_is_named_and_nothing_written(dr, empty, capsys, obstacle):
+    (empty / obstacle).write_text("mine")
+
+    code = dr("init")
+
+    assert code == 3
+    assert f"{empty / obstacle}: is no folder" in capsys.readouterr().err
+    assert [path.name for path in empty.iterdir()] == [obstacle]
+    assert (empty / obstacle).read_text() == "mine"
+
+
+def test_a_folder_of_tracks_that_nobody_may_write_to_is_no_obstacle(dr, empty, monkeypatch):
+    (empty / "tracks").mkdir()
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "tracks")
+
+    assert dr("init") == 0
+
+
+def test_a_folder_that_nobody_may_write_to_is_named(dr, empty, capsys, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != empty)
+
+    code = dr("init", "new")
+
+    assert code == 3
+    assert f"{empty}: may not be written into." in capsys.readouterr().err
+    assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("obstacle", ["run.env", "bin/activate.sh", ".gitignore"])
+def test_a_folder_where_a_file_has_to_be_is_named_and_nothing_written(dr, empty, capsys, obstacle):
+    (empty / obstacle).mkdir(parents=True)
+
+    code = dr("init", "--force")
+
+    assert code == 3
+    assert f"{empty / obstacle}: is no file" in capsys.readouterr().err
+    assert [path for path in empty.rglob("*") if path.is_file()] == []
+
+
+def test_what_fails_half_way_is_taken_back(dr, empty, capsys, monkeypatch):
+    (empty / "run.env").write_text("mine\n")
+
+    def rewrite_until_full(path: Path, data: bytes) -> None:
+        if path.name == "model_metadata.json":
+            raise SettingsError(f"{path}: no space left.", remedy="Make room.")
+        rewriting.rewrite(path, data)
+
+    monkeypatch.setattr(writing, "rewrite", rewrite_until_full)
+    code = dr("init", "--force")
+
+    assert code == 3
+    assert "no space left" in capsys.readouterr().err
+    assert [path.name for path in empty.rglob("*")] == ["run.env"]
+    assert (empty / "run.env").read_text() == "mine\n"
 
 
 def test_a_world_that_is_not_here_is_named_with_the_way_to_get_it(dr, empty, capsys):
@@ -143,6 +220,18 @@ def test_files_that_are_there_are_listed_and_kept(dr, empty, capsys):
     assert "--force" in said
     assert (empty / "run.env").read_text() == "DR_WORLD_NAME=mine\n"
     assert not (empty / "system.env").exists()
+
+
+def test_quiet_names_the_files_that_are_there_and_those_that_are_kept(dr, empty, capsys):
+    (empty / "run.env").write_text("mine\n")
+
+    dr("init", "-q")
+    refused = capsys.readouterr().err
+    dr("init", "-q", "--force")
+    replaced = capsys.readouterr().err
+
+    assert "there are already: run.env." in refused
+    assert "What was there before is kept as run.env.bak." in replaced
 
 
 def test_force_replaces_them_and_keeps_a_copy_of_each_every_time(dr, empty, capsys):
@@ -200,48 +289,18 @@ def test_options_of_the_reference_are_taken(dr, empty, capsys):
     assert "no" in capsys.readouterr().err
 
 
-def test_an_experiment_begins_with_what_the_folder_has_and_can_run_beside_it(dr, empty, capsys):
-    dr("init", "--world", "bean")
-    (empty / "custom_files" / "reward_function.py").write_text("# mine\n")
+def test_a_shell_that_belongs_to_another_folder_is_told_how_to_leave_it(
+    dr, empty, capsys, monkeypatch
+):
+    dr("init", "first")
+    monkeypatch.setenv("DR_DIR", str(empty / "first"))
+    capsys.readouterr()
 
-    code = dr("init", "--experiment", "fast")
+    dr("init", "second")
 
-    own = load_settings(empty, environ={}, experiment="fast")
-    main = settings_of(empty)
-    assert code == 0
-    assert own.world_name == "bean"
-    assert (main.run_id, own.run_id) == (0, 1)
-    assert own.model_prefix == "fast"
-    assert own.custom_files_prefix == "custom_files/fast"
-    assert (own.custom_files_dir / "reward_function.py").read_text() == "# mine\n"
-    assert "source bin/activate.sh -e fast" in capsys.readouterr().err
-
-
-def test_the_next_experiment_gets_the_next_number(dr, empty):
-    dr("init")
-    dr("init", "--experiment", "one")
-
-    dr("init", "--experiment", "two", "--prefix", "my-model", "--world", "bean")
-
-    two = load_settings(empty, environ={}, experiment="two")
-    assert (two.run_id, two.model_prefix, two.world_name) == (2, "my-model", "bean")
-
-
-@pytest.mark.parametrize(("name", "options"), [("a/b", []), ("..", []), ("x", ["--cloud", "aws"])])
-def test_an_experiment_that_cannot_be_is_refused(dr, empty, name, options):
-    dr("init")
-
-    code = dr("init", "--experiment", name, *options)
-
-    assert code == 3
-    assert not (empty / "experiments").exists()
-
-
-def test_an_experiment_needs_a_working_folder(dr, empty, capsys):
-    code = dr("init", "--experiment", "fast")
-
-    assert code == 3
-    assert "dr init" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"cd {shlex.quote(str(empty / 'second'))}" in said
+    assert "unset DR_EXPERIMENT_NAME; source bin/activate.sh" in said
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(dr, empty, capsys):
@@ -250,4 +309,10 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(dr, empty, capsys):
     code = dr("init", "file/racer")
 
     assert code == 3
-    assert "cannot be made" in capsys.readouterr().err
+    assert f"{empty / 'file'}: is no folder" in capsys.readouterr().err
+
+
+def test_a_track_that_has_no_file_of_its_own_is_no_surprise(dr, empty, capsys):
+    dr("init", "--world", "reinvent_carpet")
+
+    assert "Warning" not in capsys.readouterr().err

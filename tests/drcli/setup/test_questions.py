@@ -5,6 +5,10 @@ import pytest
 from drcli.setup.questions import with_answers
 
 
+def never(sentence: str) -> None:
+    raise AssertionError(sentence)
+
+
 class Racer:
     """Answers from a list, by a word of the question; Enter for all others."""
 
@@ -18,7 +22,7 @@ class Racer:
 
 
 def test_enter_at_every_question_trains_on_this_machine():
-    values = with_answers({}, Racer())
+    values = with_answers({}, Racer(), never)
 
     assert values == {
         "DR_WORLD_NAME": "reinvent_base",
@@ -31,7 +35,7 @@ def test_enter_at_every_question_trains_on_this_machine():
 def test_nothing_is_asked_about_what_an_option_has_said():
     racer = Racer()
 
-    values = with_answers({"DR_WORLD_NAME": "bean", "DR_CLOUD": "local"}, racer)
+    values = with_answers({"DR_WORLD_NAME": "bean", "DR_CLOUD": "local"}, racer, never)
 
     assert values["DR_WORLD_NAME"] == "bean"
     assert len(racer.asked) == 2
@@ -41,7 +45,21 @@ def test_nothing_is_asked_about_what_an_option_has_said():
 def test_a_bucket_elsewhere_needs_a_few_words_more(cloud, more):
     racer = Racer(bucket="keeps")
 
-    values = with_answers({"DR_CLOUD": cloud}, racer)
+    values = with_answers({"DR_CLOUD": cloud}, racer, never)
 
     assert len(racer.asked) == 3 + more
     assert ("DR_REMOTE_MINIO_URL" in values) == (cloud in ("remote", "azure"))
+
+
+def test_an_answer_that_will_not_do_is_asked_for_again_with_the_reason():
+    answers = iter(["two words", "mine"])
+    reasons: list[str] = []
+
+    def ask(question, default, choices=()):
+        return next(answers) if "model" in question else default
+
+    values = with_answers({}, ask, reasons.append)
+
+    assert values["DR_LOCAL_S3_MODEL_PREFIX"] == "mine"
+    assert len(reasons) == 1
+    assert reasons[0].startswith("two words holds ' '")

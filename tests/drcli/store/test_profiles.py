@@ -82,6 +82,18 @@ def test_another_profile_must_exist(files):
         read_profile("nobody", "DR_UPLOAD_S3_PROFILE")
 
 
+@pytest.mark.parametrize(
+    "line", ["region = a b", "endpoint_url = nas:9000", "endpoint_url = http://[::1", "s3 = 5"]
+)
+def test_a_profile_that_the_aws_library_cannot_use_is_named(files, opened, line):
+    (files / "config").write_text(f"[profile minio]\n{line}\n")
+
+    with pytest.raises(StorageError, match=r"\(DR_UPLOAD_S3_PROFILE is 'minio'\)") as refusal:
+        opened("DR_UPLOAD_S3_PROFILE=minio")
+
+    assert "~/.aws/config" in refusal.value.remedy
+
+
 def test_uploads_go_to_the_server_of_their_profile(opened):
     bucket = opened("DR_UPLOAD_S3_PROFILE=minio")
 

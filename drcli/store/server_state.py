@@ -1,0 +1,82 @@
+"""What later commands must know of the bucket's server on this machine, in files beside it."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from drcli.errors import StorageError
+from drcli.store.endpoint import Endpoint, Engine, StorageConfig
+
+
+@dataclass(frozen=True)
+class ServerState:
+    """A server that was started here; kept in a file that its owner alone can read.
+
+    Attributes:
+        engine: The program.
+        port: Where it listens.
+        access_key: Made for this bucket; they stay the same from start to start.
+        secret_key: Belongs to `access_key`.
+        pid: Its process; None where it was not started yet, or was stopped.
+    """
+
+    engine: Engine
+    port: int
+    access_key: str
+    secret_key: str
+    pid: int | None = None
+
+    @classmethod
+    def read(cls, path: Path) -> "ServerState | None":
+        """What the file says, None where there is none.
+
+        Raises:
+            StorageError: It cannot be read or is damaged.
+        """
+        try:
+            return cls(**json.loads(path.read_text("utf-8")))
+        except FileNotFoundError:
+            return None
+        except OSError as e:
+            raise StorageError(
+                f"{path} cannot be read ({e.strerror or e}).",
+                remedy="Run the command as the user who started the server.",
+            ) from e
+        except (ValueError, TypeError) as e:
+            raise StorageError(
+                f"{path} is damaged: {e}.",
+                remedy="Delete it; the next start makes new access keys.",
+            ) from e
+
+    def write(self, path: Path) -> None:
+        """Put it there in one step; at no moment may anybody else read the keys."""
+        fresh = path.with_suffix(".new")
+        fresh.unlink(missing_ok=True)
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            json.dump(asdict(self), file)
+        fresh.replace(path)
+
+    @property
+    def mark(self) -> str:
+        """What the server's command line contains and no other does."""
+        where = f"127.0.0.1:{self.port}"
+        return f"drcli.store.moto_server {self.port}" if self.engine == "moto" else where
+
+    def endpoint(self, config: StorageConfig) -> Endpoint:
+        """The server as an address with keys."""
+        return Endpoint(
+            url=f"http://127.0.0.1:{self.port}",
+            access_key=self.access_key,
+            secret_key=self.secret_key,
+            region=config.region,
+            engine=self.engine,
+            pid=self.pid,
+            data_dir=config.data_dir,
+        )
+
+
+def own_file(config: StorageConfig, kind: Literal["json", "lock", "log"]) -> Path:
+    """A file of ours beside the buckets: the state, the lock on it, or what the server says."""
+    return config.data_dir / f".server.{kind}"

@@ -1,0 +1,66 @@
+"""The names of tracks, known without the simulation."""
+
+import numpy as np
+import pytest
+
+from drcli.settings import worlds
+from drsim.errors import TrackError
+from drsim.worlds import known_worlds, load_track
+
+
+def test_the_names_are_those_that_the_simulation_knows(tmp_path):
+    np.save(tmp_path / "oval.npy", np.zeros((4, 6)))
+    (tmp_path / "square.csv").touch()
+    (tmp_path / "notes.txt").touch()
+
+    names = {*worlds.built_in(), *worlds.own(tmp_path)}
+
+    assert sorted(names) == known_worlds(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("world", "here"),
+    [
+        ("reinvent_base", True),
+        ("reinvent_base_cw", True),
+        ("reinvent_carpet_ccw", True),
+        ("reinvent_base.npy", True),
+        ("mine", True),
+        ("mine.npy", True),
+        ("mine_ccw", True),
+        ("tracks/mine.npy", True),
+        ("elsewhere/reinvent_base.npy", False),
+        ("reinvent_base_ccw_cw", False),
+        ("Reinvent_base", False),
+        ("yours", False),
+    ],
+)
+def test_a_track_is_here_when_the_simulation_finds_it(folder, monkeypatch, world, here):
+    monkeypatch.chdir(folder.path)
+    tracks = folder.path / "tracks"
+    tracks.mkdir()
+    track = load_track("reinvent_base")
+    np.save(tracks / "mine.npy", np.hstack([track.center, track.inner, track.outer]))
+
+    assert worlds.is_here(folder.load(f"DR_WORLD_NAME={world}")) == here
+    if here:
+        assert load_track(world, tracks)
+    else:
+        with pytest.raises(TrackError):
+            load_track(world, tracks)
+
+
+def test_no_track_is_missing_where_the_simulation_is_not_installed(folder, monkeypatch):
+    monkeypatch.setattr(worlds, "find_spec", lambda name: None)
+
+    assert list(worlds.missing(folder.load("DR_WORLD_NAME=Nope"))) == []
+
+
+def test_the_missing_track_of_a_worker_is_placed_in_its_file(folder):
+    folder.write("worker-2.env", "DR_WORLD_NAME=ben\n")
+    settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\n")
+
+    (finding,) = worlds.missing(settings)
+
+    assert finding.where == "worker-2.env line 1"
+    assert finding.remedy.startswith("Did you mean bean?")
