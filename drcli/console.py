@@ -195,16 +195,15 @@ def waiting(what: str) -> Iterator[None]:
 
 
 def suggest(commands: list[tuple[str, str]]) -> None:
-    """Commands to paste next, each with what it does; --quiet spares them."""
+    """Commands to paste next, each below what it does; --quiet spares them.
+
+    A command has a line of its own, because zsh takes a comment behind it for arguments.
+    """
     if verbosity.quiet:
         return
     err.print("Next:")
-    width = max(len(command) for command, _ in commands)
     for command, purpose in commands:
-        err.print(
-            f"  [bold]{escape(command.ljust(width))}[/]  [dim]# {escape(purpose)}[/]",
-            soft_wrap=True,
-        )
+        err.print(f"  [dim]{escape(purpose)}:[/]\n    [bold]{escape(command)}[/]", soft_wrap=True)
 
 
 def fail(message: str, remedy: str) -> None:

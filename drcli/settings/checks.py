@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from drcli.findings import Finding, UnfitError
-from drcli.settings.kinds import BUCKET_RULE, follows_s3
+from drcli.settings.kinds import BESIDE_MODELS, BUCKET_RULE, follows_s3
 from drcli.settings.model import Settings, catalogue
 
 
@@ -43,12 +43,21 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}",
             "Exchange the two, or set both to the same time.",
         )
-    if settings.model_prefix == settings.custom_files_prefix:
+    if f"{settings.custom_files_prefix}/".startswith(f"{settings.model_prefix}/"):
+        yield Finding(
+            settings.sources.get("DR_LOCAL_S3_MODEL_PREFIX")
+            or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files, or "
+            f"holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+            "Give the model a folder of its own: -w would wipe your files.",
+        )
+    first, slash, _ = settings.model_prefix.partition("/")
+    if slash and first in BESIDE_MODELS:
         yield Finding(
             settings.source("DR_LOCAL_S3_MODEL_PREFIX"),
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files "
-            "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX)",
-            "Give the model a folder of its own: -w would wipe your files.",
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} lies in {first}/, where running "
+            "trainings keep what they work with",
+            f"Let it begin with another name, such as my-{first}/.",
         )
     if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
         yield Finding(

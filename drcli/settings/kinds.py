@@ -19,6 +19,9 @@ LONGEST_KEY, LONGEST_PART = 800, 255
 """Characters of a name in the bucket, and of what stands between its slashes: S3 takes 1024 bytes,
 of which a model's files need some, and file systems take 255."""
 
+BESIDE_MODELS = ("runs", "rollouts")
+"""Folders of the bucket in which running trainings keep what they work with."""
+
 BUCKET_RULE = (
     "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
     "in my-bucket."

@@ -96,7 +96,8 @@ def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):
         "Error: It broke [here].",
         "  Try: Mend it.",
         "Next:",
-        "  dr-status  # look",
+        "  look:",
+        "    dr-status",
     ]
 
 

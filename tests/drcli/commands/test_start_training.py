@@ -26,7 +26,7 @@ def test_after_a_launch_the_next_three_commands_stand_ready_to_paste(dr, run, ma
 
     lines = capsys.readouterr().err.splitlines()
     at = lines.index("Next:")
-    commands = [line.split("#")[0].strip() for line in lines[at + 1 : at + 4]]
+    commands = [line.strip() for line in lines[at + 2 : at + 7 : 2]]
     assert commands == ["dr-logs trainer -f", "dr-status", "dr-stop-training"]
 
 

@@ -102,6 +102,20 @@ from drcli.findings import FindingsError
             id="empty-prefix",
         ),
         pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=runs/fast",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=runs/fast lies in runs/, where running "
+            "trainings keep what they work with.",
+            "Let it begin with another name, such as my-runs/.",
+            id="prefix-among-running-trainings",
+        ),
+        pytest.param(
+            "DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your own "
+            "files, or holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
+            "Give the model a folder of its own: -w would wipe your files.",
+            id="own-files-in-the-model",
+        ),
+        pytest.param(
             "DR_LOCAL_S3_BUCKET=s3://bucket",
             "run.env line 2: DR_LOCAL_S3_BUCKET=s3://bucket is no name of a bucket.",
             "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",

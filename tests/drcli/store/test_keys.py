@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drcli.settings.kinds import BESIDE_MODELS
 from drcli.store import keys
 from drcli.store.keys import CheckpointName
 
@@ -138,3 +139,9 @@ def test_rollouts_of_a_model_whose_prefix_continues_ours_are_not_ours():
 
     assert keys.rollout_key("a", key) is None
     assert keys.rollout_key("a/3", key) is not None
+
+
+def test_what_lies_beside_the_models_is_no_name_for_a_model():
+    folders = {keys.run_folder("m"), keys.rollouts_folder("m")}
+
+    assert {folder.partition("/")[0] for folder in folders} == set(BESIDE_MODELS)
