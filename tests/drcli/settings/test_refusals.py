@@ -110,8 +110,8 @@ from drcli.findings import FindingsError
         ),
         pytest.param(
             "DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your own "
-            "files, or holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your "
+            "own files, or holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
             "Give the model a folder of its own: -w would wipe your files.",
             id="own-files-in-the-model",
         ),
