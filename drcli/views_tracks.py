@@ -29,7 +29,9 @@ def track_list(found: "TrackList") -> RenderableType:
         ],
         left=("track", "direction", "from"),
     )
-    return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {found.folder}."))
+    own, here = Path(found.folder), Path.cwd()
+    place = own.relative_to(here) if own.is_relative_to(here) else own
+    return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {place}/."))
 
 
 def track(view: "TrackView") -> RenderableType:
