@@ -1,11 +1,11 @@
 """`dr increment-training`."""
 
-import shlex
 from typing import Annotated
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.increment import Delimiter, announce, checked, finish
 from drcli.commands.options import AsJson, Force
 
 
@@ -17,10 +17,7 @@ def increment_training(
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="Name of the new model.")
     ] = None,
-    delimiter: Annotated[
-        str | None,
-        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
-    ] = None,
+    delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
     """Make the next training go on from this model's weights, under a new name.
@@ -33,22 +30,14 @@ def increment_training(
     from drcli import console, views
     from drcli.runs.increment import make_increment, plan_increment
 
-    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
-        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
+    delimiter = checked(delimiter)
     loaded, folder = settings(), working_folder()
     planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
-    console.say(f"Configuration file {step.file} will be updated.")
-    console.say(f"Incrementing model from {step.before} to {step.after}")
+    announce(step.file, step.before, step.after)
     console.agree("Are you sure?", yes=force)
     if step.wipes:
         console.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     make_increment(planned, loaded, folder)
     console.emit(step, views.increment(step), as_json=as_json)
-    console.say("Done.")
-    console.suggest(
-        [
-            ("dr-start-training", "train the new model"),
-            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
-        ]
-    )
+    finish(step.file, step.backup, ("dr-start-training", "train the new model"))

@@ -1,11 +1,11 @@
 """`dr increment-upload-model`."""
 
-import shlex
 from typing import Annotated
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.increment import Delimiter, announce, checked, finish
 from drcli.commands.options import AsJson, Force
 
 
@@ -17,10 +17,7 @@ def increment_upload_model(
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="The next name, as it shall be.")
     ] = None,
-    delimiter: Annotated[
-        str | None,
-        typer.Option("-d", "--delimiter", help="What stands before the number, as - or _."),
-    ] = None,
+    delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
     """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
@@ -32,25 +29,17 @@ def increment_upload_model(
     from drcli import console, views_models
     from drcli.transfer.naming import make_upload_increment, plan_upload_increment
 
-    if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
-        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
+    delimiter = checked(delimiter)
     folder = working_folder()
     planned = plan_upload_increment(
         settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
     )
     step = planned.step
-    console.say(f"Configuration file {step.file} will be updated.")
-    console.say(f"Incrementing model from {step.before} to {step.after}")
+    announce(step.file, step.before, step.after)
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
-        console.warn(f"{step.wiped} files at {place} will be deleted.")
+        console.warn(f"{views_models.files(step.wiped)} at {place} will be deleted.")
     console.agree("Are you sure?", yes=force)
     make_upload_increment(planned, folder)
     console.emit(step, views_models.upload_increment(step), as_json=as_json)
-    console.say("Done.")
-    console.suggest(
-        [
-            ("dr-upload-model", "upload the model there"),
-            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
-        ]
-    )
+    finish(step.file, step.backup, ("dr-upload-model", "upload the model there"))
