@@ -1,12 +1,11 @@
 """What a car may do: a list of actions or ranges of them, as model_metadata.json states it."""
 
-import json
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
 from drcli.findings import Finding, closest, shown
-from drcli.jsonfile import JsonFile
+from drcli.jsonfile import JsonFile, as_written
 
 STEERING_DEG = (-30.0, 30.0)
 """What the car's front wheels can do; requests beyond it are cut. Source: the reference car."""
@@ -164,7 +163,19 @@ class ActionSpaceReader:
         return float(number)
 
     def _check_indices(self, written: list[Any]) -> None:
-        """Position counts; an index says where an action was meant to stand, so it must agree."""
+        """Position counts, so an index must agree; all of them in another order are only odd."""
+        found = [entry.get("index") for entry in written if isinstance(entry, dict)]
+        numbers = [n for n in found if isinstance(n, int) and not isinstance(n, bool)]
+        whole = sorted(numbers) == list(range(len(written)))
+        if whole and numbers != sorted(numbers):
+            self._note(
+                ("action_space",),
+                "the indices of action_space are in another order than its actions, and the order "
+                "counts",
+                "Remove them all, or put the actions into the order of their indices.",
+            )
+        if whole:
+            return
         for number, entry in enumerate(written):
             if not isinstance(entry, dict) or "index" not in entry:
                 continue
@@ -186,7 +197,7 @@ class ActionSpaceReader:
                 self._note((*path, key), what, "Keep or remove it.")
 
     def _reject(self, path: tuple[str | int, ...], written: Any, problem: str, remedy: str) -> None:
-        value = "" if problem == "is missing" else f"={shown(json.dumps(written))}"
+        value = "" if problem == "is missing" else f"={as_written(written)}"
         what = f"{_dotted(path)}{value} {problem}"
         self._findings.append(Finding(self._file.where(*path), what, remedy))
 

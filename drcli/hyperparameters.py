@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field
 
 from drcli.findings import Finding, closest, one_of, settings_error, shown
-from drcli.jsonfile import JsonFile, read_json_object
+from drcli.jsonfile import JsonFile, as_written, read_json_object
 
 Exploration = Literal["categorical", "e-greedy", "additive_noise"]
 Loss = Literal["huber", "mean squared error"]
@@ -162,7 +162,7 @@ def _check(file: JsonFile) -> Hyperparameters:
         else:
             values[key], problem = _value(key, written)
             if problem is not None:
-                what = f"{key}={shown(json.dumps(written))} {problem[0]}"
+                what = f"{key}={as_written(written)} {problem[0]}"
                 findings.append(Finding(where, what, problem[1]))
     if findings:
         raise settings_error(findings)
@@ -178,7 +178,7 @@ def _check(file: JsonFile) -> Hyperparameters:
 def _unknown(where: str, key: str, written: Any) -> Finding:
     meant = closest(key, KEYS)
     remedy = f"Did you mean {meant}? Correct the key" if meant is not None else "Remove the line"
-    what = f"{shown(key)}={shown(json.dumps(written))} is no hyperparameter"
+    what = f"{shown(key)}={as_written(written)} is no hyperparameter"
     return Finding(where, what, f"{remedy}; the keys are {', '.join(KEYS)}.")
 
 

@@ -65,6 +65,11 @@ def read_json_object(data: bytes, name: str) -> JsonFile:
     return JsonFile(name, values, reader.lines)
 
 
+def as_written(value: Any) -> str:
+    """A value of such a file as it may stand in a sentence, in the letters of its author."""
+    return shown(json.dumps(value, ensure_ascii=False))
+
+
 _REMEDY = "Compare it with the file of the same kind that `dr init` writes."
 
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 
 from drcli.action_space import ActionSpace, ActionSpaceReader
 from drcli.findings import Finding, closest, one_of, settings_error, shown
-from drcli.jsonfile import JsonFile, read_json_object
+from drcli.jsonfile import JsonFile, as_written, read_json_object
 
 NETWORKS = (
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
@@ -160,7 +160,7 @@ class _Reader:
                 what = f"{shown(key)} has no meaning here"
                 self._notes.append(Finding(where, what, "Keep or remove the line."))
             else:
-                what = f"{shown(key)}={shown(json.dumps(written))} is no key of this file"
+                what = f"{shown(key)}={as_written(written)} is no key of this file"
                 self._findings.append(Finding(where, what, f"Did you mean {meant}?"))
 
     def _word(self, key: str, words: tuple[str, ...]) -> str:
@@ -245,7 +245,7 @@ class _Reader:
             number: Any = config.get(key)
             real = isinstance(number, int | float) and not isinstance(number, bool)
             if key in config and not (real and fits(number)):
-                what = f"lidar_config.{key}={shown(json.dumps(number))} does not fit"
+                what = f"lidar_config.{key}={as_written(number)} does not fit"
                 where = self._file.where("lidar_config", key)
                 self._findings.append(Finding(where, what, remedy))
         if self._findings:
@@ -254,5 +254,5 @@ class _Reader:
 
     def _reject(self, key: str, problem: str, remedy: str) -> None:
         written: Any = self._file.values.get(key)
-        what = f"{key}={shown(json.dumps(written))} {problem}"
+        what = f"{key}={as_written(written)} {problem}"
         self._findings.append(Finding(self._file.where(key), what, remedy))

@@ -31,7 +31,7 @@ def upload(report: "UploadReport") -> RenderableType:
     ]
     if report.deleted:
         verb = "would be deleted" if report.dry_run else "deleted"
-        lines.append(f"{_files(len(report.deleted))} of earlier uploads {verb}.")
+        lines.append(f"{files(len(report.deleted))} of earlier uploads {verb}.")
     if report.older:
         lines.append(
             f"Older checkpoints stay there: {len(report.older)}, {decimal(report.older_bytes)}; "
@@ -47,29 +47,34 @@ def download(report: "DownloadReport") -> RenderableType:
         f"{would} {report.source} to {report.target}: "
         f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
     ]
+    if not report.checkpoint:
+        lines.append("It has no checkpoint yet, so nobody can drive it.")
     if report.deleted:
         verb = "would be deleted" if report.dry_run else "deleted"
-        lines.append(f"{_files(len(report.deleted))} that are no part of it {verb}.")
+        lines.append(f"No part of it and {verb}: {files(len(report.deleted))}.")
     if report.strays:
-        lines.append(
-            f"{_files(len(report.strays))} that are no part of it stay there; -w deletes them."
-        )
+        lines.append(f"No part of it and still there: {files(len(report.strays))}; -w deletes.")
     lines += [f"Wrote {path}" for path in report.custom_files]
     return Text("\n".join(lines))
 
 
 def upload_increment(step: "UploadIncrement") -> RenderableType:
     """What the next upload is called."""
-    wiped = f" {_files(step.wiped)} deleted there." if step.wiped else ""
+    wiped = f" {files(step.wiped)} deleted there." if step.wiped else ""
     return Text(f"The next upload goes to {step.after}.{wiped}")
 
 
 def custom_files(report: "CustomFilesReport", *, up: bool) -> RenderableType:
     """Which of the racer's files were copied, and where to."""
     place = report.place if up else report.folder
-    lines = [*report.copied, f"{_files(len(report.copied))} copied to {place}"]
+    lines = [*report.copied, f"{files(len(report.copied))} copied to {place}"]
     lines[-1] += f", {len(report.unchanged)} unchanged." if report.unchanged else "."
     return Text("\n".join(lines))
+
+
+def files(count: int) -> str:
+    """So many files."""
+    return "1 file" if count == 1 else f"{count:,} files"
 
 
 def models(found: "ModelList") -> RenderableType:
@@ -111,8 +116,4 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
 
 def _counted(copied: list[str], size_bytes: int, unchanged: list[str]) -> str:
     same = f", {len(unchanged)} there already" if unchanged else ""
-    return f"{_files(len(copied))}, {decimal(size_bytes)}{same}"
-
-
-def _files(count: int) -> str:
-    return "1 file" if count == 1 else f"{count} files"
+    return f"{files(len(copied))}, {decimal(size_bytes)}{same}"

@@ -10,7 +10,7 @@ from drcli import sparkline
 from drcli.views_layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
-    from drcli.reward.check import RewardReport
+    from drcli.reward.check import OtherRace, RewardReport
     from drcli.reward.compare import ComparisonReport
     from drcli.reward.lint import Remark
     from drcli.reward.plot import PlotReport
@@ -23,11 +23,11 @@ _CURVE_NAME = "steady lap "
 
 def check(report: "RewardReport") -> RenderableType:
     """What a check has found out."""
-    direction = ", reversed" if report.reversed else ""
     verdict = Text("works", "bold green") if report.works else Text("does not work", "bold red")
     parts: list[RenderableType] = [
         Text.assemble((report.file, "bold"), " ", verdict),
-        Text(f"on {report.world}, {report.race_type}{direction}, {report.calls:,} calls", "dim"),
+        Text(f"on {_race(report)}", "dim"),
+        *(Text(f"and on {_race(other)}", "dim") for other in report.others),
         _facts(report),
     ]
     if any(driver.total is not None for driver in report.drivers):
@@ -96,6 +96,12 @@ def comparison(report: "ComparisonReport") -> RenderableType:
     if report.picture:
         parts.append(Text.assemble("Picture: ", (report.picture, "bold")))
     return Group(*parts)
+
+
+def _race(report: "RewardReport | OtherRace") -> str:
+    direction = ", reversed" if report.reversed else ""
+    calls = f"{report.calls:,} call{'s' * (report.calls != 1)}"
+    return f"{report.world}, {report.race_type}{direction}, {calls}"
 
 
 def _facts(report: "RewardReport") -> Table:

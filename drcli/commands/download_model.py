@@ -54,7 +54,8 @@ def download_model(
     planned = plan_download(loaded, folder, options)
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
-        console.warn(f"There are {planned.used} files at {planned.target_url} already.")
+        there = views_models.files(planned.used)
+        console.warn(f"At {planned.target_url} lies something already: {there}.")
     if not dry_run:
         console.agree("Are you sure?", yes=force)
     report = download(planned, loaded, folder, partial(console.progress, unit="bytes"))
@@ -62,10 +63,9 @@ def download_model(
     if not dry_run:
         name = planned.options.prefix
         model = f"DR_LOCAL_S3_MODEL_PREFIX={name}"
-        console.suggest(
-            [
-                (f"{model} dr-evaluate", "drive it"),
-                (f"{model} dr-start-training --resume", "go on training it"),
-                (f"dr-list-models {name}", "what it holds"),
-            ]
-        )
+        driving = [
+            (f"{model} dr-evaluate", "drive it"),
+            (f"{model} dr-start-training --resume", "go on training it"),
+            (f"dr-list-models {name}", "what it holds"),
+        ]
+        console.suggest(driving if report.checkpoint else [("dr-list-models", "all models")])

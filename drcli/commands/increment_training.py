@@ -1,11 +1,11 @@
 """`dr increment-training`."""
 
-import shlex
 from typing import Annotated
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.increment import announce, finish
 from drcli.commands.options import AsJson, Delimiter, Force
 
 
@@ -33,17 +33,10 @@ def increment_training(
     loaded, folder = settings(), working_folder()
     planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
-    console.say(f"Configuration file {step.file} will be updated.")
-    console.say(f"Incrementing model from {step.before} to {step.after}")
+    announce(step.file, step.before, step.after)
     console.agree("Are you sure?", yes=force)
     if step.wipes:
         console.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     make_increment(planned, loaded, folder)
     console.emit(step, views.increment(step), as_json=as_json)
-    console.say("Done.")
-    console.suggest(
-        [
-            ("dr-start-training", "train the new model"),
-            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
-        ]
-    )
+    finish(step.file, step.backup, ("dr-start-training", "train the new model"))

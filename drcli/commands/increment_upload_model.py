@@ -1,11 +1,11 @@
 """`dr increment-upload-model`."""
 
-import shlex
 from typing import Annotated
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
+from drcli.commands.increment import announce, finish
 from drcli.commands.options import AsJson, Delimiter, Force
 
 
@@ -34,18 +34,11 @@ def increment_upload_model(
         settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
     )
     step = planned.step
-    console.say(f"Configuration file {step.file} will be updated.")
-    console.say(f"Incrementing model from {step.before} to {step.after}")
+    announce(step.file, step.before, step.after)
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
-        console.warn(f"{step.wiped} files at {place} will be deleted.")
+        console.warn(f"{views_models.files(step.wiped)} at {place} will be deleted.")
     console.agree("Are you sure?", yes=force)
     make_upload_increment(planned, folder)
     console.emit(step, views_models.upload_increment(step), as_json=as_json)
-    console.say("Done.")
-    console.suggest(
-        [
-            ("dr-upload-model", "upload the model there"),
-            (shlex.join(["cp", str(step.backup), str(step.file)]), "take it back"),
-        ]
-    )
+    finish(step.file, step.backup, ("dr-upload-model", "upload the model there"))

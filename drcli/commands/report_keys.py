@@ -61,7 +61,11 @@ def keys_of(report: str) -> list[tuple[str, str]]:
 
 
 def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
-    meanings = {name: _sentence(text) for name, text in _ATTRIBUTE.findall(report.__doc__)}
+    meanings = {
+        name: _sentence(text)
+        for kind in report.__mro__
+        for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")
+    }
     types = get_type_hints(report)
     for field in fields(report):
         key = f"{path}{field.name}"

@@ -4,13 +4,15 @@ import faulthandler
 import math
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
+from time import monotonic, perf_counter_ns, sleep  # which racers' code may put elsewhere in time
 from typing import Any, TextIO
 
 from drcli.reward.effects import line_in
 from drcli.reward.statement import HANGS, FailureKind
-from drsim.reward import RewardFunction, RewardParams
+from drsim.blame import code_of
+from drsim.errors import RewardError
+from drsim.reward import RewardFunction, RewardParams, as_number
 
 
 class Call:
@@ -24,40 +26,31 @@ class Call:
     def __init__(self, function: RewardFunction) -> None:
         self._function = function
         # Failures are placed by the code of the function itself.
-        if hasattr(function, "__code__"):
-            self.__code__ = function.__code__
+        self.__code__ = code_of(function)
         self.took_s = 0.0
         self.returned = ""
-        self._numeric = False
-        self._raised = False
+        self._number = False
 
     def __call__(self, params: RewardParams) -> float:
-        self.returned, self._raised = "", True
-        begun_ns = time.perf_counter_ns()
+        self.returned = ""
+        begun_ns = perf_counter_ns()
         try:
             value = self._function(params)
-            self._raised = False
-        except (Exception, SystemExit):
-            raise
-        except BaseException:
-            self._raised = False  # the deadline's own; it is no exception of theirs
-            raise
         finally:
-            self.took_s = (time.perf_counter_ns() - begun_ns) / 1e9
+            self.took_s = (perf_counter_ns() - begun_ns) / 1e9
         kind = type(value)
-        own = kind.__module__ in ("builtins", "__main__")
+        self._number = as_number(value) is not None
+        own = kind.__module__ in ("builtins", self._function.__module__)
         self.returned = kind.__name__ if own else f"{kind.__module__}.{kind.__name__}"
-        self._numeric = not isinstance(value, str | bytes) and hasattr(value, "__float__")
         return value
 
-    @property
-    def blamed(self) -> FailureKind:
-        """Why the last call failed."""
-        if self._raised:
+    def blame(self, error: RewardError) -> FailureKind:
+        """Why the last call failed with this error."""
+        if error.__cause__ is not None:
             return "raises"
         if not self.returned:
             return "endless"
-        return "range" if self._numeric else "returns"
+        return "range" if self._number else "returns"
 
 
 class Guard:
@@ -76,15 +69,15 @@ class Guard:
 
     def begin(self, limit_s: float) -> None:
         """A call begins."""
-        self._deadline_s = time.monotonic() + limit_s
+        self._deadline_s = monotonic() + limit_s
 
     def end(self) -> None:
         """It is over."""
         self._deadline_s = math.inf
 
     def _watch(self) -> None:
-        while time.monotonic() < self._deadline_s:
-            time.sleep(0.5)
+        while monotonic() < self._deadline_s:
+            sleep(0.5)
         self._faults.write(f"{HANGS}\n")
         self._faults.flush()
         faulthandler.dump_traceback(self._faults)

@@ -51,8 +51,10 @@ _DIVERGING = np.array(
 """From less over equal to more."""
 
 _SHARPNESS = 2
-_PNG = b"\x89PNG\r\n\x1a\n"
 """How many times as many pixels a side are drawn as are written: edges get smooth."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+"""How every such picture begins."""
 
 
 class Canvas:
@@ -203,9 +205,7 @@ def _pixels(points: Floats | Sequence[tuple[float, float]]) -> list[tuple[float,
 
 
 def _blend(colors: Floats, share: Floats) -> NDArray[np.uint8]:
-    at = np.clip(share, 0.0, 1.0) * (len(colors) - 1)
-    low = np.minimum(at.astype(np.int64), len(colors) - 2)
-    part = (at - low)[..., None]
-    mixed = colors[low] * (1 - part) + colors[low + 1] * part
+    places = np.linspace(0.0, 1.0, len(colors))
+    mixed = np.stack([np.interp(share, places, channel) for channel in colors.T], axis=-1)
     blended: NDArray[np.uint8] = np.round(mixed).astype(np.uint8)
     return blended

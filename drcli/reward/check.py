@@ -1,11 +1,11 @@
 """Checks a reward function on the configured track, in the configured race."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.reward.drive import drive
+from drcli.reward.drive import drive, each_race
 from drcli.reward.lint import SIMULATION_STEP_S, Remark, remarks
 from drcli.reward.source import display_name, file_of
 from drcli.reward.statement import Place
@@ -88,8 +88,25 @@ class TimeReport:
 
 
 @dataclass(frozen=True)
+class OtherRace:
+    """A race of another worker that the function was tried in too.
+
+    Attributes:
+        world: The track.
+        race_type: The race.
+        reversed: Driven against the direction of the track.
+        calls: Calls that were made.
+    """
+
+    world: str
+    race_type: str
+    reversed: bool
+    calls: int
+
+
+@dataclass(frozen=True)
 class RewardReport:
-    """All that a check has found out.
+    """All that a check has found out; numbers and drivers are those of the first worker's race.
 
     Attributes:
         file: The file.
@@ -105,8 +122,9 @@ class RewardReport:
         parameters: All parameters.
         drivers: What each driver earned.
         curve: What the steady driver earned at each step.
-        errors: What ends a training or does harm.
-        warnings: What may surprise.
+        errors: What ends a training or does harm, in any race.
+        warnings: What may surprise, likewise.
+        others: Races of other workers that it was tried in too.
     """
 
     file: str
@@ -124,6 +142,7 @@ class RewardReport:
     curve: list[float | None]
     errors: list[Remark]
     warnings: list[Remark]
+    others: list[OtherRace]
 
     @property
     def works(self) -> bool:
@@ -132,10 +151,10 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on a drive over the configured track.
+    """Try a reward function on a drive over the configured track, or over that of each worker.
 
     Args:
-        settings: The track, the race and the direction.
+        settings: The tracks, the races and the directions.
         file: The file; the one that a training would take when left out.
         directory: The racer's working folder.
 
@@ -143,9 +162,12 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
         SettingsError: There is no such file or track, or the race does not fit on it.
     """
     path = file_of(settings, file)
-    course = Course.of(drive(settings))
-    [trial] = try_out([(path, display_name(path, directory))], course, directory)
-    return report(trial)
+    named = [(path, display_name(path, directory))]
+    trials: list[Trial] = []
+    for own in each_race(settings):
+        trials += try_out(named, Course.of(drive(own)), directory)
+    first, *others = map(report, trials)
+    return _with_others(first, others)
 
 
 def report(trial: Trial) -> RewardReport:
@@ -182,7 +204,29 @@ def report(trial: Trial) -> RewardReport:
         curve=trial.statement.values[0],
         errors=[remark for remark in found if remark.severity == "error"],
         warnings=[remark for remark in found if remark.severity == "warning"],
+        others=[],
     )
+
+
+def _with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
+    """A report with what other races have shown beside it."""
+    errors, warnings = list(first.errors), list(first.warnings)
+    for other in others:
+        place = f"On {other.world}, {other.race_type}: "
+        failing = {(remark.rule, remark.where) for remark in errors}
+        odd = {remark.rule for remark in warnings}
+        errors += [
+            replace(remark, message=place + remark.message)
+            for remark in other.errors
+            if (remark.rule, remark.where) not in failing
+        ]
+        warnings += [
+            replace(remark, message=place + remark.message)
+            for remark in other.warnings
+            if remark.rule not in odd
+        ]
+    races = [OtherRace(o.world, o.race_type, o.reversed, o.calls) for o in others]
+    return replace(first, errors=errors, warnings=warnings, others=races)
 
 
 def _paid(trial: Trial) -> Iterator[tuple[float, int, int]]:

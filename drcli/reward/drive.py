@@ -18,7 +18,7 @@ from drcli.reward.pilots import (
     Navigator,
     Pilot,
 )
-from drcli.worker.world import load_race, load_world
+from drcli.worker.world import load_race, load_world, race_of
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules, Status
 from drsim.race import TIME_TRIAL, Race
@@ -96,8 +96,19 @@ class Drive:
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
+def each_race(settings: Settings) -> list[Settings]:
+    """The settings of the first worker, and of all others whose track or race is another one."""
+    distinct: dict[tuple[object, ...], Settings] = {}
+    for worker in range(len(settings.overrides) + 1):
+        own = settings.for_worker(worker)
+        what = (own.world_name, race_of(own), own.train_reverse_direction)
+        how = (own.train_start_position_offset, own.train_alternate_driving_direction)
+        distinct.setdefault((*what, *how), own)
+    return list(distinct.values())
+
+
 def drive(settings: Settings) -> Drive:
-    """Let all drivers drive on the track and in the race of the settings.
+    """Let all drivers drive on the track and in the race of the settings, the first worker's.
 
     Raises:
         SettingsError: There is no such track, or the race does not fit on it.

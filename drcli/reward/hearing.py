@@ -78,7 +78,8 @@ class Hearing:
         )
         (folder / ORDER_FILE).write_text(order.model_dump_json(), "utf-8")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", _MODULE, str(folder)],
+            # -P: files of the working folder must not be taken for modules of that name.
+            [sys.executable, "-P", "-m", _MODULE, str(folder)],
             cwd=directory,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -115,11 +116,12 @@ class Hearing:
         line = int(found.group(1)) if found else None
         if code is None or trace.startswith(HANGS):
             kind, what = "endless", "a call never returns and cannot be interrupted"
-        elif code < 0 or "Fatal Python error" in trace:
-            reason = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-            kind, what = "crashes", f"a call crashes Python ({reason})"
+        elif "Fatal Python error" in trace:
+            kind, what = "crashes", f"a call crashes Python ({_reason(code)})"
+        elif code == -signal.SIGKILL:
+            kind, what = "ends", "a call ends the whole process, or has the system end it (SIGKILL)"
         else:
-            kind, what = "ends", f"a call ends the whole process (exit code {code})"
+            kind, what = "ends", f"a call ends the whole process ({_reason(code)})"
         values: list[list[float | None]] = [
             [None] * len(calls) for calls in self._questions.sequences
         ]
@@ -144,6 +146,25 @@ class Hearing:
         what = failure.what
         for place in (f" in {self._copy}, line {failure.line},", f" in {self._copy}"):
             what = what.replace(place, "")
-        return failure.model_copy(
-            update={"what": what.replace(str(self._copy), self._file.name).replace("?.", "?")}
+        what = what.replace(str(self._copy), self._file.name).replace("?.", "?")
+        remedy = self._remedy(failure.missing.partition(".")[0])
+        return failure.model_copy(update={"what": what, "remedy": remedy})
+
+    def _remedy(self, module: str) -> str:
+        """What to do about a module that is not there; nothing where all are."""
+        folder = self._file.parent
+        if not module:
+            return ""
+        if module == self._file.stem or module == self._copy.stem:
+            return "Remove the import: all that the file defines is there already."
+        if (folder / f"{module}.py").exists() or (folder / module).is_dir():
+            return f"Put what you need of {module} into {self._file.name}: trainings have no more."
+        return (
+            "Install the package that brings it where trainings run, as with `pip install "
+            f"{module}`, or do without."
         )
+
+
+def _reason(code: int) -> str:
+    """Why a process ended."""
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -56,8 +56,8 @@ def remarks(trial: Trial) -> list[Remark]:
 
 
 _RULES: dict[FailureKind, tuple[str, str]] = {
-    "load": ("loads", "Correct the file."),
-    "raises": ("works", "Correct that line; a training ends where it fails."),
+    "load": ("loads", "Correct the file, and check it again."),
+    "raises": ("works", "Correct that; a training ends where it fails."),
     "returns": (
         "type",
         "Return a number on every path, as in `return float(reward)`: a path without `return` "
@@ -68,11 +68,10 @@ _RULES: dict[FailureKind, tuple[str, str]] = {
         "Return a finite number between -100000 and 100000; guard divisions and logarithms.",
     ),
     "endless": ("time", "Look for a loop that does not end: a call may take 5 s."),
-    "ends": ("process", "Remove what ends the process, such as exit()."),
+    "ends": ("process", "Remove what ends the process, such as os._exit() or os.kill()."),
     "crashes": ("process", "Remove the call into the library that fails there."),
 }
 """Rule and remedy for each kind of failure."""
-
 
 _FATAL: tuple[FailureKind, ...] = ("load", "endless", "ends", "crashes")
 """After these there are too few values to judge what it pays for."""
@@ -81,11 +80,8 @@ _FATAL: tuple[FailureKind, ...] = ("load", "endless", "ends", "crashes")
 def _failures(trial: Trial) -> Iterator[Remark]:
     for failure in trial.statement.failures:
         rule, remedy = _RULES[failure.kind]
-        message = failure.what
-        if failure.source and failure.kind not in ("returns", "range"):
-            message += f" The line is `{failure.source}`."
-        message += _first(trial, failure)
-        yield Remark(rule, "error", _where(trial, failure.line), message, remedy)
+        message = failure.sentence + _first(trial, failure)
+        yield Remark(rule, "error", _where(trial, failure.line), message, failure.remedy or remedy)
 
 
 def _first(trial: Trial, failure: Failure) -> str:
@@ -144,7 +140,8 @@ def _effects(trial: Trial) -> Iterator[Remark]:
                 rule,
                 severity,
                 _where(trial, line),
-                f"It {words}{what} ({times:,} times in {trial.statement.made:,} calls).",
+                f"It {words}{what} ({_counted(times, 'time')} in "
+                f"{_counted(trial.statement.made, 'call')}).",
                 remedy,
             )
 
@@ -159,7 +156,7 @@ def _habits(trial: Trial) -> Iterator[Remark]:
             "prints",
             "warning",
             _where(trial, printed.line),
-            f"It prints {printed.lines / made:.1f} lines a call: {megabytes:,.0f} MB in a million "
+            f"It prints {printed.lines / made:,.1f} lines a call: {megabytes:,.0f} MB in a million "
             "steps, into the log of the worker.",
             "Print now and then only, such as at the end of a lap.",
         )
@@ -172,6 +169,15 @@ def _habits(trial: Trial) -> Iterator[Remark]:
             f"`{growing.name}` grows from call to call, by {more:.2g} each, and is never emptied: "
             "a long training runs out of memory.",
             'Empty it when an episode begins (`params["steps"] <= 2`), or keep the last few only.',
+        )
+    if statement.replaced:
+        yield Remark(
+            "replaces",
+            "error",
+            trial.name,
+            f"It puts something else in place of {', '.join(statement.replaced)}. The simulation "
+            "and other packages use that too.",
+            "Give your own function another name.",
         )
     if statement.changed:
         yield Remark(
@@ -224,13 +230,14 @@ def _speed(trial: Trial) -> Iterator[Remark]:
         return
     if timing.mean_s > _SLOW_SHARE * SIMULATION_STEP_S:
         made, size = trial.statement.made, trial.course.size
-        cut = f" Only {made:,} of {size:,} calls were made." if made < size else ""
+        verb = "was" if made == 1 else "were"
+        cut = f" Only {made:,} of {_counted(size, 'call')} {verb} made." if made < size else ""
         yield Remark(
             "costly",
             "warning",
             trial.name,
-            f"A call takes {timing.mean_s * 1e3:.2g} ms, more than the simulation of the step "
-            f"itself: a million steps take {timing.mean_s * _TRAINING_STEPS / 60:.0f} minutes "
+            f"A call takes {timing.mean_s * 1e3:,.4g} ms, more than the simulation of the step "
+            f"itself: a million steps take {timing.mean_s * _TRAINING_STEPS / 60:,.0f} minutes "
             f"longer.{cut}",
             "Work out once, outside the function, what does not change from step to step.",
         )
@@ -247,6 +254,10 @@ def _speed(trial: Trial) -> Iterator[Remark]:
 
 def _paid(value: float | None) -> str:
     return "a failure" if value is None else f"{value:.4g}"
+
+
+def _counted(count: int, thing: str) -> str:
+    return f"{count:,} {thing}{'s' * (count != 1)}"
 
 
 def _where(trial: Trial, line: int | None) -> str:

@@ -39,6 +39,8 @@ class Failure(_Frozen):
         what: One sentence without the place, for people.
         line: Line in the racer's file, where known.
         source: The text of that line, or nothing.
+        missing: The module that cannot be imported, if that is the reason.
+        remedy: What to do about it, where that is more than its kind tells.
         first: The first call that fails like this; None where it is not known.
         times: How many calls fail like this.
     """
@@ -47,8 +49,17 @@ class Failure(_Frozen):
     what: str
     line: int | None
     source: str
-    first: Place | None
+    missing: str = ""
+    remedy: str = ""
+    first: Place | None = None
     times: int
+
+    @property
+    def sentence(self) -> str:
+        """What went wrong, with the line that did it; a wrong value is the doing of none."""
+        if not self.source or self.kind in ("returns", "range"):
+            return self.what
+        return f"{self.what} The line is `{self.source}`."
 
 
 class Effect(_Frozen):
@@ -149,6 +160,7 @@ class Statement(_Frozen):
         effects: What it does beside returning a number.
         printed: What it printed.
         growing: Globals that grow for ever.
+        replaced: What of Python's own it put something else for, such as `math.sqrt`.
         changed: Parameters that it changed, with how often.
         random: A call that was answered otherwise by a fresh copy on the very same drive.
         memory: A call that was answered otherwise when the episodes came in another order.
@@ -164,6 +176,7 @@ class Statement(_Frozen):
     effects: list[Effect] = []
     printed: Printed = Printed(lines=0, characters=0, line=None, calls=0)
     growing: list[Growth] = []
+    replaced: list[str] = []
     changed: dict[str, int] = {}
     random: Difference | None = None
     memory: Difference | None = None

@@ -139,8 +139,7 @@ def refuse_failing(trial: Trial) -> None:
         if failure.first is not None and failure.first.sequence > drawn:
             continue
         where = f"{trial.name} line {failure.line}" if failure.line else trial.name
-        source = f" ({failure.source})" if failure.source else ""
         raise SettingsError(
-            f"{where}: {failure.what}{source}",
+            f"{where}: {failure.sentence}",
             remedy=f"Correct it; `dr-reward check {trial.name}` tells all that is wrong.",
         )

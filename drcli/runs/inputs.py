@@ -1,8 +1,5 @@
 """The racer's three files: found, checked, and frozen below the model prefix."""
 
-import json
-import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -10,16 +7,8 @@ from pathlib import Path
 
 from drcli.config import Settings
 from drcli.findings import Finding
-from drcli.job import Job
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.validate.report import Violation
-
-TRIAL_TIMEOUT_S = 60.0
-"""How long the trial of world and reward function may take, endless loops included."""
-
-TRIAL_RESULT = "trial.json"
-"""File in which the trial leaves what it found."""
 
 
 @dataclass(frozen=True)
@@ -115,52 +104,6 @@ def upload_custom_files(
     for file, key in places:
         if Path(file.origin).parent == local:
             bucket.put(key, file.data)
-
-
-def try_inputs(job: Job, reward: InputFile | None) -> list[Violation]:
-    """Load the worlds and try the reward function on them, in a process that can be given up.
-
-    The launcher itself never imports a racer's code.
-
-    Args:
-        job: Its settings and folder count.
-        reward: The reward function; None loads the worlds only.
-    """
-    job.folder.mkdir(parents=True, exist_ok=True)
-    result = job.folder / TRIAL_RESULT
-    result.unlink(missing_ok=True)
-    arguments: list[str] = []
-    if reward is not None:
-        path = job.folder / keys.REWARD_FUNCTION_FILE
-        path.write_bytes(reward.data)
-        arguments = [str(path), reward.origin]
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "drcli.worker.trial", *arguments],
-            env=job.to_environment(),
-            cwd=job.directory,
-            stdin=subprocess.DEVNULL,
-            # What a reward function prints may be without end.
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            errors="replace",
-            timeout=TRIAL_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        what = f"Trying the reward function took longer than {TRIAL_TIMEOUT_S:.0f} seconds."
-        return [_lost(reward, what, "Look for an endless loop in it.")]
-    if result.exists():
-        return [Violation(**fields) for fields in json.loads(result.read_text("utf-8"))]
-    if reward is None or "Traceback" in done.stderr:
-        raise RuntimeError(f"The trial of the reward function failed:\n{done.stderr}")
-    what = f"The reward function ended the process that tried it (exit code {done.returncode})."
-    return [_lost(reward, what, "Remove what ends the process, such as os._exit or os.kill.")]
-
-
-def _lost(reward: InputFile | None, message: str, remedy: str) -> Violation:
-    return Violation("V-21", "error", reward.origin if reward is not None else "", message, remedy)
 
 
 def custom_files_folder(settings: Settings, directory: Path) -> Path:

@@ -78,10 +78,15 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
     Raises:
         CheckpointGone: It has no such checkpoint, or one of its files is missing.
         SettingsError: There is no model.
-        StorageError: The model's index is damaged.
+        StorageError: The model's index is damaged, and it matters.
     """
-    scores = read_scores(bucket, prefix)
-    if scores is None:
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        if not isinstance(choice, int):
+            raise
+        scores = None
+    if scores is None and not isinstance(choice, int):
         raise SettingsError(
             f"No checkpoint file available at s3://{bucket.name}/"
             f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
@@ -149,10 +154,11 @@ def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
     return items
 
 
-def _score(scores: Scores, listed: Listing, prefix: str, choice: Choice) -> Score:
-    if choice == "best":
+def _score(scores: Scores | None, listed: Listing, prefix: str, choice: Choice) -> Score:
+    """The checkpoint that is meant; a number needs no index."""
+    if scores is not None and choice == "best":
         return scores.best_checkpoint
-    if choice == "last":
+    if scores is not None and choice == "last":
         return scores.last_checkpoint
     names = {keys.checkpoint_of(prefix, info.key) for info in listed}
     same = sorted(name for name in names if name is not None and name.number == choice)
@@ -164,7 +170,7 @@ def _score(scores: Scores, listed: Listing, prefix: str, choice: Choice) -> Scor
         )
     whole = [name for name in same if not missing_parts(listed, prefix, str(name))]
     name = str((whole or same)[-1])
-    known = (scores.best_checkpoint, scores.last_checkpoint)
+    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
     return next((score for score in known if score.name == name), Score(name, None, 0.0))
 
 

@@ -26,11 +26,19 @@ def refuse_incomplete(settings: Settings, bucket: Bucket, prefix: str) -> None:
         SettingsError: It has not.
     """
     missing = [name for name, found in _places(settings, bucket, prefix).items() if not found]
+    if missing and not bucket.list(keys.folder(prefix)):
+        raise SettingsError(
+            "Meta-data files are not found. Exiting. There is no model at "
+            f"s3://{bucket.name}/{prefix}.",
+            remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` shows "
+            "all there are.",
+        )
     if missing:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. s3://{bucket.name}/{prefix} lacks "
             f"{', '.join(missing)}.",
-            remedy="Name a model that has driven an iteration; `dr-list-models` shows all.",
+            remedy="If it is being trained, wait for its first iteration; else name another one "
+            "with -p (`dr-list-models` shows all).",
         )
 
 
@@ -55,6 +63,11 @@ def read_companions(
             if kind == METRICS:
                 name += key.removeprefix(_metrics_folder(settings, prefix, key))
             items[name] = Item(name, bucket.get(key))
+            if kind != METRICS and not items[name].data:
+                raise ObjectDamaged(
+                    f"s3://{bucket.name}/{key} is empty.",
+                    remedy="Restore it from a copy, or upload another model with -p.",
+                )
     root = keys.MODEL_METADATA_FILE
     items[root] = Item(root, items[METADATA].data)
     if bucket.exists(keys.run_note(prefix)):

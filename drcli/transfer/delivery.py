@@ -6,13 +6,19 @@ interrupted delivery is finished by making it once more.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 from drcli.errors import StorageError
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.store.proof import Proof
 from drcli.store.scores import Score, read_scores, single_score
 from drcli.transfer.choice import Item, missing_parts
+from drcli.transfer.companions import SHAPING
+from drcli.transfer.report import TransferReport
+
+Report = TypeVar("Report", bound=TransferReport)
 
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 """Names of the two objects that say which checkpoint counts, in the order of writing."""
@@ -123,7 +129,7 @@ class Delivery:
         stay = {*kept, *POINTERS}
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
-    def settle(self, score: Score, checkpoint: Sequence[Item]) -> None:
+    def settle(self, score: Score, needed: Sequence[Item]) -> None:
         """Look whether somebody else has delivered here meanwhile, and mend what that broke.
 
         Two deliveries may cross: the index of one, the pointer of the other, and files that one
@@ -132,7 +138,7 @@ class Delivery:
 
         Args:
             score: The checkpoint that this delivery has published.
-            checkpoint: Its files.
+            needed: Its files, and those without which its weights cannot be read.
 
         Raises:
             StorageError: Others keep changing it.
@@ -144,15 +150,34 @@ class Delivery:
                 named != score.name and missing_parts(listed, self._prefix, named)
             ):
                 self._point(score)
-            elif named == score.name and self._lacks(listed, checkpoint):
-                self._prove({item.name: item.data for item in checkpoint})
+            elif named == score.name and self._lacks(needed):
+                self._prove({item.name: item.data for item in needed})
             elif pointed != named:
                 self._bucket.put(keys.coach_checkpoint(self._prefix), named.encode())
             else:
                 return
-        raise StorageError(
-            f"Others keep changing s3://{self._bucket.name}/{self._prefix}.",
-            remedy="Run the command again when their uploads are done.",
+        raise self._crossed()
+
+    def confirm(self, names: Iterable[str]) -> None:
+        """Look whether objects are still what was sent; where not, nothing there counts.
+
+        Raises:
+            StorageError: Somebody else delivers another model here.
+        """
+        there = self._look()
+        sent = {name: self._proofs[name] for name in names if name in self._proofs}
+        if not all(proof.holds(self._bucket, there.get(name)) for name, proof in sent.items()):
+            self.withdraw()
+            raise self._crossed()
+
+    def told(self, report: Report) -> Report:
+        """A report with what this delivery did."""
+        return replace(
+            report,
+            copied=self.copied,
+            copied_bytes=self.copied_bytes,
+            unchanged=self.unchanged,
+            deleted=self.deleted,
         )
 
     def _look(self) -> dict[str, ObjectInfo]:
@@ -198,6 +223,19 @@ class Delivery:
             return None, None
         return (None, None) if scores is None else (scores.last_checkpoint.name, pointed)
 
-    def _lacks(self, listed: Listing, checkpoint: Sequence[Item]) -> bool:
-        sizes = {info.key.removeprefix(self._folder): info.size_bytes for info in listed}
-        return any(sizes.get(item.name) != len(item.data) for item in checkpoint)
+    def _crossed(self) -> StorageError:
+        return StorageError(
+            f"Others keep changing s3://{self._bucket.name}/{self._prefix}.",
+            remedy="Run the command again when they are done.",
+        )
+
+    def _lacks(self, needed: Sequence[Item]) -> bool:
+        """Whether one of these is not there; those whose size tells nothing are compared."""
+        there = self._look()
+        for item in needed:
+            info = there.get(item.name)
+            if info is None or info.size_bytes != len(item.data):
+                return True
+            if item.name in SHAPING and not self._proofs[item.name].holds(self._bucket, info):
+                return True
+        return False

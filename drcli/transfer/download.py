@@ -6,12 +6,14 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.runs.inputs import custom_files_folder
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import Bucket, Listing
 from drcli.store.connect import open_bucket
+from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.scores import read_scores
+from drcli.transfer.companions import SHAPING
 from drcli.transfer.custom_files import write_file
-from drcli.transfer.delivery import Delivery
-from drcli.transfer.fetching import Fetcher, list_model
+from drcli.transfer.delivery import POINTERS, Delivery
+from drcli.transfer.fetching import Fetcher, Source, list_model
 from drcli.transfer.places import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
@@ -22,6 +24,7 @@ from drcli.transfer.places import (
     refuse_training,
     source_bucket,
 )
+from drcli.transfer.report import TransferReport
 from drcli.transfer.upload import Progress
 
 
@@ -52,9 +55,7 @@ class PlannedDownload:
 
     Attributes:
         options: As they were given, the prefix without a slash at its end.
-        source_bucket: Where the model lies.
-        source: Its prefix there.
-        source_url: Both.
+        source_url: Bucket and prefix of the model.
         target_url: Bucket and prefix of the copy.
         objects: How many there are to copy.
         size_bytes: Of all of them.
@@ -62,8 +63,6 @@ class PlannedDownload:
     """
 
     options: DownloadOptions
-    source_bucket: str
-    source: str
     source_url: str
     target_url: str
     objects: int
@@ -72,32 +71,16 @@ class PlannedDownload:
 
 
 @dataclass(frozen=True)
-class DownloadReport:
+class DownloadReport(TransferReport):
     """What was done.
 
     Attributes:
-        source: The model, as an s3:// address.
-        target: The copy, the same.
-        checkpoint: Name of its last checkpoint.
-        copied: Names of the objects that were fetched, below the target.
-        copied_bytes: Their size.
-        unchanged: Names of those that were there already.
-        deleted: Names of those that -w deleted.
-        strays: Names of those that lie there and are no part of the model.
+        strays: Names of what lies at the target and is no part of the model.
         custom_files: The racer's own files that were written, by path.
-        dry_run: Whether nothing of this was really done.
     """
 
-    source: str
-    target: str
-    checkpoint: str
-    copied: list[str] = field(default_factory=list)
-    copied_bytes: int = 0
-    unchanged: list[str] = field(default_factory=list)
-    deleted: list[str] = field(default_factory=list)
     strays: list[str] = field(default_factory=list)
     custom_files: list[str] = field(default_factory=list)
-    dry_run: bool = False
 
 
 def plan_download(settings: Settings, directory: Path, options: DownloadOptions) -> PlannedDownload:
@@ -106,21 +89,17 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     Raises:
         DrError: The first thing that is wrong.
     """
-    name, source = parse_url(options.url)
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
-    there = source_bucket(
-        settings, directory, name, local=options.local, patience_s=PLAN_PATIENCE_S
-    )
-    listed = list_model(there, source)
+    source = _source(settings, directory, options, patience_s=PLAN_PATIENCE_S)
+    listed = list_model(source)
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
-    refuse_overlap((there, source), (here, options.prefix), may_write=not options.dry_run)
-    refuse_nesting(here, options.prefix, settings)
+    ends = (source.bucket, source.prefix), (here, options.prefix)
+    refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
+    refuse_nesting(here, options.prefix, settings, flag="-t")
     refuse_training(here, options.prefix)
     return PlannedDownload(
         options=options,
-        source_bucket=name,
-        source=source,
-        source_url=f"s3://{name}/{source}",
+        source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
         objects=len(listed),
         size_bytes=sum(info.size_bytes for info in listed),
@@ -137,38 +116,70 @@ def download(
         DrError: It could not be finished; making it again fetches what is missing.
     """
     options = planned.options
-    there = source_bucket(
-        settings, directory, planned.source_bucket, local=options.local, patience_s=COPY_PATIENCE_S
-    )
+    source = _source(settings, directory, options, patience_s=COPY_PATIENCE_S)
     here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
-    listed = list_model(there, planned.source)
+    listed = list_model(source)
+    delivery = Delivery(here, options.prefix, lambda more: None)
     report = DownloadReport(
         planned.source_url,
         planned.target_url,
-        _last(there, planned.source),
+        _last(source.bucket, source.prefix),
         dry_run=options.dry_run,
     )
     if options.dry_run:
-        names = [info.key.removeprefix(keys.folder(planned.source)) for info in listed]
-        return replace(report, copied=names, copied_bytes=sum(o.size_bytes for o in listed))
+        return _rehearsed(report, delivery, source, listed, options)
     with progress("Downloading model", sum(info.size_bytes for info in listed)) as watch:
-        delivery = Delivery(here, options.prefix, lambda more: None)
         delivery.withdraw()
-        fetcher = Fetcher(there, planned.source, here, options.prefix, watch)
+        fetcher = Fetcher(source, here, options.prefix, watch)
         delivery.send(fetcher.fetch(delivery, listed))
+        delivery.confirm((*SHAPING, *POINTERS))
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.sweep("", kept)
     return replace(
-        report,
+        delivery.told(report),
         checkpoint=_last(here, options.prefix),
-        copied=delivery.copied,
-        copied_bytes=delivery.copied_bytes,
-        unchanged=delivery.unchanged,
-        deleted=delivery.deleted,
         strays=[] if options.wipe else delivery.strays("", kept),
         custom_files=_write_custom_files(here, settings, directory, options),
     )
+
+
+def _rehearsed(
+    report: DownloadReport,
+    delivery: Delivery,
+    source: Source,
+    listed: Listing,
+    options: DownloadOptions,
+) -> DownloadReport:
+    """What a download would do."""
+    names = {info.key.removeprefix(keys.folder(source.prefix)): info for info in listed}
+    new = {name: info for name, info in names.items() if not delivery.has(name, info)}
+    others = delivery.strays("", names)
+    return replace(
+        report,
+        copied=list(new),
+        copied_bytes=sum(info.size_bytes for info in new.values()),
+        unchanged=delivery.unchanged,
+        deleted=others if options.wipe else [],
+        strays=[] if options.wipe else others,
+    )
+
+
+def _source(
+    settings: Settings, directory: Path, options: DownloadOptions, *, patience_s: float
+) -> Source:
+    """The model that the address names.
+
+    Raises:
+        DrError: It is no address, or its server is not known.
+    """
+    name, prefix = parse_url(options.url)
+    bucket = source_bucket(settings, directory, name, local=options.local, patience_s=patience_s)
+    command = "dr-list-models" if options.local else "dr-list-models --upload"
+    if name != (settings.bucket if options.local else settings.upload_s3_bucket):
+        names = SettingNames() if options.local else UPLOADS
+        command = f"{names.bucket}={name} {command}"
+    return Source(bucket, prefix, command)
 
 
 def _last(bucket: Bucket, prefix: str) -> str:

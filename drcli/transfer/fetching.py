@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from drcli.errors import SettingsError, StorageError
 from drcli.runs.parameters import moved_training_parameters
@@ -32,26 +33,49 @@ _SNAPSHOTS = 5
 """How often a model is listed anew that a running training changed under our hands."""
 
 
-def list_model(bucket: Bucket, prefix: str) -> Listing:
+@dataclass(frozen=True)
+class Source:
+    """A model to be fetched.
+
+    Attributes:
+        bucket: Holds it.
+        prefix: Its folder there.
+        listing: The command that lists the models of that bucket.
+    """
+
+    bucket: Bucket
+    prefix: str
+    listing: str
+
+    @property
+    def url(self) -> str:
+        """Bucket and prefix."""
+        return f"s3://{self.bucket.name}/{self.prefix}"
+
+
+def list_model(source: Source) -> Listing:
     """Everything that belongs to a model.
 
     Raises:
         SettingsError: There is none.
     """
-    folder = keys.folder(prefix)
+    folder = keys.folder(source.prefix)
     listed = [
         info
-        for info in bucket.list(folder)
+        for info in source.bucket.list(folder)
         if info.key.removeprefix(folder) not in TRANSIENT and not info.key.endswith("/")
     ]
-    there = {info.key.removeprefix(folder) for info in listed}
-    needed = (keys.REWARD_FUNCTION_FILE, HYPERPARAMETERS, METADATA)
-    missing = [name for name in needed if name not in there]
-    if missing:
+    sizes = {info.key.removeprefix(folder): info.size_bytes for info in listed}
+    wrong = [
+        f"{name} is {'empty' if name in sizes else 'missing'}"
+        for name in (keys.REWARD_FUNCTION_FILE, HYPERPARAMETERS, METADATA)
+        if not sizes.get(name)
+    ]
+    if wrong:
+        why = ", ".join(wrong) if listed else "There is nothing"
         raise SettingsError(
-            f"Meta-data files are not found. Source model s3://{bucket.name}/{prefix} not valid. "
-            f"Exiting. It lacks {', '.join(missing)}.",
-            remedy="Correct the address after -s; `dr-list-models --upload` shows all models.",
+            f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
+            remedy=f"Correct the address after -s; `{source.listing}` shows all models there.",
         )
     return listed
 
@@ -59,10 +83,10 @@ def list_model(bucket: Bucket, prefix: str) -> Listing:
 class Fetcher:
     """Brings the objects of one model to another bucket."""
 
-    def __init__(self, there: Bucket, source: str, here: Bucket, target: str, watch: Watch) -> None:
-        self._there = there
+    def __init__(self, source: Source, here: Bucket, target: str, watch: Watch) -> None:
         self._source = source
-        self._folder = keys.folder(source)
+        self._there = source.bucket
+        self._folder = keys.folder(source.prefix)
         self._here = here
         self._target = target
         self._watch = watch
@@ -92,10 +116,10 @@ class Fetcher:
             if not missing:
                 return pointers
             done = {*delivery.copied, *delivery.unchanged}
-            listed = [o for o in list_model(self._there, self._source) if self._name(o) not in done]
+            listed = [o for o in list_model(self._source) if self._name(o) not in done]
         raise StorageError(
-            f"s3://{self._there.name}/{self._source} names a checkpoint that cannot be fetched "
-            f"whole: {missing[0]} is missing.",
+            f"{self._source.url} names a checkpoint that cannot be fetched whole: {missing[0]} is "
+            "missing.",
             remedy="If it is being trained, run the command again; otherwise fetch another model.",
         )
 
@@ -131,12 +155,21 @@ class Fetcher:
         """
         listed = self._here.list(keys.model_folder(self._target))
         missing: list[str] = []
-        for name in sorted(_named(pointers, self._source)):
+        for name in sorted(_named(pointers, self._source.url)):
             missing += missing_parts(listed, self._target, name)
             record = keys.checkpoint_record(self._target, name)
             if not missing and any(info.key == record for info in listed):
-                CheckpointStore(self._here, self._target).load(name)
+                self._check(name)
         return missing
+
+    def _check(self, name: str) -> None:
+        try:
+            CheckpointStore(self._here, self._target).load(name)
+        except ObjectDamaged as e:
+            raise ObjectDamaged(
+                f"Checkpoint {name} of {self._source.url} is damaged there. {e}",
+                remedy="Restore it there, or fetch another model.",
+            ) from e
 
 
 def _named(pointers: list[Item], source: str) -> set[str]:

@@ -114,5 +114,5 @@ def _count(settings: Settings, directory: Path) -> int:
     refuse_training(there, prefix)
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
         here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
-        refuse_overlap((here, settings.model_prefix), (there, prefix), may_write=True)
+        refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
     return len(there.list(keys.folder(prefix)))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
+from drcli.findings import shown
 from drcli.runs import lease
 from drcli.runs.prefix import contains
 from drcli.store import keys
@@ -30,8 +31,17 @@ _ADDRESS = SettingNames(bucket="-s", prefix="-s")
 _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
 
 
-def target_bucket(settings: Settings, directory: Path, *, local: bool, patience_s: float) -> Bucket:
+def target_bucket(
+    settings: Settings, directory: Path, *, local: bool, patience_s: float, otherwise: str = ""
+) -> Bucket:
     """The bucket of uploads, or our own.
+
+    Args:
+        settings: Say where both are.
+        directory: The racer's working folder.
+        local: Our own.
+        patience_s: How long calls wait for a server that does not answer.
+        otherwise: What else to do where there is no bucket of uploads, beginning with "or".
 
     Raises:
         SettingsError: There is none.
@@ -42,8 +52,7 @@ def target_bucket(settings: Settings, directory: Path, *, local: bool, patience_
     if settings.upload_s3_bucket in ("", UNDEFINED):
         raise SettingsError(
             "No upload bucket defined. Exiting.",
-            remedy="Set DR_UPLOAD_S3_BUCKET in system.env. Uploads and downloads stay in the local "
-            "bucket with -L.",
+            remedy=f"Set DR_UPLOAD_S3_BUCKET in system.env{f', {otherwise}' if otherwise else ''}.",
         )
     return open_upload_bucket(settings, patience_s=patience_s)
 
@@ -59,7 +68,13 @@ def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> B
         found = open_running_bucket(settings, directory)
         if found is not None:
             return found
-    return target_bucket(settings, directory, local=not upload, patience_s=PLAN_PATIENCE_S)
+    return target_bucket(
+        settings,
+        directory,
+        local=not upload,
+        patience_s=PLAN_PATIENCE_S,
+        otherwise="or list the local bucket with `dr-list-models`",
+    )
 
 
 def source_bucket(
@@ -84,7 +99,8 @@ def parse_url(url: str) -> tuple[str, str]:
     prefix = found[2].strip("/") if found else ""
     if found is None or not keys.is_valid_prefix(prefix):
         raise SettingsError(
-            f"{url} is no address of a model.", remedy="Write it as s3://bucket/team/model-1."
+            f"-s '{shown(url)}' is no address of a model.",
+            remedy="Write it as s3://bucket/team/model-1.",
         )
     return found[1], prefix
 
@@ -98,20 +114,21 @@ def checked_prefix(prefix: str, flag: str) -> str:
     plain = prefix.rstrip("/")
     if not keys.is_valid_prefix(plain):
         raise SettingsError(
-            f"{flag} {prefix!a} cannot be the name of a model.",
+            f"{flag} '{shown(prefix)}' cannot be the name of a model.",
             remedy="Use letters, digits and . _ - and / between folders, as in team/model-1.",
         )
     return plain
 
 
 def refuse_overlap(
-    source: tuple[Bucket, str], target: tuple[Bucket, str], *, may_write: bool
+    source: tuple[Bucket, str], target: tuple[Bucket, str], *, flag: str, may_write: bool
 ) -> None:
     """Refuse to copy a model onto itself, or into its own folder.
 
     Args:
         source: Bucket and prefix.
         target: The same.
+        flag: Chooses the prefix of the target.
         may_write: Whether an object may be put at the target to see whether it shows at the
             source: one server can have many addresses.
 
@@ -126,17 +143,22 @@ def refuse_overlap(
     if before == after:
         raise SettingsError(
             "Target equals source. Exiting.",
-            remedy="Choose another prefix with --to or `dr-set-upload-model PREFIX`, or another "
-            "bucket.",
+            remedy=f"Choose another prefix with {flag}.",
         )
     raise SettingsError(
         f"{after} is not beside {before}, and wiping one would delete the other.",
-        remedy="Choose another prefix.",
+        remedy=f"Choose another prefix with {flag}.",
     )
 
 
-def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings) -> None:
+def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings, *, flag: str) -> None:
     """Refuse a copy in our own bucket that lies inside something else, or around it.
+
+    Args:
+        bucket: Our own.
+        prefix: Of the copy.
+        settings: Name the racer's own files.
+        flag: Chooses the prefix.
 
     Raises:
         SettingsError: It would share a folder with another model or with the racer's own files.
@@ -146,7 +168,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings) -> None:
         raise SettingsError(
             f"{prefix} is not beside {own}, which holds your own files "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
-            remedy="Choose another prefix.",
+            remedy=f"Choose another prefix with {flag}.",
         )
     above = ["/".join(prefix.split("/")[:depth]) for depth in range(1, prefix.count("/") + 1)]
     models = [model for model in above if bucket.exists(keys.coach_checkpoint(model))]
@@ -160,7 +182,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings) -> None:
     if models:
         raise SettingsError(
             f"{prefix} is not beside the model {models[0]}, and wiping one would delete the other.",
-            remedy="Choose another prefix.",
+            remedy=f"Choose another prefix with {flag}.",
         )
 
 

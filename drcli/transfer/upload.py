@@ -30,6 +30,7 @@ from drcli.transfer.places import (
     refuse_training,
     target_bucket,
 )
+from drcli.transfer.report import TransferReport
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a bar while its context lasts: takes what is done and how many bytes there are."""
@@ -80,37 +81,21 @@ class PlannedUpload:
     target_url: str
 
 
-@dataclass(frozen=True)
-class UploadReport:
+@dataclass(frozen=True, kw_only=True)
+class UploadReport(TransferReport):
     """What was done.
 
     Attributes:
-        source: The model, as an s3:// address.
-        target: The copy, the same.
         choice: last, best, or the number that was asked for.
-        checkpoint: Its name.
-        metric: How it was evaluated; None where it was not.
-        copied: Names of the objects that were sent, below the target.
-        copied_bytes: Their size.
-        unchanged: Names of those that were there already.
-        deleted: Names of those that -w deleted.
+        metric: How the checkpoint was evaluated; None where it was not.
         older: Checkpoints of earlier uploads that still lie there.
         older_bytes: Their size.
-        dry_run: Whether nothing of this was really done.
     """
 
-    source: str
-    target: str
     choice: str
-    checkpoint: str
     metric: float | None
-    copied: list[str] = field(default_factory=list)
-    copied_bytes: int = 0
-    unchanged: list[str] = field(default_factory=list)
-    deleted: list[str] = field(default_factory=list)
     older: list[str] = field(default_factory=list)
     older_bytes: int = 0
-    dry_run: bool = False
 
 
 def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> PlannedUpload:
@@ -123,15 +108,21 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
     target = source if options.prefix else settings.upload_s3_prefix
     if options.to:
         target = checked_prefix(options.to, "--to")
-    there = target_bucket(settings, directory, local=options.local, patience_s=PLAN_PATIENCE_S)
+    there = target_bucket(
+        settings,
+        directory,
+        local=options.local,
+        patience_s=PLAN_PATIENCE_S,
+        otherwise="or upload into the local bucket with -L",
+    )
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
-    there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
-    refuse_overlap((here, source), (there, target), may_write=not options.dry_run)
-    if options.local:
-        refuse_nesting(there, target, settings)
-    refuse_training(there, target)
     refuse_incomplete(settings, here, source)
     chosen = choose(here, source, options.choice)
+    there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
+    refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
+    if options.local:
+        refuse_nesting(there, target, settings, flag="--to")
+    refuse_training(there, target)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
     return PlannedUpload(options, chosen, source, target, *places)
 
@@ -165,15 +156,7 @@ def upload(
         delivery = Delivery(there, planned.target, watch)
         _deliver(delivery, there, planned, chosen, checkpoint, shared)
     older, older_bytes = _older(there, planned.target, chosen.name)
-    return replace(
-        report,
-        copied=delivery.copied,
-        copied_bytes=delivery.copied_bytes,
-        unchanged=delivery.unchanged,
-        deleted=delivery.deleted,
-        older=older,
-        older_bytes=older_bytes,
-    )
+    return replace(delivery.told(report), older=older, older_bytes=older_bytes)
 
 
 def _deliver(
@@ -187,14 +170,15 @@ def _deliver(
     """Data first, pointers last; what is there stays usable as long as it can."""
     if chosen.name in _named(there, planned.target) and any(map(delivery.differs, checkpoint)):
         delivery.withdraw()  # another model's checkpoint of the same name: one of them must go
+    shaping = [item for item in shared if item.name in SHAPING]
     delivery.send(checkpoint)
-    if any(delivery.differs(item) for item in shared if item.name in SHAPING):
+    if any(map(delivery.differs, shaping)):
         delivery.withdraw()  # the checkpoint there cannot be read with what comes now
     delivery.send(shared)
     delivery.publish(chosen.score)
     if planned.options.wipe:
         delivery.sweep("model/", kept=())
-    delivery.settle(chosen.score, checkpoint)
+    delivery.settle(chosen.score, [*checkpoint, *shaping])
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
@@ -239,15 +223,9 @@ def _named(there: Bucket, prefix: str) -> set[str]:
         scores = read_scores(there, prefix)
     except ObjectDamaged:
         return names
-    return (
-        names
-        if scores is None
-        else names
-        | {
-            scores.best_checkpoint.name,
-            scores.last_checkpoint.name,
-        }
-    )
+    if scores is None:
+        return names
+    return names | {scores.best_checkpoint.name, scores.last_checkpoint.name}
 
 
 def _older(there: Bucket, prefix: str, name: str) -> tuple[list[str], int]:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from math import gcd
 
 from drcli.config import Settings
@@ -20,6 +21,12 @@ CONSOLE_ACTIONS = 2
 
 LAP = 1.0
 """What (episodes / workers) x advance has to be, so that every evaluation starts at one place."""
+
+_ROUNDING = 1e-4
+"""What a decimal fraction such as 0.0333333 may be off."""
+
+MOST_EPISODES = 100
+"""An iteration has no more."""
 
 
 def review_names(settings: Settings, *, console: bool) -> Iterator[Violation]:
@@ -64,7 +71,7 @@ def review_actions(
         if not CONSOLE_SPEED_MPS[0] <= space.low[1] <= space.high[1] <= CONSOLE_SPEED_MPS[1]:
             yield Violation(
                 "V-32",
-                _severity(console),
+                "warning",
                 where,
                 f"action_space.speed from {space.low[1]:g} to {space.high[1]:g} is outside of what "
                 "the console takes.",
@@ -73,7 +80,7 @@ def review_actions(
     elif len(space.values) < CONSOLE_ACTIONS:
         yield Violation(
             "V-32",
-            _severity(console),
+            "warning",
             where,
             "action_space has a single action, and the console takes from 2 to 30.",
             "Add an action.",
@@ -91,25 +98,32 @@ def review_actions(
         yield from _sac(parameters, workers, where, _severity(console))
 
 
+def as_console(item: Violation) -> Violation:
+    """The same where the console counts: actions beyond its limits are refused there."""
+    return replace(item, severity="error") if item.rule == "V-32" else item
+
+
 def review_balance(
     settings: Settings, parameters: Hyperparameters, origin: str
 ) -> Iterator[Violation]:
     """V-42 and V-45: episodes, workers and starts that go into each other."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     advance = settings.train_round_robin_advance_dist
+    if workers > episodes:
+        return  # an error of its own
     if episodes % workers:
-        lower, upper = episodes // workers * workers, (episodes // workers + 1) * workers
+        around = (episodes // workers * workers, (episodes // workers + 1) * workers)
         yield Violation(
             "V-45",
             "warning",
             settings.source("DR_WORKERS"),
             f"DR_WORKERS={workers} does not divide num_episodes_between_training={episodes} in "
             f"{origin}: some workers drive an episode more than others.",
-            f"Write {' or '.join(str(n) for n in (lower, upper) if n)} episodes, or "
+            f"Write {' or '.join(str(n) for n in around if n <= MOST_EPISODES)} episodes, or "
             f"DR_WORKERS={gcd(episodes, workers)}.",
         )
     lap = episodes / workers * advance
-    if settings.train_change_start_position and abs(lap - LAP) > 1e-6:
+    if settings.train_change_start_position and abs(lap - LAP) > _ROUNDING:
         yield Violation(
             "V-42",
             "warning",
@@ -125,7 +139,7 @@ def review_balance(
 def _better_episodes(workers: int, advance: float) -> str:
     """The other way out of V-42, where it is a whole number of episodes."""
     episodes = workers / advance if advance else 0.0
-    if not 1 <= episodes <= 100 or abs(episodes - round(episodes)) > 1e-6:
+    if not 1 <= episodes <= MOST_EPISODES or abs(episodes - round(episodes)) > 1e-6:
         return ""
     return f", or num_episodes_between_training={round(episodes)}"
 

@@ -14,7 +14,7 @@ from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.validate.elsewhere import review_actions, review_balance, review_names
+from drcli.validate.elsewhere import as_console, review_actions, review_balance, review_names
 from drcli.validate.examination import FILE_RULES, Examined, Plans, examine
 from drcli.validate.machine import review_gpu, review_memory
 from drcli.validate.parameters import review_parameters
@@ -74,9 +74,7 @@ def _with_settings(
                 "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID.",
             )
         )
-    bucket = _bucket(reviewed, settings, found, skipped)
-    if bucket is not None and not trains:
-        found += review_rivals(settings, bucket)
+    bucket = _bucket(reviewed, settings, found, skipped, trains=trains)
     files = _files(settings, bucket, found, skipped)
     examined = _examined(settings, files, bucket, found, skipped, trains=trains)
     found += review_names(settings, console=console)
@@ -86,6 +84,8 @@ def _with_settings(
     if metadata is not None:
         where = files[keys.MODEL_METADATA_FILE].origin
         found += review_actions(metadata, parameters, settings, where, console=console)
+    if console:
+        found = [as_console(item) for item in found]
     if parameters is not None:
         found += review_balance(settings, parameters, files[keys.HYPERPARAMETERS_FILE].origin)
     found += review_memory(settings, parameters, metadata)
@@ -93,7 +93,12 @@ def _with_settings(
 
 
 def _bucket(
-    reviewed: SettingsReview, settings: Settings, found: list[Violation], skipped: list[Skipped]
+    reviewed: SettingsReview,
+    settings: Settings,
+    found: list[Violation],
+    skipped: list[Skipped],
+    *,
+    trains: bool,
 ) -> Bucket | None:
     """The bucket, if it can be used; what is wrong with it goes to the findings."""
     if not reviewed.whole:
@@ -104,6 +109,8 @@ def _bucket(
         bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
         bucket.probe()
         wrong = probe(bucket)
+        if not trains:
+            wrong += review_rivals(settings, bucket)
     except StorageError as error:
         place = settings.source("DR_CLOUD")
         wrong = [Violation("V-50", "error", place, str(error), error.remedy)]
@@ -119,9 +126,12 @@ def _files(
 ) -> dict[str, InputFile]:
     try:
         files = find(settings, settings.directory, bucket)
-    except (OSError, StorageError) as error:
+    except OSError as error:
         remedy = "Make your files readable for yourself."
         found.append(Violation("V-02", "error", "", f"{error}.", remedy))
+        files = {}
+    except StorageError as error:
+        found.append(Violation("V-50", "error", "", str(error), error.remedy))
         files = {}
     if bucket is None:
         unseen = [name for name in FILE_RULES if name not in files]

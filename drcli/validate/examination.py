@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from drcli.config import Settings
 from drcli.job import Job
 from drcli.runs.design import Design
-from drcli.runs.inputs import InputFile, Inputs, missing_files, try_inputs
+from drcli.runs.inputs import InputFile, Inputs, missing_files
 from drcli.runs.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -16,6 +16,7 @@ from drcli.validate.parameters import ParametersReview, review_parameters
 from drcli.validate.report import Violation
 from drcli.validate.reward import Source, read_source, review_source
 from drcli.validate.storage import review_fit, review_prefix, review_pretrained
+from drcli.validate.trial import try_inputs
 
 FILE_RULES = {
     keys.REWARD_FUNCTION_FILE: "V-02",

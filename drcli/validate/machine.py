@@ -72,7 +72,7 @@ def review_memory(
 
 
 def review_gpu() -> Iterator[Violation]:
-    """Room on the first GPU, where there is one."""
+    """Room on one of the GPUs, where there are any."""
     program = shutil.which("nvidia-smi")
     if program is None:
         return

@@ -102,6 +102,8 @@ def hyperparameter_rule(finding: Finding) -> str:
 def metadata_rule(finding: Finding) -> str:
     """Which rule a finding in model_metadata.json is about."""
     key = key_of(finding)
+    if finding.what.startswith("the indices of"):
+        return "V-30"
     if "has no meaning" in finding.what or "is no key of this file" in finding.what:
         return "V-03"
     if "is beyond what the car does" in finding.what or finding.what.endswith("learn slowly"):

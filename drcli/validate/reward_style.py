@@ -97,7 +97,7 @@ def _style(source: Source, severity: Severity) -> Iterator[Violation]:
             if text.startswith("E") and not text.startswith(UNTOLD):
                 remarks.setdefault(text, []).append(line_number)
 
-    style = pycodestyle.StyleGuide(reporter=Remarks)
+    style = pycodestyle.StyleGuide(reporter=Remarks, ignore=list(UNTOLD))
     lines = source.text.splitlines(keepends=True)
     pycodestyle.Checker(
         source.name, lines=lines, options=style.options, report=Remarks(style.options)

@@ -111,8 +111,8 @@ RULES: tuple[Rule, ...] = (
         "reward",
         "`reward_function(params)` has exactly one parameter and returns a finite float from "
         "-1e5 to 1e5",
-        "error; other numbers than float, and parameters with defaults: warning, error for "
-        "the console",
+        "error; other numbers than float: warning; parameters with defaults: warning, error "
+        "for the console",
     ),
     Rule(
         "V-21",
@@ -145,7 +145,7 @@ RULES: tuple[Rule, ...] = (
         "metadata",
         "a list of actions has `steering_angle` and `speed` in each; `index`, if given, "
         "counts from 0",
-        "error; an action that stands twice: warning",
+        "error; an action that stands twice, indices in another order: warning",
     ),
     Rule(
         "V-31",
@@ -158,7 +158,7 @@ RULES: tuple[Rule, ...] = (
         "V-32",
         "metadata",
         "steering within 30 degrees, speed 0.1 to 4 m/s (0.5 to 4 for ranges), 2 to 30 actions",
-        "warning; ranges and single actions: error for the console",
+        "warning; error for the console",
     ),
     Rule(
         "V-33",

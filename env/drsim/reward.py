@@ -1,21 +1,20 @@
 """The user's reward function: loading it, calling it safely, and naming the line that failed."""
 
-import contextlib
 import importlib.util
 import inspect
 import linecache
-import signal
+import math
+import os
 import sys
-import threading
-import time
-import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import repeat
 from pathlib import Path
-from types import CodeType, FrameType, ModuleType, TracebackType
+from types import CodeType, ModuleType
 from typing import Any, NoReturn
 
+from drsim.blame import code_of, described, line_in, place, quoted, shown, source
 from drsim.errors import RewardError
+from drsim.guard import DeadlinePassed, alarm, end_copy_of
 
 RewardParams = dict[str, Any]
 RewardFunction = Callable[[RewardParams], float]
@@ -48,19 +47,12 @@ def load_reward_function(path: Path) -> RewardFunction:
 
     Raises:
         RewardError: The file is missing, does not parse, fails while it is imported, or has no
-            function of that name that takes one argument.
+            function of that name that takes one argument and returns a value of its own.
     """
+    text = _read(path)
     try:
-        source = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise RewardError(
-            f"The reward function cannot be read: {path} ({error.strerror}).", file=path
-        ) from error
-    except UnicodeDecodeError as error:
-        raise RewardError(f"{path} is not a text file in UTF-8: {error}.", file=path) from error
-    try:
-        code = compile(source, str(path), "exec")
-    except (SyntaxError, ValueError) as error:
+        code = compile(text, str(path), "exec")
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         _raise_syntax(path, error)
     module = _run_module(path, code)
     function = getattr(module, _FUNCTION_NAME, None)
@@ -70,6 +62,7 @@ def load_reward_function(path: Path) -> RewardFunction:
             file=path,
         )
     _check_arity(path, function)
+    _check_kind(path, function)
     checked: RewardFunction = function
     return checked
 
@@ -104,21 +97,44 @@ def checked_rewards(
             finite number within +-1e5. Carries the place and the parameters.
     """
     rewards = []
+    process = os.getpid()
     each = repeat(functions) if callable(functions) else functions
-    with _alarm() as arm:
+    with alarm() as arm:
         for params, function in zip(calls, each, strict=False):
             arm(deadline_s)
             try:
-                value = function(params)
+                try:
+                    value = function(params)
+                finally:
+                    end_copy_of(process)
                 # Most functions return a float within the limits: one comparison, no call.
                 if type(value) is not float or not -REWARD_LIMIT <= value <= REWARD_LIMIT:
                     value = _number(value)
-            except (Exception, SystemExit, _DeadlinePassed) as error:
+            except KeyboardInterrupt:
+                raise  # whoever sits at the keyboard wants to end
+            except BaseException as error:
                 arm(0.0)
                 _raise_failed(function, params, error, deadline_s)
             rewards.append(value)
         arm(0.0)
     return rewards
+
+
+def as_number(value: object) -> float | None:
+    """A float of what a reward function returned; infinite where it is too large for one.
+
+    Returns:
+        None for what is no number: text, complex numbers, arrays of several. Booleans and integers
+        are numbers.
+    """
+    if isinstance(value, str | bytes | complex) or not hasattr(value, "__float__"):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except Exception:  # whatever a class of theirs raises
+        return None
 
 
 def centre_line_reward(params: RewardParams) -> float:
@@ -134,12 +150,23 @@ def centre_line_reward(params: RewardParams) -> float:
     return 0.001
 
 
-class _DeadlinePassed(BaseException):
-    """Raised inside the user's function; no `except Exception` of theirs may swallow it."""
-
-
 class _NoRewardError(Exception):
     """The value returned is no reward; the text says why."""
+
+
+def _read(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RewardError(
+            f"The reward function cannot be read: {path} ({error.strerror}).", file=path
+        ) from error
+    try:
+        return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        what = f"holds byte 0x{data[error.start]:02x}, which is no UTF-8"
+        raise _refused(f"The reward function{place(path, line)} {what}.", path, line) from error
 
 
 def _run_module(path: Path, code: CodeType) -> ModuleType:
@@ -151,18 +178,23 @@ def _run_module(path: Path, code: CodeType) -> ModuleType:
     # Dataclasses and pickling look their module up by name.
     sys.modules[_MODULE_NAME] = module
     linecache.checkcache(str(path))
+    process = os.getpid()
     try:
-        with _alarm() as arm:
+        with alarm() as arm:
             arm(_IMPORT_DEADLINE_S)
-            exec(code, module.__dict__)
-    except (Exception, SystemExit, _DeadlinePassed) as error:
-        line = _line_in(str(path), error.__traceback__)
-        raise RewardError(
-            f"The reward function{_place(path, line)} fails while it is imported: "
-            f"{_described(error)}.{_quoted(path, line)}",
-            file=path,
-            line=line,
-            source=_source(path, line),
+            try:
+                exec(code, module.__dict__)
+            finally:
+                end_copy_of(process)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        line = line_in(str(path), error.__traceback__)
+        what = "it does not end" if isinstance(error, DeadlinePassed) else described(error)
+        raise _refused(
+            f"The reward function{place(path, line)} fails while it is imported: {what}.",
+            path,
+            line,
         ) from error
     return module
 
@@ -170,67 +202,49 @@ def _run_module(path: Path, code: CodeType) -> ModuleType:
 def _check_arity(path: Path, function: Callable[..., Any]) -> None:
     try:
         inspect.signature(function).bind({})
-    except TypeError as error:
-        line = function.__code__.co_firstlineno if inspect.isfunction(function) else None
-        raise RewardError(
-            f"`{_FUNCTION_NAME}`{_place(path, line)} must take exactly one argument, params."
-            f"{_quoted(path, line)}",
-            file=path,
-            line=line,
-            source=_source(path, line),
-        ) from error
+    except (TypeError, ValueError) as error:  # some functions in C cannot tell
+        code = code_of(function)
+        line = code.co_firstlineno if code is not None else None
+        what = "must take exactly one argument, params"
+        raise _refused(f"`{_FUNCTION_NAME}`{place(path, line)} {what}.", path, line) from error
 
 
-def _raise_syntax(path: Path, error: SyntaxError | ValueError) -> NoReturn:
+def _check_kind(path: Path, function: Callable[..., Any]) -> None:
+    """Refuse what Python never carries out by calling it."""
+    if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
+        why = "begins with `async`"
+    elif inspect.isgeneratorfunction(function):
+        why = "holds `yield`"
+    else:
+        return
+    line = function.__code__.co_firstlineno
+    raise _refused(
+        f"`{_FUNCTION_NAME}`{place(path, line)} {why}, so that calling it returns no number. "
+        "Write `def` and `return`.",
+        path,
+        line,
+    )
+
+
+def _raise_syntax(path: Path, error: Exception) -> NoReturn:
     line = error.lineno if isinstance(error, SyntaxError) else None
-    what = error.msg if isinstance(error, SyntaxError) else str(error)
-    raise RewardError(
-        f"The reward function{_place(path, line)} is not valid Python: {what}."
-        f"{_quoted(path, line)}",
-        file=path,
-        line=line,
-        source=_source(path, line),
+    what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
+    raise _refused(
+        f"The reward function{place(path, line)} is not valid Python: {what}.", path, line
     ) from error
 
 
-@contextlib.contextmanager
-def _alarm() -> Iterator[Callable[[float], None]]:
-    """Install the timer once for many calls; yields the function that winds it, 0 stops it."""
-    usable = hasattr(signal, "setitimer") and (
-        threading.current_thread() is threading.main_thread()
+def _refused(what: str, path: Path, line: int | None) -> RewardError:
+    """A file that cannot be used, with the line in question."""
+    return RewardError(
+        f"{what}{quoted(path, line)}", file=path, line=line, source=source(path, line)
     )
-    if not usable:
-        yield lambda _: None
-        return
-    handler_before = signal.signal(signal.SIGALRM, _on_alarm)
-    since = time.monotonic()
-    left_s, interval_s = signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-    def arm(seconds: float) -> None:
-        signal.setitimer(signal.ITIMER_REAL, seconds)
-
-    try:
-        yield arm
-    finally:
-        arm(0.0)
-        signal.signal(signal.SIGALRM, handler_before)
-        if left_s:  # somebody else's timer ran before: it goes on, less the time we took
-            rest_s = max(left_s - (time.monotonic() - since), 1e-3)
-            signal.setitimer(signal.ITIMER_REAL, rest_s, interval_s)
-
-
-def _on_alarm(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise _DeadlinePassed
 
 
 def _number(value: object) -> float:
-    """A float of what a reward function returned. Booleans and integers pass, text does not."""
-    if isinstance(value, str | bytes) or not hasattr(value, "__float__"):
-        raise _NoRewardError(f"it returned {value!r}, which is not a number")
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise _NoRewardError(f"it returned {value!r}, which is not a number") from error
+    number = as_number(value)
+    if number is None:
+        raise _NoRewardError(f"it returned {shown(value)}, which is not a number")
     if not -REWARD_LIMIT <= number <= REWARD_LIMIT:  # false for NaN as well
         raise _NoRewardError(f"it returned {number}; rewards must lie between -100000 and 100000")
     return number
@@ -239,54 +253,25 @@ def _number(value: object) -> float:
 def _raise_failed(
     function: RewardFunction, params: RewardParams, error: BaseException, deadline_s: float
 ) -> NoReturn:
-    code = getattr(function, "__code__", None)
+    code = code_of(function)
     path = Path(code.co_filename) if code else None
-    line = _line_in(code.co_filename, error.__traceback__) if code else None
+    line = line_in(code.co_filename, error.__traceback__) if code else None
     if isinstance(error, _NoRewardError):
         line = code.co_firstlineno if code else None
         what = str(error)
-    elif isinstance(error, _DeadlinePassed):
+    elif isinstance(error, DeadlinePassed):
         what = f"it did not return within {deadline_s:g} s, an endless loop?"
     else:
-        what = _described(error)
+        what = described(error)
     short = _compact(params)
     raise RewardError(
-        f"The reward function{_place(path, line)} failed: {what}.{_quoted(path, line)}\n"
+        f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}\n"
         f"  params = {short}",
         file=path,
         line=line,
-        source=_source(path, line),
+        source=source(path, line),
         params=short,
-    ) from (None if isinstance(error, _NoRewardError | _DeadlinePassed) else error)
-
-
-def _line_in(filename: str, trace: TracebackType | None) -> int | None:
-    """The deepest line of the user's file in a traceback: their code, not the library's."""
-    lines = [
-        line for frame, line in traceback.walk_tb(trace) if frame.f_code.co_filename == filename
-    ]
-    return lines[-1] if lines else None
-
-
-def _described(error: BaseException) -> str:
-    if isinstance(error, _DeadlinePassed):
-        return "it does not end"
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-
-
-def _place(path: Path | None, line: int | None) -> str:
-    if path is None:
-        return ""
-    return f" in {path}, line {line}," if line else f" in {path}"
-
-
-def _source(path: Path | None, line: int | None) -> str:
-    return linecache.getline(str(path), line).strip() if path and line else ""
-
-
-def _quoted(path: Path | None, line: int | None) -> str:
-    source = _source(path, line)
-    return f"\n  {source}" if source else ""
+    ) from (None if isinstance(error, _NoRewardError | DeadlinePassed) else error)
 
 
 def _compact(params: RewardParams) -> RewardParams:

@@ -172,6 +172,11 @@ def test_broken_json_is_named_with_file_line_and_column(text, sentence):
     assert refusal.value.remedy
 
 
+def test_a_value_is_told_in_the_letters_it_was_written_in():
+    with pytest.raises(SettingsError, match='loss_type="größe" is none of'):
+        Hyperparameters.from_bytes('{"loss_type": "größe"}'.encode())
+
+
 def test_everything_wrong_is_reported_at_once():
     with pytest.raises(SettingsError) as refusal:
         Hyperparameters.from_bytes(b'{"lr": 1,\n"num_epoch": 3,\n"stack_size": 0}')

@@ -1,6 +1,7 @@
 """The reward guard: what a user's function may do wrong, and what the message then says."""
 
 import signal
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -31,8 +32,23 @@ def write(tmp_path):
     return write
 
 
+ODD_TYPES = """class Odd:
+    pass
+
+
+class Stubborn:
+    def __repr__(self):
+        raise ValueError("no words")
+
+    def __float__(self):
+        raise KeyError("no number")
+"""
+"""Types of values that no reward function means to return."""
+
+
 def returning(write, expression: str):
-    return load_reward_function(write(f"def reward_function(params):\n    return {expression}\n"))
+    body = f"def reward_function(params):\n    return {expression}\n"
+    return load_reward_function(write(body + ODD_TYPES))
 
 
 @pytest.mark.parametrize(
@@ -60,6 +76,12 @@ def test_every_kind_of_number_is_a_reward(write, expression, reward):
         ("1.00001e5", "100001.0; rewards must lie between"),
         ("-200_000", "-200000.0; rewards must lie between"),
         ("1j", "1j, which is not a number"),
+        ("__import__('numpy').complex128(1)", "which is not a number"),
+        ("10**400", "it returned inf; rewards must lie between"),
+        ("(x for x in [1.0])", "an object of type generator, which is not a number"),
+        ("[0.0] * 1000", "an object of type list, which is not a number"),
+        ("Odd()", "an object of type Odd, which is not a number"),
+        ("Stubborn()", "an object of type Stubborn, which is not a number"),
     ],
 )
 def test_what_is_no_reward_is_named_with_the_parameters(write, expression, said):
@@ -104,10 +126,62 @@ def test_an_exception_inside_a_library_names_the_users_line(write):
     assert caught.value.line == 3
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import functools\n@functools.lru_cache\ndef reward_function(params):\n    return 1.0\n",
+        "class Pay:\n    def __call__(self, params):\n        return params['sped']\n"
+        "reward_function = Pay()\n",
+        "import functools\ndef pay(k, params):\n    return params['sped']\n"
+        "reward_function = functools.partial(pay, 1)\n",
+    ],
+)
+def test_a_failure_behind_a_wrapping_names_the_file(write, text):
+    path = write(text)
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(load_reward_function(path), PARAMS)
+
+    assert caught.value.file == path
+
+
 def test_a_function_that_ends_the_program_is_an_error_and_not_the_end(write):
     function = returning(write, "exit(3)")
 
     with pytest.raises(RewardError, match="SystemExit"):
+        checked_reward(function, PARAMS)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        ("class E(Exception):\n    def __str__(self): raise ValueError\n", "failed: E."),
+        ("class E(BaseException): pass\n", "failed: E."),
+        (
+            "class E(Exception):\n    def __str__(self): return 'one\\ntwo\\x1b[31m ë'\n",
+            r"failed: E: one two\x1b[31m ë.",
+        ),
+        (
+            "class E(Exception):\n    def __str__(self): return 'x' * 9999\n",
+            f"failed: E: {'x' * 300}....",
+        ),
+    ],
+)
+def test_an_exception_is_told_whatever_it_says_of_itself(write, error, words):
+    function = load_reward_function(write(f"{error}def reward_function(params):\n    raise E()\n"))
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(function, PARAMS)
+
+    assert words in str(caught.value).splitlines()[0]
+
+
+def test_an_interrupt_of_the_user_is_no_failure_of_the_function(write):
+    function = load_reward_function(
+        write("def reward_function(params):\n    raise KeyboardInterrupt\n")
+    )
+
+    with pytest.raises(KeyboardInterrupt):
         checked_reward(function, PARAMS)
 
 
@@ -122,6 +196,29 @@ def test_an_endless_loop_is_cut_by_the_deadline(write, loop):
 
     assert caught.value.line in (2, 3, 4)
     assert caught.value.file == path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def reward_function(params):\n    return os.fork() > 0\n",
+        "FORKED = os.fork()\ndef reward_function(params):\n    return FORKED > 0\n",
+        "def reward_function(params):\n    return (os.fork() or 1 / 0) > 0\n",
+    ],
+)
+def test_a_copy_that_the_function_makes_of_the_process_does_not_go_on(write, text):
+    path = write(f"import os\n{text}")
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from drsim.reward import checked_reward, load_reward_function\n"
+        "print(checked_reward(load_reward_function(Path(sys.argv[1])), {}), flush=True)\n"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, check=True
+    )
+
+    assert done.stdout == "1.0\n"
 
 
 def test_each_call_of_a_batch_has_its_own_deadline(write):
@@ -169,12 +266,26 @@ def test_a_missing_file_is_named(tmp_path):
         load_reward_function(tmp_path / "nowhere.py")
 
 
-def test_a_file_that_is_no_text_is_refused(tmp_path):
+def test_a_file_that_is_no_text_is_refused_with_the_line(tmp_path):
     path = tmp_path / "reward_function.py"
-    path.write_bytes(b"\xff\xfe\x00")
+    path.write_bytes("\n# größe\n".encode("latin-1"))
 
-    with pytest.raises(RewardError, match="UTF-8"):
+    with pytest.raises(RewardError, match="line 2, holds byte 0xf6, which is no UTF-8") as caught:
         load_reward_function(path)
+
+    assert caught.value.line == 2
+
+
+def test_a_byte_order_mark_before_the_text_is_no_part_of_it(tmp_path):
+    path = tmp_path / "reward_function.py"
+    path.write_text("def reward_function(params):\n    return 2.0\n", encoding="utf-8-sig")
+
+    assert checked_reward(load_reward_function(path), PARAMS) == 2.0
+
+
+def test_an_expression_that_is_nested_too_deeply_is_refused(write):
+    with pytest.raises(RewardError, match="not valid Python"):
+        load_reward_function(write(f"x = {'+'.join(['1'] * 100_000)}\n"))
 
 
 def test_a_syntax_error_names_line_and_text(write):
@@ -194,6 +305,31 @@ def test_a_file_without_the_function_is_told_what_to_add(write):
 def test_a_function_of_other_than_one_argument_is_refused(write, signature):
     with pytest.raises(RewardError, match="exactly one argument"):
         load_reward_function(write(f"def reward_function({signature}):\n    return 1.0\n"))
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        ("def reward_function(params):\n    yield 1.0\n", "holds `yield`"),
+        ("async def reward_function(params):\n    return 1.0\n", "begins with `async`"),
+        ("async def reward_function(params):\n    yield 1.0\n", "begins with `async`"),
+    ],
+)
+def test_a_function_that_returns_no_value_of_its_own_is_refused(write, function, words):
+    with pytest.raises(RewardError, match=words) as caught:
+        load_reward_function(write(function))
+
+    assert caught.value.line == 1
+
+
+@pytest.mark.parametrize(
+    "line", ["reward_function = max", "reward_function.__wrapped__ = reward_function"]
+)
+def test_a_function_whose_arguments_nobody_knows_is_refused(write, line):
+    own = "def reward_function(params):\n    return 1.0\n"
+
+    with pytest.raises(RewardError, match="exactly one argument"):
+        load_reward_function(write(f"{own}{line}\n"))
 
 
 def test_a_failing_import_names_its_line(write):

@@ -8,8 +8,8 @@ import pytest
 from drcli.config import Settings, load_settings
 from drcli.reward.drive import drive
 from drcli.reward.statement import Order, Statement
+from drcli.reward.testimony import testify as testify_to
 from drcli.reward.trial import Course, Trial
-from drcli.reward.witness import testify as testify_to
 from drsim.reward import RewardFunction
 
 

@@ -47,7 +47,42 @@ def test_a_check_of_a_failing_file_names_the_line_and_exits_3(racer, dr, capsys)
     assert "KeyError: 'sped'" in out
     assert "Did you mean `speed`?" in out
     assert "bad.py has 1 error." in err
-    assert all(len(line) <= 80 for line in out.splitlines())
+
+
+@pytest.fixture
+def two_worlds(racer, course, obstacle_course, monkeypatch):
+    """A second worker that has boxes on its road."""
+    (racer / "system.env").write_text("DR_WORKERS=3\nDR_TRAIN_MULTI_CONFIG=True\n")
+    (racer / "worker-2.env").write_text("DR_RACE_TYPE=OBJECT_AVOIDANCE\n")
+    (racer / "worker-3.env").write_text("DR_RACE_TYPE=TIME_TRIAL\n")
+    driven = {"TIME_TRIAL": course.drive, "OBJECT_AVOIDANCE": obstacle_course.drive}
+    monkeypatch.setattr("drcli.reward.check.drive", lambda settings: driven[settings.race_type])
+    return racer
+
+
+def test_a_check_tries_the_race_of_each_worker_once(two_worlds, dr, capsys):
+    (two_worlds / "lone.py").write_text(
+        "def reward_function(params):\n    return 1.0 / (not params['objects_speed'])\n"
+    )
+
+    code = dr("reward", "check", "lone.py", "--json")
+
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert code == 3
+    assert [other["race_type"] for other in told["others"]] == ["OBJECT_AVOIDANCE"]
+    [error] = told["errors"]
+    assert error["message"].startswith("On bean, OBJECT_AVOIDANCE: The reward function failed: ")
+
+
+def test_a_check_says_what_it_tried_and_says_the_same_once(two_worlds, dr, capsys):
+    (two_worlds / "bad.py").write_text(BAD)
+
+    dr("reward", "check", "bad.py")
+
+    out = capsys.readouterr().out
+    assert "on bean, TIME_TRIAL, " in out
+    assert "and on bean, OBJECT_AVOIDANCE, " in out
+    assert out.count("(works)") == 1
 
 
 def test_a_plot_is_written_and_says_what_it_replaces(racer, dr, capsys):
@@ -70,6 +105,16 @@ def test_a_failing_function_is_not_drawn(racer, dr, capsys):
     assert code == 3
     assert "bad.py line 2" in capsys.readouterr().err
     assert not (racer / "reward.png").exists()
+
+
+def test_a_wrong_value_is_no_lines_doing(racer, dr, capsys):
+    (racer / "bad.py").write_text("def reward_function(params):\n    return 'much'\n")
+
+    dr("reward", "plot", "bad.py")
+
+    err = capsys.readouterr().err
+    assert "it returned 'much', which is not a number.\n" in err
+    assert "The line is" not in err
 
 
 def test_two_functions_are_compared(racer, dr, capsys):

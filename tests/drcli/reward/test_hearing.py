@@ -20,6 +20,9 @@ HANGS_ON = """def reward_function(params):
         except:
             pass
 """
+KILLS = "import os\ndef reward_function(params):\n    os.kill(os.getpid(), 9)\n"
+INTERRUPTS = "def reward_function(params):\n    raise KeyboardInterrupt\n"
+FORKS = "import os\ndef reward_function(params):\n    return float(os.fork() > 0)\n"
 LEAVES_A_CHILD = """import subprocess, sys
 from pathlib import Path
 CHILD = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
@@ -63,6 +66,37 @@ def test_code_that_ends_crashes_or_hangs_is_found_out_with_its_line(begin):
     ]
     assert failures[0][0].source == "os._exit(3)"
     assert "exit code 3" in failures[0][0].what
+
+
+@pytest.mark.parametrize(("text", "words"), [(KILLS, "(SIGKILL)"), (INTERRUPTS, "(SIGINT)")])
+def test_code_that_has_its_process_ended_is_told_by_the_signal(begin, text, words):
+    [failure] = begin(text).statement().failures
+
+    assert failure.kind == "ends"
+    assert words in failure.what
+
+
+def test_copies_that_racers_code_makes_of_its_process_do_not_go_on(begin):
+    statement = begin(FORKS).statement()
+
+    assert statement.values == [[1.0] * 10]
+    assert {effect.kind for effect in statement.effects} == {"process"}
+
+
+@pytest.mark.parametrize(
+    ("module", "remedy"),
+    [
+        ("no_such.geometry", "as with `pip install no_such`, or do without"),
+        ("line", "Put what you need of line into reward0.py"),
+        ("reward_function", "Remove the import"),
+    ],
+)
+def test_a_module_that_is_not_there_has_a_remedy(begin, tmp_path, module, remedy):
+    (tmp_path / "line.py").write_text("POINTS = []\n")
+
+    [failure] = begin(f"from {module} import *\n").statement().failures
+
+    assert remedy in failure.remedy
 
 
 def test_processes_that_racers_code_starts_end_with_the_hearing(begin, tmp_path):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.reward.lint import remarks
-from drcli.reward.statement import Effect, Growth, Place, Printed, Statement, Timing
+from drcli.reward.statement import Effect, Failure, Growth, Place, Printed, Statement, Timing
 from drcli.reward.trial import Trial
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
@@ -73,6 +73,37 @@ def test_the_shipped_example_is_known_to_pay_a_slow_lap_more(rules):
     shipped = runpy.run_path(str(DEFAULTS / "reward_function.py"))
 
     assert rules(shipped["reward_function"]) == ["standing"]
+
+
+@pytest.fixture
+def told(course):
+    """What is said about a statement, by rule."""
+
+    def of(**facts):
+        values = [[float(k % 7) for k in range(len(c))] for c in course.questions().sequences]
+        statement = Statement(values=values, **{"made": course.size, **facts})
+        return {remark.rule: remark for remark in remarks(Trial("mine.py", course, statement))}
+
+    return of
+
+
+def test_a_failure_may_bring_a_remedy_of_its_own(told):
+    failure = Failure(kind="load", what="It fails.", line=1, source="", remedy="Do so.", times=1)
+
+    assert told(failures=[failure])["loads"].remedy == "Do so."
+
+
+def test_what_is_put_in_place_of_pythons_own_is_an_error(told):
+    remark = told(replaced=["math.sqrt", "builtins.len"])["replaces"]
+
+    assert remark.severity == "error"
+    assert "in place of math.sqrt, builtins.len." in remark.message
+
+
+def test_one_is_counted_as_one(told):
+    found = told(effects=[Effect(kind="waits", what="10 s", line=3, times=1)], made=1)
+
+    assert "(1 time in 1 call)" in found["waits"].message
 
 
 def test_effects_and_habits_are_put_into_words_errors_first(course):

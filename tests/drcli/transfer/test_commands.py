@@ -194,6 +194,23 @@ def test_download_fetches_and_says_how_to_go_on(dr, mover, capsys):
     assert driven(mover.here, "mine") == "weights 2 of design a"
 
 
+def test_a_model_without_a_checkpoint_is_fetched_and_nobody_is_sent_to_drive_it(dr, mover, capsys):
+    put_model(mover.there, "theirs", numbers=(2,))
+    model = mover.there.list("theirs/model/")
+    mover.there.delete([info.key for info in model if "metadata" not in info.key])
+    mover.here.put("mine/note.txt", b"?")
+    mover.use_as_source()
+
+    code = dr("download-model", "-f", "-s", "s3://uploads/theirs", "-t", "mine")
+
+    printed = capsys.readouterr()
+    assert code == 0
+    assert "It has no checkpoint yet" in printed.out
+    assert "dr-evaluate" not in printed.err
+    assert "lies something already: 1 file." in printed.err
+    assert "No part of it and still there: 1 file; -w deletes." in printed.out
+
+
 def test_download_as_json(dr, mover, capsys):
     put_model(mover.there, "theirs", numbers=(2,))
     mover.use_as_source()
@@ -249,6 +266,24 @@ def test_models_of_the_bucket_of_uploads_are_listed(dr, mover, capsys, command):
     assert (found["bucket"], found["pattern"]) == ("uploads", "the*")
     assert [model["prefix"] for model in found["models"]] == ["theirs"]
     assert found["models"][0]["best"] == {"name": "3_Step-300.ckpt", "metric": 90.0}
+
+
+@pytest.mark.parametrize(
+    ("command", "remedy"),
+    [
+        (["upload-model", "-f"], "or upload into the local bucket with -L."),
+        (["list-models", "--upload"], "or list the local bucket with `dr-list-models`."),
+        (["list-aws-models"], "or list the local bucket with `dr-list-models`."),
+        (["increment-upload-model", "-fw"], "Set DR_UPLOAD_S3_BUCKET in system.env.\n"),
+    ],
+)
+def test_without_a_bucket_of_uploads_each_command_says_what_it_can_do(
+    dr, mover, capsys, command, remedy
+):
+    (mover.folder / "system.env").write_text("")
+
+    assert dr(*command) == 3
+    assert remedy in capsys.readouterr().err
 
 
 def test_a_pattern_that_fits_nothing_says_so(dr, mover, capsys):

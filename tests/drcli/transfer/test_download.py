@@ -1,5 +1,8 @@
 """A model that is fetched is the model that was there, and nothing of the racer's is lost."""
 
+import hashlib
+from dataclasses import replace
+
 import pytest
 import yaml
 
@@ -31,6 +34,40 @@ def test_everything_but_the_signals_of_a_training_is_fetched(mover, theirs, name
     assert report.checkpoint == "8_Step-800.ckpt"
 
 
+@pytest.mark.parametrize(
+    ("bucket", "local", "command"),
+    [
+        ("uploads", False, "`dr-list-models --upload`"),
+        ("others", False, "`DR_UPLOAD_S3_BUCKET=others dr-list-models --upload`"),
+        ("bucket", True, "`dr-list-models`"),
+        ("others", True, "`DR_LOCAL_S3_BUCKET=others dr-list-models`"),
+    ],
+)
+def test_a_model_that_is_not_there_is_refused_with_the_command_that_lists_those_that_are(
+    mover, theirs, bucket, local, command
+):
+    with pytest.raises(SettingsError, match="There is nothing") as caught:
+        mover.download(f"s3://{bucket}/nosuch", "mine", local=local)
+
+    assert command in caught.value.remedy
+
+
+def test_a_model_with_an_empty_file_is_refused(mover, theirs):
+    theirs.put("theirs/fast/reward_function.py", b"")
+
+    with pytest.raises(SettingsError, match=r"Exiting\. reward_function\.py is empty\."):
+        mover.download(URL, "mine")
+
+
+def test_damaged_weights_are_told_where_they_come_from_and_are_no_model_here(mover, theirs):
+    theirs.put("theirs/fast/model/8_Step-800.ckpt.safetensors", b"")
+
+    with pytest.raises(StorageError, match="s3://uploads/theirs/fast is damaged there"):
+        mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") is None
+
+
 def test_the_parameter_file_names_the_copy(mover, theirs):
     mover.download(URL, "mine")
 
@@ -57,6 +94,32 @@ def test_a_dry_run_writes_nothing(mover, theirs):
 
     assert [o.key for o in mover.here.list("")] == before
     assert "model/8_Step-800.ckpt.safetensors" in report.copied
+
+
+def test_a_dry_run_tells_what_is_there_already_and_what_would_be_deleted(mover):
+    class WithMd5(MemoryBucket):
+        """Its listings tell MD5s, as those of most servers do."""
+
+        def list(self, folder):
+            return [
+                replace(info, etag=hashlib.md5(self.get(info.key)).hexdigest())
+                for info in super().list(folder)
+            ]
+
+    mover.use(WithMd5("uploads"))
+    mover.use_as_source()
+    put_model(mover.there, "theirs/fast", numbers=(2, 8))
+    mover.download(URL, "mine")
+    mover.here.put("mine/note.txt", b"?")
+
+    wiping = mover.download(URL, "mine", dry_run=True, wipe=True)
+    keeping = mover.download(URL, "mine", dry_run=True)
+
+    assert "model/8_Step-800.ckpt.safetensors" in wiping.unchanged
+    assert "model/8_Step-800.ckpt.safetensors" not in wiping.copied
+    assert (wiping.deleted, wiping.strays) == (["note.txt"], [])
+    assert (keeping.deleted, keeping.strays) == ([], ["note.txt"])
+    assert mover.here.exists("mine/note.txt")
 
 
 def test_a_download_that_was_cut_short_is_no_model_until_it_is_repeated(mover, theirs):

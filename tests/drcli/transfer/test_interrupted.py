@@ -1,6 +1,7 @@
 """Uploads that are cut short, that cross each other, or whose source is being trained."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
@@ -146,6 +147,43 @@ def test_two_uploads_that_cross_leave_one_whole_model(mover, end, wipe):
     pointer = mover.there.get(keys.coach_checkpoint(TARGET)).decode()
     assert driven(mover.there, TARGET) in ("weights 3 of design a", "weights 5 of design a")
     assert pointer == CheckpointStore(mover.there, TARGET).best_name()
+
+
+EVERY_STEP = [
+    "ckpt.safetensors",
+    "ckpt.json",
+    "hyperparameters.json",
+    "model/model_metadata.json",
+    "training_params.yaml",
+    ".coach_checkpoint",
+    "deepracer_checkpoints.json",
+]
+
+
+@pytest.mark.parametrize("end", EVERY_STEP)
+def test_uploads_of_two_designs_that_cross_leave_no_mixture(mover, end):
+    put_model(mover.here, "other", design="b", numbers=(8,))
+    mover.use(HookedBucket("uploads", end, lambda: mover.upload(prefix="other", to=TARGET)))
+
+    with suppress(StorageError):
+        mover.upload()
+
+    assert driven(mover.there, TARGET) in ("weights 5 of design a", "weights 8 of design b", None)
+
+
+@pytest.mark.parametrize("end", EVERY_STEP)
+def test_downloads_of_two_designs_that_cross_leave_no_mixture(mover, end):
+    put_model(mover.there, "first")
+    put_model(mover.there, "second", design="b", numbers=(8,))
+    mover.use_as_source()
+    mover.here = HookedBucket(
+        "bucket", end, lambda: mover.download("s3://uploads/second", "mine", wipe=True)
+    )
+
+    with suppress(StorageError):
+        mover.download("s3://uploads/first", "mine")
+
+    assert driven(mover.here, "mine") in ("weights 3 of design a", "weights 8 of design b", None)
 
 
 def test_an_index_that_names_what_another_upload_deleted_is_written_anew(mover):

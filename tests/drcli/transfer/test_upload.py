@@ -193,6 +193,14 @@ def test_a_model_without_one_of_its_files_is_refused(mover, missing, name):
     assert name in str(caught.value)
 
 
+@pytest.mark.parametrize("local", [False, True])
+def test_a_model_that_is_not_there_is_refused_before_anything_else(mover, local):
+    with pytest.raises(SettingsError, match="There is no model at s3://bucket/nosuch") as caught:
+        mover.upload(prefix="nosuch", local=local)
+
+    assert "`dr-list-models`" in caught.value.remedy
+
+
 def test_a_reward_function_that_is_only_among_the_custom_files_is_found(mover):
     mover.here.delete(["team/model/reward_function.py"])
     mover.here.put("custom_files/reward_function.py", b"mine")
@@ -209,6 +217,29 @@ def test_a_model_without_an_index_is_refused(mover):
         SettingsError, match=r"^No checkpoint file available at s3://bucket/team/mod"
     ):
         mover.upload()
+
+
+@pytest.mark.parametrize("index", [b"{", None])
+def test_a_number_needs_no_index(mover, index):
+    name = keys.deepracer_checkpoints("team/model")
+    mover.here.delete([name])
+    if index is not None:
+        mover.here.put(name, index)
+
+    report = mover.upload(choice=3)
+
+    assert (report.checkpoint, report.metric) == ("3_Step-300.ckpt", None)
+    assert driven(mover.there, TARGET) == "weights 3 of design a"
+
+
+@pytest.mark.parametrize("name", ["reward_function.py", "model/model_metadata.json"])
+def test_an_empty_file_is_not_uploaded(mover, name):
+    mover.here.put(f"team/model/{name}", b"")
+
+    with pytest.raises(StorageError, match=f"{name} is empty"):
+        mover.upload()
+
+    assert mover.there.list("") == []
 
 
 @pytest.mark.parametrize("part", [".safetensors", ".json"])
@@ -251,8 +282,10 @@ def test_without_a_bucket_of_uploads_there_is_none(mover, bucket):
 
 
 def test_a_model_is_not_uploaded_onto_itself(mover):
-    with pytest.raises(SettingsError, match=r"^Target equals source\. Exiting\."):
+    with pytest.raises(SettingsError, match=r"^Target equals source\. Exiting\.") as caught:
         mover.upload(local=True, prefix="team/model")
+
+    assert caught.value.remedy == "Choose another prefix with --to."
 
 
 def test_a_model_is_not_uploaded_into_itself(mover):
@@ -303,6 +336,11 @@ def test_a_model_that_is_being_trained_is_no_target(mover):
 
     with pytest.raises(SettingsError, match="model-1 is being trained by process"):
         mover.upload(local=True)
+
+
+def test_a_name_is_told_in_the_letters_it_was_written_in(mover):
+    with pytest.raises(SettingsError, match=r"^--to 'größe' cannot be the name of a model"):
+        mover.upload(to="größe")
 
 
 @pytest.mark.parametrize("flag", ["prefix", "to"])

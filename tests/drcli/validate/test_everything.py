@@ -10,8 +10,6 @@ import pytest
 
 from drcli.config import load_settings
 from drcli.errors import SettingsError, StorageError
-from drcli.job import Job
-from drcli.runs.inputs import InputFile, try_inputs
 from drcli.runs.plan import StartOptions, prepare
 from drcli.runs.record import RunRecord
 from drcli.validate import rules
@@ -239,6 +237,27 @@ def test_places_inside_the_folder_are_named_from_there(folder):
     assert str(folder.path) not in missing.message + missing.remedy
 
 
+def test_more_workers_than_episodes_are_told_once(folder):
+    folder.settings(DR_WORKERS=6)
+    folder.hyperparameters(num_episodes_between_training=5)
+
+    assert [item.severity for item in folder.breaches("V-45")] == ["error"]
+    assert folder.breaches("V-42") == []
+
+
+def test_files_that_the_bucket_does_not_give_are_told_with_its_own_remedy(folder, monkeypatch):
+    def fail(key):
+        raise StorageError("The server is busy.", remedy="Try again.")
+
+    folder.remove("reward_function.py")
+    monkeypatch.setattr("drcli.validate.everything.probe", lambda bucket: [])
+    monkeypatch.setattr(folder.bucket, "get", fail)
+
+    told = [(item.rule, item.message, item.remedy) for item in folder.report().errors]
+
+    assert ("V-50", "The server is busy.", "Try again.") in told
+
+
 def test_a_rule_for_the_console_is_an_error_only_when_it_shall_take_the_model(folder):
     folder.metadata(**{"action_space": [{"steering_angle": 0, "speed": 1}]})
 
@@ -283,17 +302,6 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder):
     assert (found.rule, found.where) == ("V-21", "mine.py line 2")
     assert "did not return within 0.2 s" in found.message
     assert time.monotonic() - started_s < 60
-
-
-def test_a_reward_function_that_ends_its_process_is_named(folder, tmp_path):
-    settings = load_settings(folder.path, environ={})
-    job = Job(settings, folder.path, "abc", 0, None, None, tmp_path / "trial", os.getpid())
-    code = b"import os\ndef reward_function(params):\n    os._exit(0)\n"
-
-    [found] = try_inputs(job, InputFile("reward_function.py", code, "mine.py"))
-
-    assert (found.rule, found.where) == ("V-21", "mine.py")
-    assert "ended the process" in found.message
 
 
 def test_every_rule_that_is_reported_stands_in_the_documentation(folder):

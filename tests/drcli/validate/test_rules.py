@@ -32,6 +32,11 @@ def ranges(steering: tuple[float, float], speed: tuple[float, float]) -> dict[st
     return {"action_space_type": "continuous", "action_space": space}
 
 
+def action(steering: float, speed: float = 1, **more: object) -> dict[str, object]:
+    """An action of a list of them."""
+    return {"steering_angle": steering, "speed": speed, **more}
+
+
 def reward(*lines: str) -> str:
     """A reward function whose body is these lines."""
     return "def reward_function(params):\n" + "".join(f"    {line}\n" for line in lines)
@@ -258,6 +263,13 @@ CASES = (
     ),
     Case(
         "V-22",
+        lambda f: f.reward(reward("x = (1, 2)", "return 1.0 + x[0]")),
+        lambda f: f.reward(reward("x = (1,  2)", "return 1.0 + x[0]")),
+        "warning",
+        ("line 2", "E241 multiple spaces"),
+    ),
+    Case(
+        "V-22",
         lambda f: f.reward("import math\n\n\n" + reward("return math.pi")),
         lambda f: f.reward(reward("import math", "return math.pi")),
         "error",
@@ -311,6 +323,13 @@ CASES = (
         ("action 1 repeats action 0", "Remove one"),
     ),
     Case(
+        "V-30",
+        lambda f: f.metadata(action_space=[action(0, index=0), action(9, index=1)]),
+        lambda f: f.metadata(action_space=[action(0, index=1), action(9, index=0)]),
+        "warning",
+        ("the indices of action_space are in another order", "Remove them all"),
+    ),
+    Case(
         "V-31",
         lambda f: f.metadata(**ranges((-20, 20), (1, 2))),
         lambda f: f.metadata(**ranges((20, -20), (1, 2))),
@@ -337,6 +356,22 @@ CASES = (
         lambda f: f.metadata(action_space=[{"steering_angle": a, "speed": 1} for a in (0, 31)]),
         "warning",
         ("action_space[1].steering_angle=31", "-30 to 30"),
+    ),
+    Case(
+        "V-32",
+        lambda f: f.metadata(action_space=[action(30, speed=4), action(-30, speed=0.1)]),
+        lambda f: f.metadata(action_space=[action(30, speed=4), action(-30, speed=4.1)]),
+        "error",
+        ("action_space[1].speed=4.1", "0.1 to 4"),
+        console=True,
+    ),
+    Case(
+        "V-32",
+        lambda f: f.metadata(action_space=[action(n) for n in range(30)]),
+        lambda f: f.metadata(action_space=[action(n - 15) for n in range(31)]),
+        "error",
+        ("31 actions learn slowly", "Keep 30 at most"),
+        console=True,
     ),
     Case(
         "V-33",
@@ -412,6 +447,19 @@ CASES = (
         ("is 0.5 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.1", "training=40"),
     ),
     Case(
+        "V-42",
+        lambda f: (
+            f.settings(DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST="0.0333333"),
+            f.hyperparameters(num_episodes_between_training=30),
+        ),
+        lambda f: (
+            f.settings(DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST="0.033"),
+            f.hyperparameters(num_episodes_between_training=30),
+        ),
+        "warning",
+        ("is 0.99 and not 1", "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=0.0333333."),
+    ),
+    Case(
         "V-43",
         lambda f: f.hyperparameters(loss_type="mean_squared_error"),
         lambda f: f.hyperparameters(loss_type="hubr"),
@@ -431,6 +479,13 @@ CASES = (
         lambda f: (f.settings(DR_WORKERS=3), f.hyperparameters(num_episodes_between_training=20)),
         "warning",
         ("does not divide", "Write 18 or 21 episodes"),
+    ),
+    Case(
+        "V-45",
+        lambda f: (f.settings(DR_WORKERS=4), f.hyperparameters(num_episodes_between_training=100)),
+        lambda f: (f.settings(DR_WORKERS=3), f.hyperparameters(num_episodes_between_training=100)),
+        "warning",
+        ("does not divide", "Write 99 episodes, or DR_WORKERS=1."),
     ),
     Case(
         "V-45",

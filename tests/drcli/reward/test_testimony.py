@@ -1,5 +1,6 @@
 """What a witness notices about racers' code: failures, effects and habits."""
 
+import math
 import socket
 
 import pytest
@@ -46,6 +47,73 @@ def test_a_value_that_is_no_reward_is_told_with_its_kind(testify, value, kind):
 
     assert failure.kind == kind
     assert failure.times == 80
+
+
+@pytest.mark.parametrize(
+    ("body", "kind"),
+    [
+        ("raise ValueError(params['x'])", "raises"),
+        ("return [params['x']]", "returns"),
+        ("return 1e6 + params['x']", "range"),
+    ],
+)
+def test_failures_that_differ_in_numbers_only_are_one(testify, body, kind):
+    [failure] = testify(function(body)).failures
+
+    assert (failure.kind, failure.times) == (kind, 80)
+
+
+def test_what_fails_to_become_a_number_is_of_the_wrong_type(testify):
+    before = "class Odd:\n    def __float__(self):\n        raise KeyError\n"
+
+    [failure] = testify(function("return Odd()", before=before)).failures
+
+    assert (failure.kind, failure.times) == ("returns", 80)
+
+
+def test_an_exception_of_any_kind_is_told(testify):
+    before = "class Own(BaseException):\n    def __str__(self):\n        raise ValueError\n"
+
+    [failure] = testify(function("raise Own", before=before)).failures
+
+    assert failure.kind == "raises"
+    assert failure.what.endswith("failed: Own.")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("import no_such.module\n" + function("return 1.0"), "load"),
+        (function("import no_such.module\nreturn 1.0"), "raises"),
+    ],
+)
+def test_a_module_that_is_not_there_is_named(testify, text, kind):
+    [failure] = testify(text).failures
+
+    assert (failure.kind, failure.missing) == (kind, "no_such")
+
+
+@pytest.mark.parametrize("body", ["yield 1.0", "return (yield)"])
+def test_a_generator_is_one_failure_of_the_file(testify, body):
+    statement = testify(function(body))
+
+    assert [failure.kind for failure in statement.failures] == ["load"]
+    assert statement.made == 0
+
+
+def test_what_is_put_in_place_of_pythons_own_is_named_and_put_back(testify):
+    sqrt = math.sqrt
+    text = function(
+        "time.perf_counter = None\nreturn params['speed']",
+        before="import builtins, math, time\nmath.sqrt = abs\nbuiltins.len = lambda some: 0",
+    )
+
+    statement = testify(text)
+
+    assert set(statement.replaced) == {"math.sqrt", "builtins.len", "time.perf_counter"}
+    assert statement.failures == []
+    assert math.sqrt is sqrt
+    assert len("ab") == 2
 
 
 def test_a_file_that_does_not_load_is_told_with_its_line(testify):

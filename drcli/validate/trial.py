@@ -1,0 +1,97 @@
+"""Has worlds and reward function tried in a process of its own, which can be given up."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+
+from drcli.job import Job
+from drcli.runs.inputs import InputFile
+from drcli.store import keys
+from drcli.validate.report import Violation
+
+TIMEOUT_S = 60.0
+"""How long the trial may take, endless loops included."""
+
+RESULT = "trial.json"
+"""File in which the trial leaves what it found."""
+
+_LAST_WORDS_BYTES = 4_096
+"""How much of its complaints is kept: a reward function may complain without end."""
+
+_GLANCE_S = 0.05
+"""How often it is looked whether the process has ended."""
+
+
+def try_inputs(job: Job, reward: InputFile | None) -> list[Violation]:
+    """Load the worlds and try the reward function on them.
+
+    The launcher itself never imports a racer's code.
+
+    Args:
+        job: Its settings and folder count.
+        reward: The reward function; None loads the worlds only.
+    """
+    job.folder.mkdir(parents=True, exist_ok=True)
+    result = job.folder / RESULT
+    result.unlink(missing_ok=True)
+    arguments: list[str] = []
+    if reward is not None:
+        path = job.folder / keys.REWARD_FUNCTION_FILE
+        path.write_bytes(reward.data)
+        arguments = [str(path), reward.origin]
+    code, words = _run(job, arguments)
+    if result.exists():
+        return [Violation(**fields) for fields in json.loads(result.read_text("utf-8"))]
+    if reward is None:
+        raise RuntimeError(f"Loading the worlds failed:\n{words}")
+    if code is None:
+        what = f"Trying the reward function took longer than {TIMEOUT_S:.0f} seconds."
+        return [_lost(reward, what, "Look for an endless loop in it.")]
+    found = try_inputs(job, None)  # raises where the reward function is not to blame
+    if "Traceback" in words:
+        why = words.splitlines()[-1]
+        what = f"The reward function breaks the process that tried it: {why}."
+        return [*found, _lost(reward, what, "Let `dr-reward check` tell what else it does.")]
+    what = f"The reward function ended the process that tried it (exit code {code})."
+    remedy = "Remove what ends the process, such as os._exit or os.kill."
+    return [*found, _lost(reward, what, remedy)]
+
+
+def _run(job: Job, arguments: list[str]) -> tuple[int | None, str]:
+    """Exit code of the trial, None where it took too long, and the end of what it wrote."""
+    process = subprocess.Popen(
+        # -P: files of the working folder must not be taken for modules of that name.
+        [sys.executable, "-P", "-m", "drcli.worker.trial", *arguments],
+        env=job.to_environment(),
+        cwd=job.directory,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,  # signals that it sends to its group are for itself
+    )
+    deadline = time.monotonic() + TIMEOUT_S
+    words = b""
+    with process:
+        pipe = process.stderr
+        assert pipe is not None
+        os.set_blocking(pipe.fileno(), False)
+        while process.poll() is None and time.monotonic() < deadline:
+            if select.select([pipe], [], [], _GLANCE_S)[0]:
+                more = pipe.read(_LAST_WORDS_BYTES)
+                words = (words + (more or b""))[-_LAST_WORDS_BYTES:]
+                if more == b"":  # it has closed its end and goes on
+                    time.sleep(_GLANCE_S)
+        code = process.poll()
+        words = (words + (pipe.read(_LAST_WORDS_BYTES) or b""))[-_LAST_WORDS_BYTES:]
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # and whatever it has started
+    return code, words.decode("utf-8", "replace").strip()
+
+
+def _lost(reward: InputFile, message: str, remedy: str) -> Violation:
+    return Violation("V-21", "error", reward.origin, message, remedy)

@@ -1,0 +1,83 @@
+"""Words for what a user's code did wrong: where, in which line, and what it said or returned."""
+
+import inspect
+import linecache
+import traceback
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from types import CodeType, TracebackType
+from typing import Any
+
+LONGEST_TEXT = 300
+"""Characters of an exception's text that are told."""
+
+LONGEST_VALUE = 100
+"""A value that takes more characters is told by its type."""
+
+
+def code_of(function: Callable[..., Any]) -> CodeType | None:
+    """The code behind a function, whatever is wrapped round it; None where a library has it."""
+    try:
+        inner: Any = inspect.unwrap(function)
+    except ValueError:  # it is wrapped in itself
+        return None
+    while isinstance(inner, partial):
+        inner = inner.func
+    if not hasattr(inner, "__code__"):  # an object that can be called
+        inner = getattr(type(inner), "__call__", None)  # noqa: B004
+    return getattr(inner, "__code__", None)
+
+
+def line_in(filename: str, trace: TracebackType | None) -> int | None:
+    """The deepest line of the user's file in a traceback: their code, not the library's."""
+    lines = [
+        line for frame, line in traceback.walk_tb(trace) if frame.f_code.co_filename == filename
+    ]
+    return lines[-1] if lines else None
+
+
+def place(path: Path | None, line: int | None) -> str:
+    """Where in a sentence; nothing where it is not known."""
+    if path is None:
+        return ""
+    return f" in {path}, line {line}," if line else f" in {path}"
+
+
+def source(path: Path | None, line: int | None) -> str:
+    """The text of a line; empty where it is not known."""
+    return _printable(linecache.getline(str(path), line).strip()) if path and line else ""
+
+
+def quoted(path: Path | None, line: int | None) -> str:
+    """The same on a line of its own, to follow a sentence."""
+    text = source(path, line)
+    return f"\n  {text}" if text else ""
+
+
+def described(error: BaseException) -> str:
+    """Type and text of an exception, on one line; the type alone where it has no text to give."""
+    kind = type(error).__name__
+    try:
+        text = " ".join(str(error).split())
+    except Exception:  # its own method fails
+        text = ""
+    if len(text) > LONGEST_TEXT:
+        text = f"{text[:LONGEST_TEXT]}..."
+    return f"{kind}: {_printable(text)}" if text else kind
+
+
+def shown(value: object) -> str:
+    """A value as Python writes it; by its type where that is long, fails or tells an address."""
+    try:
+        text = repr(value)
+    except Exception:  # its own method fails, or an integer has thousands of digits
+        text = ""
+    if not text or len(text) > LONGEST_VALUE or " at 0x" in text:
+        return f"an object of type {type(value).__qualname__}"
+    return _printable(text)
+
+
+def _printable(text: str) -> str:
+    """The text without anything that steers a terminal."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
