@@ -50,6 +50,8 @@ def rewrite(path: Path, data: bytes) -> None:
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         if target.exists():
+            if not target.is_file():  # /dev/null, put there to silence it, must stay what it is
+                raise OSError(0, "it is no ordinary file")
             if not os.access(target, os.W_OK):
                 raise PermissionError(0, "it is write-protected")
             shutil.copy2(target, scratch)

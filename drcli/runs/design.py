@@ -107,8 +107,11 @@ def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
 def _other_actions(
     old: ModelMetadata, new: ModelMetadata, where: str, model: str
 ) -> Finding | None:
-    before = f"{old.action_space.num_actions} {old.action_space_type} actions"
-    now = f"{new.action_space.num_actions} {new.action_space_type} ones"
+    before, now = (
+        f"{count} {each.action_space_type} action{'s' * (count != 1)}"
+        for each in (old, new)
+        for count in [each.action_space.num_actions]
+    )
     if (old.action_space_type, old.action_space.num_actions) == (
         new.action_space_type,
         new.action_space.num_actions,

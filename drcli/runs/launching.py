@@ -27,7 +27,8 @@ def start_process(
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as log:  # at its end, because several processes may share it
         return subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            # -P: files of the working folder must not be taken for modules of that name.
+            [sys.executable, "-P", "-m", module, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,

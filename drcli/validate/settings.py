@@ -53,9 +53,7 @@ class SettingsReview:
     violations: list[Violation]
 
 
-def review_settings(
-    directory: Path, environ: Mapping[str, str] | None = None, *, console: bool = False
-) -> SettingsReview:
+def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -> SettingsReview:
     """Load the settings of a working folder, whatever is in its files."""
     names = dict(os.environ if environ is None else environ)
     contents: dict[str, bytes] = {}

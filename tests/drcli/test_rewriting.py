@@ -33,6 +33,19 @@ def test_a_link_stays_a_link(tmp_path):
     assert target.read_bytes() == b"A=2\n"
 
 
+def test_what_is_no_ordinary_file_is_left_alone(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    (tmp_path / "run.env").symlink_to(pipe)
+
+    with pytest.raises(
+        SettingsError, match=r"run\.env: cannot be written \(it is no ordinary file"
+    ):
+        rewrite(tmp_path / "run.env", b"A=2\n")
+
+    assert pipe.is_fifo()
+
+
 def test_a_file_that_is_not_there_yet_is_written(tmp_path):
     rewrite(tmp_path / "system.env", b"A=1\n")
 

@@ -109,7 +109,7 @@ def test_two_names_of_one_camera_fit(trained):
         (
             {"action_space": [{"steering_angle": 0, "speed": 1.0}]},
             {},
-            "was trained with 3 discrete actions, action_space has 1 discrete ones here.",
+            "was trained with 3 discrete actions, action_space has 1 discrete action here.",
         ),
         (
             {
@@ -120,7 +120,7 @@ def test_two_names_of_one_camera_fit(trained):
                 },
             },
             {},
-            "was trained with 3 discrete actions, action_space has 2 continuous ones here.",
+            "was trained with 3 discrete actions, action_space has 2 continuous actions here.",
         ),
         (
             {"neural_network": "DEEP_CONVOLUTIONAL_NETWORK"},

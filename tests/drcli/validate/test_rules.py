@@ -416,7 +416,7 @@ CASES = (
             pretrain(f, "old"),
         ),
         "error",
-        ("s3://bucket/old was trained with 1 discrete actions", "fresh weights"),
+        ("s3://bucket/old was trained with 1 discrete action,", "fresh weights"),
     ),
     Case(
         "V-36",
