@@ -38,9 +38,7 @@ def test_what_is_no_ordinary_file_is_left_alone(tmp_path):
     os.mkfifo(pipe)
     (tmp_path / "run.env").symlink_to(pipe)
 
-    with pytest.raises(
-        SettingsError, match=r"run\.env: cannot be written \(it is no ordinary file"
-    ):
+    with pytest.raises(SettingsError, match="it is no ordinary file"):
         rewrite(tmp_path / "run.env", b"A=2\n")
 
     assert pipe.is_fifo()
