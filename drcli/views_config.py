@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from drcli import views_validate
 from drcli.findings import MOST_SHOWN, shown
 from drcli.views_layout import INDENT, Fitted, indented
 
 if TYPE_CHECKING:
     from drcli.settings.editing import Edit
-    from drcli.settings.inspection import Check, Value, Values
+    from drcli.settings.inspection import Value, Values
+    from drcli.validate.check import FullCheck
 
 PLACE_COLUMN = 46
 """Where the place of a value stands, unless the value is longer or the terminal narrow."""
@@ -35,8 +37,8 @@ def explained(report: "Values") -> RenderableType:
     return Fitted(lambda columns: _explained(report, columns))
 
 
-def check(report: "Check") -> RenderableType:
-    """Everything there is to say about the settings."""
+def check(report: "FullCheck") -> RenderableType:
+    """Everything there is to say about the settings, and what the other rules found."""
     lines: list[RenderableType] = []
     for finding in report.errors[:MOST_SHOWN]:
         lines.append(Text.assemble(("Error: ", "bold red"), str(finding)))
@@ -49,9 +51,11 @@ def check(report: "Check") -> RenderableType:
     for group in report.without_effect:
         lines.append(indented(f"{group.reason}:"))
         lines.append(indented(Text(", ".join(group.names), style="dim"), 2 * INDENT))
-    style = "green" if report.valid else "bold red"
+    style = "bold red" if report.errors else "green"
     counts = f"{_count(report.errors, 'error')}, {_count(report.warnings, 'warning')}."
-    lines.append(Text(counts.capitalize(), style=style))
+    lines.append(Text(f"Settings: {counts}", style=style))
+    if report.rules is not None:
+        lines.append(views_validate.report(report.rules))
     return Group(*lines)
 
 

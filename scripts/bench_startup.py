@@ -31,7 +31,7 @@ COMMANDS = (
     "summary",
     "logs trainer",
     "config show",
-    "config check",
+    "config check --settings",
     "config set DR_RUN_ID=0",
     "stop-training",
     "list-models",

@@ -79,6 +79,8 @@ OURS = {
         "drcli.hyperparameters",
         "drcli.model_metadata",
         "drcli.textfile",
+        "drcli.settings.effects",
+        "drcli.settings.inspection",
     },
 }
 """Modules of ours that a package may import."""

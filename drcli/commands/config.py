@@ -42,24 +42,35 @@ def show(
 
 
 @app.command()
-def check(as_json: AsJson = False) -> None:
-    """Check all settings: everything wrong, odd or without effect, at once.
+def check(
+    settings_only: Annotated[
+        bool, typer.Option("--settings", help="Leave the other rules out; takes no time.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check all settings, and once they are right, run all other rules.
 
-    Exits 3 when something is wrong. `dr validate` looks at your other files too.
+    Everything wrong, odd or without effect in the settings is told at once. Then come your three
+    files, the bucket and this machine, as with `dr validate`. Exits 3 when something is wrong.
 
     Example: dr-config check --json
     """
     from drcli import console, views_config
-    from drcli.settings.inspection import check_settings
+    from drcli.validate.check import check_alone, with_rules
 
-    report = check_settings(working_folder())
+    report = check_alone(working_folder())
+    if report.valid and not settings_only:
+        with console.waiting(f"Checking {report.directory} ..."):
+            report = with_rules(report)
     console.emit(report, views_config.check(report), as_json=as_json)
-    if not report.valid:
+    if report.errors:
         more = len(report.errors) - 1
         raise SettingsError(
             f"{report.errors[0]}" + (f" And {more} more." if more else ""),
             remedy="Correct that, as with `dr config set NAME=VALUE`, and check again.",
         )
+    if not report.valid:
+        raise typer.Exit(SettingsError.code)
 
 
 @app.command("set")

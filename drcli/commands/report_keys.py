@@ -23,7 +23,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "transfer.custom_files:CustomFilesReport": ("upload-custom-files", "download-custom-files"),
     "setup.writing:FolderReport": ("init",),
     "settings.inspection:Values": ("config show",),
-    "settings.inspection:Check": ("config check",),
+    "validate.check:FullCheck": ("config check",),
     "settings.editing:Edit": ("config set",),
     "validate.report:Report": ("validate",),
     "commands.update:Checked": ("update", "update-env", "reload"),

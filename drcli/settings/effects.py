@@ -13,6 +13,9 @@ OUTSIDE = ("default", "environment")
 activated holds all of its names."""
 
 
+NAMED_BY_CHECK = "`dr config check` names them."
+
+
 @dataclass(frozen=True)
 class Idle:
     """Settings that do nothing, all for the same reason.
@@ -69,7 +72,7 @@ def remainder(settings: Settings) -> str | None:
     verb = "is" if len(harmless) == 1 else "are"
     return (
         f"{' and '.join(files)}: {len(harmless)} of the settings {verb} for containers, windows, "
-        "videos and the like, without effect here. `dr config check` names them."
+        f"videos and the like, without effect here. {NAMED_BY_CHECK}"
     )
 
 

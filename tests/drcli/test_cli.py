@@ -69,7 +69,7 @@ def test_the_version_goes_to_stdout(dr, capsys):
     assert capsys.readouterr().out == f"dr {__version__}\n"
 
 
-@pytest.mark.parametrize("command", [["--version"], ["config", "check"]])
+@pytest.mark.parametrize("command", [["--version"], ["config", "check", "--settings"]])
 def test_a_closed_input_is_as_good_as_an_empty_one(working_folder, command):
     program = f"from drcli.cli import main; main({command!r})"
 
@@ -87,7 +87,11 @@ def test_a_full_disk_behind_the_output_is_one_sentence(working_folder):
         pytest.skip("there is no /dev/full here")
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-c", "from drcli.cli import main; main(['config', 'check'])"],
+            [
+                sys.executable,
+                "-c",
+                "from drcli.cli import main; main(['config', 'check', '--settings'])",
+            ],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -126,13 +130,17 @@ def test_a_folder_that_is_none_is_blamed_on_its_variable(dr, tmp_path, monkeypat
 @pytest.mark.parametrize("columns", ["0", "10"])
 def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
     done = subprocess.run(
-        [sys.executable, "-c", "from drcli.cli import main; main(['config', 'check'])"],
+        [
+            sys.executable,
+            "-c",
+            "from drcli.cli import main; main(['config', 'check', '--settings'])",
+        ],
         env={**os.environ, "COLUMNS": columns},
         capture_output=True,
         text=True,
     )
 
-    assert "No errors" in done.stdout
+    assert "Settings: no errors" in done.stdout
 
 
 def test_help_lists_all_exit_codes(dr, capsys):

@@ -27,13 +27,21 @@ def loaded(*arguments: str) -> set[str]:
 
 @pytest.mark.parametrize(
     "line",
-    ["status", "summary", "config show", "config check", "update", "logs trainer", "init new"],
+    [
+        "status",
+        "summary",
+        "config show",
+        "config check --settings",
+        "update",
+        "logs trainer",
+        "init x",
+    ],
 )
 def test_a_command_that_only_looks_loads_neither_simulation_nor_storage(working_folder, line):
     assert not loaded(*line.split()) & (SIMULATION | STORAGE)
 
 
-@pytest.mark.parametrize("line", ["status", "summary --json", "update", "config check"])
+@pytest.mark.parametrize("line", ["status", "summary --json", "update", "config check --settings"])
 def test_reading_the_settings_loads_no_more_than_the_core_of_pydantic(working_folder, line):
     assert "pydantic" not in loaded(*line.split())
 

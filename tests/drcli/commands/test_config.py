@@ -83,10 +83,33 @@ def test_an_unknown_name_is_a_wrong_command_line_with_a_hint(dr, working_folder,
 
 
 def test_right_settings_pass_the_check(dr, working_folder, capsys):
-    code = dr("config", "check")
+    code = dr("config", "check", "--settings")
 
     printed = capsys.readouterr()
-    assert (code, printed.out, printed.err) == (0, "No errors, no warnings.\n", "")
+    assert (code, printed.out, printed.err) == (0, "Settings: no errors, no warnings.\n", "")
+
+
+def test_right_settings_are_followed_by_all_other_rules(dr, working_folder, capsys):
+    (working_folder / "custom_files").mkdir(exist_ok=True)
+    (working_folder / "custom_files" / "hyperparameters.json").write_text('{"batch_size": "x"}')
+
+    code = dr("config", "check", "--json")
+
+    printed = json.loads(capsys.readouterr().out)
+    assert code == 3
+    assert (printed["valid"], printed["errors"]) == (False, [])
+    assert any("batch_size" in error["message"] for error in printed["rules"]["errors"])
+
+
+def test_no_rule_repeats_what_was_said_about_the_settings(dr, working_folder, capsys):
+    (working_folder / "run.env").write_text("TEAM=blue\nDR_GUI_ENABLE=True\n")
+
+    dr("config", "check")
+
+    printed = capsys.readouterr().out
+    assert printed.count("TEAM") == 1
+    assert printed.count("DR_GUI_ENABLE") == 1
+    assert "names them" not in printed
 
 
 def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
@@ -102,7 +125,7 @@ def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
         "Error: run.env line 2: DR_WORLDNAME=x is no setting.",
         "  Try: Did you mean DR_WORLD_NAME? Correct the name, or remove the line.",
         "Warning: run.env line 3: TEAM is no setting and has no effect.",
-        "2 errors, 1 warning.",
+        "Settings: 2 errors, 1 warning.",
     ]
     assert printed.err.splitlines()[0] == (
         "Error: run.env line 1: DR_WORKERS=0 is below 1. And 1 more."
@@ -128,6 +151,7 @@ def test_a_check_for_scripts_is_one_object_also_when_it_fails(dr, working_folder
         ],
         "warnings": [],
         "without_effect": [],
+        "rules": None,
     }
 
 
@@ -137,7 +161,7 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
         "DR_ANALYSIS_IMAGE=cpu\nDR_DOCKER_STYLE=swarm\nDR_HOST_X=False\n"
     )
 
-    dr("config", "check")
+    dr("config", "check", "--settings")
 
     assert capsys.readouterr().out.splitlines() == [
         "Accepted without effect:",
@@ -146,7 +170,7 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
         "DR_DOCKER_STYLE",
         "  nothing opens a window and no X server is needed:",
         "    DR_HOST_X",
-        "No errors, no warnings.",
+        "Settings: no errors, no warnings.",
     ]
 
 

@@ -148,7 +148,7 @@ def test_a_damaged_file_passes_or_is_refused_by_file_and_key(seed, working_folde
         (working_folder / name).write_bytes(data)
 
     with pytest.raises(SystemExit) as end:
-        main(["config", "check"])
+        main(["config", "check", "--settings"])
 
     said = capsys.readouterr()
     assert end.value.code in (0, 3), damages
@@ -167,10 +167,10 @@ def test_line_ends_and_marks_change_nothing(seed, damage, working_folder, capsys
         (working_folder / name).write_bytes(data)
 
     with pytest.raises(SystemExit) as end:
-        main(["config", "check"])
+        main(["config", "check", "--settings"])
 
     assert end.value.code == 0
-    assert capsys.readouterr().out.endswith("No errors, no warnings.\n")
+    assert capsys.readouterr().out.endswith("Settings: no errors, no warnings.\n")
 
 
 def folder(path: Path) -> None:
@@ -191,9 +191,14 @@ def link_to_nothing(path: Path) -> None:
     [
         *product(
             ("run.env", "system.env"),
-            ("config check", "config set DR_CAR_NAME=x", "init --experiment x", "shell-env"),
+            (
+                "config check --settings",
+                "config set DR_CAR_NAME=x",
+                "init --experiment x",
+                "shell-env",
+            ),
         ),
-        *product(("worker-2.env",), ("config check", "init --experiment x")),
+        *product(("worker-2.env",), ("config check --settings", "init --experiment x")),
     ],
 )
 def test_what_is_no_file_is_refused_by_name(command, file, replace, working_folder, capsys):
