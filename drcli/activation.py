@@ -19,6 +19,12 @@ FOLDER = "DR_DIR"
 RUN_FILE = "DR_CONFIG"
 """Variable that names its run.env. Source: the reference's activation."""
 
+EXPERIMENT = "DR_EXPERIMENT_NAME"
+"""Variable that names an experiment in it."""
+
+PLACES = (FOLDER, EXPERIMENT, "DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX")
+"""Variables that decide where things are: with another value, a command finds another training."""
+
 
 def marked(copies: Mapping[str, str]) -> str:
     """The value of the mark for these copies."""
@@ -41,6 +47,16 @@ def chosen(environ: Mapping[str, str]) -> dict[str, str]:
     return {name: value for name, value in environ.items() if name not in left}
 
 
+def places(environ: Mapping[str, str]) -> dict[str, str]:
+    """The variables of `PLACES` that neither the files nor an activated shell say by themselves.
+
+    They may have been set for one command only, as in `DR_RUN_ID=3 dr-start-training`; the next
+    one needs them again.
+    """
+    left = copies(environ) | _activated(environ)
+    return {name: environ[name] for name in PLACES if name in environ and name not in left}
+
+
 def run_file(environ: Mapping[str, str], directory: Path) -> str:
     """Which run.env an activated shell asks for, as long as no experiment is chosen.
 
@@ -59,6 +75,17 @@ def run_file(environ: Mapping[str, str], directory: Path) -> str:
         return str(path)
     name = path.relative_to(directory)
     return "run.env" if name.parts[0] == "experiments" else str(name)
+
+
+def _activated(environ: Mapping[str, str]) -> set[str]:
+    """Which of folder and experiment are those that the shell was activated for."""
+    folder, file = environ.get(FOLDER), environ.get(RUN_FILE)
+    if not folder or not file:
+        return set()
+    place = Path(file).parent
+    if place.parent == Path(folder, "experiments"):
+        return {FOLDER, EXPERIMENT} if environ.get(EXPERIMENT) == place.name else {FOLDER}
+    return {FOLDER} if place == Path(folder) else set()
 
 
 def _checksum(value: str) -> str:

@@ -119,11 +119,11 @@ def _report_bug(error: Exception) -> None:
     """Keep the traceback for whoever mends it, and spare the user the sight."""
     from drcli import console
 
-    path = working_folder() / "data" / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
     try:
+        path = working_folder() / "data" / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(traceback.format_exception(error)), "utf-8")
         remedy = f"Report it together with {path}."
-    except OSError:
+    except (OSError, DrError):
         remedy = "Set DR_DEBUG=1 and run the command again to see where it comes from."
     console.fail(f"This is a bug of ours: {type(error).__name__}: {error}", remedy)

@@ -4,12 +4,12 @@ import dataclasses
 import json
 import math
 import os
+import shlex
 import shutil
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import zip_longest
+from itertools import takewhile, zip_longest
 from typing import Any, Literal, NoReturn, TextIO
 
 from rich.console import Console, RenderableType
@@ -17,14 +17,11 @@ from rich.markup import escape
 from rich.segment import Segment, Segments
 from rich.text import Text
 
-from drcli import verbosity
-from drcli.errors import Aborted, OutputLost
+from drcli import activation, verbosity
+from drcli.errors import OutputLost
 
 Advance = Callable[[int], None]
 """Takes how much more is done."""
-
-_ANSWER_PATIENCE_S = 1.0
-"""For how long an answer may be on its way through a pipe."""
 
 
 class _Console(Console):
@@ -109,57 +106,6 @@ def warn(text: str) -> None:
     err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
 
 
-def agree(question: str, *, yes: bool) -> None:
-    """Ask before something is lost or replaced, unless the user has said yes already.
-
-    A question is put on a terminal only. Elsewhere an answer that already waits on standard input
-    counts, as in `echo y | dr-...`; where none does, the answer is no.
-
-    Args:
-        question: Ends with a question mark.
-        yes: The flag that asks nothing.
-
-    Raises:
-        Aborted: The answer is no.
-    """
-    if yes:
-        return
-    if sys.stdin.isatty():
-        err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
-        answer = sys.stdin.readline()
-    else:
-        say(f"{question} [y/N]")
-        answer = _waiting_line()
-    if answer.strip().casefold() not in ("y", "yes"):
-        raise Aborted("Aborting. Nothing was changed.", remedy="-f (or --yes) asks nothing.")
-
-
-def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
-    """Ask for a word, on a terminal only; Enter takes the default.
-
-    Args:
-        question: What is wanted, without a question mark.
-        default: What Enter means; empty where there is no such thing.
-        choices: The words that are allowed, in any case; anything when left out.
-    """
-    offer = f" ({', '.join(choices)})" if choices else ""
-    spelt = {choice.casefold(): choice for choice in choices}
-    while True:
-        err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
-        line = sys.stdin.readline()
-        answer = line.strip() or default
-        if not choices or not line:
-            return answer
-        if answer.casefold() in spelt:
-            return spelt[answer.casefold()]
-        say(f"{answer} is none of these.")
-
-
-def may_ask() -> bool:
-    """Whether somebody is there to answer."""
-    return sys.stdin.isatty() and sys.stderr.isatty()
-
-
 @contextmanager
 def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator[Advance]:
     """A bar on a terminal, nothing elsewhere.
@@ -194,16 +140,23 @@ def waiting(what: str) -> Iterator[None]:
         yield
 
 
-def suggest(commands: list[tuple[str, str]]) -> None:
+def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None:
     """Commands to paste next, each below what it does; --quiet spares them.
 
-    A command has a line of its own, because zsh takes a comment behind it for arguments.
+    A command has a line of its own, because zsh takes a comment behind it for arguments. Ours are
+    repeated with the variables that this one was called with, as far as they say where things are.
+
+    Args:
+        commands: Each with its purpose.
+        elsewhere: They are for another working folder or experiment than this command was.
     """
     if verbosity.quiet:
         return
+    places = {} if elsewhere else activation.places(os.environ)
     err.print("Next:")
     for command, purpose in commands:
-        err.print(f"  [dim]{escape(purpose)}:[/]\n    [bold]{escape(command)}[/]", soft_wrap=True)
+        line = escape(_repeated(command, places))
+        err.print(f"  [dim]{escape(purpose)}:[/]\n    [bold]{line}[/]", soft_wrap=True)
 
 
 def fail(message: str, remedy: str) -> None:
@@ -230,6 +183,16 @@ def is_live() -> bool:
     """
     attached = sys.stdin.isatty() and sys.stderr.isatty() and not verbosity.quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
+
+
+def _repeated(command: str, variables: Mapping[str, str]) -> str:
+    """A command of ours with these variables before it, except those that it sets itself."""
+    words = shlex.split(command)
+    own = [word.partition("=")[0] for word in takewhile(lambda word: "=" in word, words)]
+    if not f"{words[len(own)]}-".startswith("dr-"):
+        return command
+    before = [f"{n}={shlex.quote(v)}" for n, v in variables.items() if n not in own]
+    return " ".join([*before, command])
 
 
 def _fitted(rendered: RenderableType, width: int) -> Segments:
@@ -262,15 +225,6 @@ def _printing() -> Iterator[None]:
             f"The result cannot be written to standard output: {error.strerror or error}.",
             remedy="Make room there, or send the output elsewhere.",
         ) from None
-
-
-def _waiting_line() -> str:
-    """A line that waits on standard input; empty when none comes, as in an open, silent pipe."""
-    lines: list[str] = []
-    reader = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
-    reader.start()
-    reader.join(_ANSWER_PATIENCE_S)
-    return lines[0] if lines else ""
 
 
 def _with_properties(report: Any) -> dict[str, Any]:

@@ -15,6 +15,8 @@ def upload_custom_files(as_json: AsJson = False) -> None:
     from drcli.transfer import custom_files
 
     report = custom_files.upload_custom_files(settings(), working_folder(), console.say)
+    for name in report.refused:
+        console.warn(f"{report.folder}/{name} is left out: its name is no UTF-8.")
     console.emit(report, views_models.custom_files(report, up=True), as_json=as_json)
 
 

@@ -40,7 +40,7 @@ def download_model(
 
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
-    from drcli import console, views_models
+    from drcli import asking, console, views_models
     from drcli.transfer.download import DownloadOptions, download, plan_download
 
     if not source:
@@ -57,7 +57,7 @@ def download_model(
         there = views_models.files(planned.used)
         console.warn(f"At {planned.target_url} lies something already: {there}.")
     if not dry_run:
-        console.agree("Are you sure?", yes=force)
+        asking.agree("Are you sure?", yes=force)
     report = download(planned, loaded, folder, partial(console.progress, unit="bytes"))
     console.emit(report, views_models.download(report), as_json=as_json)
     if not dry_run:

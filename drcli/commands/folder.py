@@ -5,17 +5,44 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drcli.errors import SettingsError
+
 if TYPE_CHECKING:
     from drcli.config import Settings
 
 
 def working_folder() -> Path:
-    """Where run.env lies: DR_DIR if that is set, else the current folder."""
-    here = Path.cwd().absolute()
-    folder = Path(os.environ.get("DR_DIR") or here).absolute()
+    """Where run.env lies: DR_DIR if that is set, else the current folder.
+
+    Raises:
+        SettingsError: It is, or lies in, a current folder that was deleted.
+    """
+    named = os.environ.get("DR_DIR")
+    try:
+        here = current_folder()
+    except SettingsError:
+        if named and Path(named).is_absolute():
+            return Path(named)
+        raise
+    folder = here / named if named else here
     if folder != here and (here / "run.env").is_file() and folder.resolve() != here.resolve():
         _mention(folder, here)
     return folder
+
+
+def current_folder() -> Path:
+    """The current folder.
+
+    Raises:
+        SettingsError: It was deleted.
+    """
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        raise SettingsError(
+            "The current folder is gone.",
+            remedy="Change to one that is there, as with `cd ~/my-racer`, and run it again.",
+        ) from None
 
 
 def settings() -> "Settings":
@@ -25,7 +52,6 @@ def settings() -> "Settings":
         SettingsError: One is wrong, or DR_DIR is.
     """
     from drcli.config import load_settings
-    from drcli.errors import SettingsError
 
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():

@@ -27,16 +27,16 @@ def increment_training(
 
     Example: dr-increment-training -f
     """
-    from drcli import console, views
+    from drcli import asking, console, views
     from drcli.runs.increment import make_increment, plan_increment
 
     loaded, folder = settings(), working_folder()
     planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
     announce(step.file, step.before, step.after)
-    console.agree("Are you sure?", yes=force)
+    asking.agree("Are you sure?", yes=force)
     if step.wipes:
-        console.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
+        asking.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     make_increment(planned, loaded, folder)
     console.emit(step, views.increment(step), as_json=as_json)
     finish(step.file, step.backup, ("dr-start-training", "train the new model"))

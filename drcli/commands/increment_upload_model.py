@@ -26,7 +26,7 @@ def increment_upload_model(
 
     Example: dr-increment-upload-model -f
     """
-    from drcli import console, views_models
+    from drcli import asking, console, views_models
     from drcli.transfer.naming import make_upload_increment, plan_upload_increment
 
     folder = working_folder()
@@ -38,7 +38,7 @@ def increment_upload_model(
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
         console.warn(f"{views_models.files(step.wiped)} at {place} will be deleted.")
-    console.agree("Are you sure?", yes=force)
+    asking.agree("Are you sure?", yes=force)
     make_upload_increment(planned, folder)
     console.emit(step, views_models.upload_increment(step), as_json=as_json)
     finish(step.file, step.backup, ("dr-upload-model", "upload the model there"))

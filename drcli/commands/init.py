@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.commands.folder import working_folder
+from drcli.commands.folder import current_folder, working_folder
 from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def init(
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
-    from drcli import console
+    from drcli import asking, console
     from drcli.findings import FindingsError
     from drcli.setup.folder import has_activate_script, plan_experiment, plan_folder
     from drcli.setup.questions import with_answers
@@ -100,16 +100,16 @@ def init(
         if experiment is not None:
             plan = plan_experiment(Path(folder or working_folder()), experiment, values)
         else:
-            if console.may_ask() and not force:
-                values = with_answers(values, console.ask, console.warn)
-            plan = plan_folder(Path(folder or Path.cwd()), values)
+            if asking.may_ask() and not force:
+                values = with_answers(values, asking.ask, console.warn)
+            plan = plan_folder(Path(folder or current_folder()), values)
     except FindingsError as error:
         raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
         there = f"In {plan.folder} there are already: {', '.join(plan.clashes)}."
-        if not console.may_ask():
+        if not asking.may_ask():
             raise typer.BadParameter(f"{there} Add --force to replace them; copies stay as .bak.")
-        console.agree(f"{there} Replace them, and keep a copy of each as .bak?", yes=False)
+        asking.agree(f"{there} Replace them, and keep a copy of each as .bak?", yes=False)
     report = write(plan)
     for warning in report.warnings:
         console.warn(warning)
@@ -119,7 +119,8 @@ def init(
         console.emit(report, "", as_json=True)
     else:
         console.say(f"{len(report.written)} files written in {report.folder}.")
-    console.suggest(_next(plan.folder, experiment, sourced=has_activate_script(plan.folder)))
+    steps = _next(plan.folder, experiment, sourced=has_activate_script(plan.folder))
+    console.suggest(steps, elsewhere=True)
 
 
 def _in_options(error: "FindingsError", names: Collection[str]) -> Exception:

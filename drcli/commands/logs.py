@@ -14,11 +14,14 @@ POLL_S = 0.3
 OTHERS = ("trainer", "supervisor", "evaluation")
 """Logs beside those of the simulation workers."""
 
+ANY_SIM = "sim"
+"""Stands for the simulation worker that -n names."""
+
 
 def logs(
     worker: Annotated[
         str, typer.Argument(metavar="WHO", help="sim, trainer, supervisor or evaluation.")
-    ] = "sim",
+    ] = ANY_SIM,
     number: Annotated[
         int, typer.Option("-n", "--number", help="Which simulation worker, from 0.", min=0)
     ] = 0,
@@ -55,11 +58,11 @@ def logs(
 
 def _name(worker: str, number: int) -> str:
     """The name of the log that is meant."""
-    if worker == "sim":
+    if worker == ANY_SIM:
         return f"sim-{number}"
     if worker in OTHERS or re.fullmatch(r"sim-\d+", worker):
         return worker
-    raise typer.BadParameter(f"'{worker}' is none of sim, {', '.join(OTHERS)}.")
+    raise typer.BadParameter(f"'{worker}' is none of {', '.join((ANY_SIM, *OTHERS))}.")
 
 
 def _remedy(name: str, workers: int) -> str:

@@ -44,7 +44,7 @@ def upload_model(
 
     Example: dr-upload-model -b -f
     """
-    from drcli import console, views_models
+    from drcli import asking, console, views_models
     from drcli.transfer.upload import UploadOptions, plan_upload, upload
 
     if best and number is not None:
@@ -68,7 +68,7 @@ def upload_model(
         console.write(f"{planned.chosen.line}\n")  # on stdout, where scripts look for it
     console.say(f"Uploading {planned.source_url} to {planned.target_url}")
     if not dry_run:
-        console.agree("Are you sure?", yes=force)
+        asking.agree("Are you sure?", yes=force)
     report = upload(planned, loaded, folder, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted goes on where it was

@@ -8,12 +8,14 @@ waits for a key.
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from drcli.commands.folder import working_folder
 from drcli.commands.table import COMMANDS, Command, program_names
 from drcli.completing.values import Place
+from drcli.errors import DrError
 
 Candidate = tuple[str, str]
 """A word and what it is."""
@@ -23,10 +25,11 @@ def main() -> None:
     """Answer a shell: its name, the program that is called, and all words up to the cursor."""
     shell, program, *words = sys.argv[1:]
     typed = _joined(words)
-    for word, meaning in candidates(Path(program).name, typed[:-1], typed[-1] if typed else ""):
-        if shell == "bash":  # it takes the part behind the = for a word of its own
-            word = word[_break(typed[-1]) :]
-        print(f"{word}\t{meaning}" if meaning else word)
+    with suppress(DrError):  # the command itself will say what is wrong
+        for word, meaning in candidates(Path(program).name, typed[:-1], typed[-1] if typed else ""):
+            if shell == "bash":  # it takes the part behind the = for a word of its own
+                word = word[_break(typed[-1]) :]
+            print(f"{word}\t{meaning}" if meaning else word)
 
 
 def candidates(program: str, words: list[str], incomplete: str) -> list[Candidate]:

@@ -94,12 +94,6 @@ def checkpoints(place: Place) -> Iterator[str]:
     yield from map(str, sorted(numbers, reverse=True))
 
 
-def checkpoint_choices(place: Place) -> Iterator[str]:
-    """The words for a checkpoint, then the numbers."""
-    yield from ("last", "best")
-    yield from checkpoints(place)
-
-
 def experiments(place: Place) -> Iterator[str]:
     """Folders in experiments/ with a run.env."""
     found = (place.folder / "experiments").glob("*/run.env")
@@ -107,9 +101,11 @@ def experiments(place: Place) -> Iterator[str]:
 
 
 def workers(place: Place) -> Iterator[str]:
-    """Processes of a training that have a log."""
+    """Processes that have a log."""
+    from drcli.commands.logs import ANY_SIM, OTHERS  # the command whose words these are is loaded
+
     count = place.settings.get("DR_WORKERS", "1")
-    yield from ("trainer", "supervisor")
+    yield from (ANY_SIM, *OTHERS)
     yield from (f"sim-{k}" for k in range(min(int(count), 100) if count.isdecimal() else 1))
 
 

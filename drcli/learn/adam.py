@@ -54,6 +54,8 @@ class Adam:
     def tensors(self) -> dict[str, Tensor]:
         """Everything it remembers, as `torch.optim.Adam` names it.
 
+        These are the tensors it goes on with, no copies: store them before the next step.
+
         Returns:
             Tensors by "<index of the parameter>.<name>"; empty before the first step.
         """
@@ -68,13 +70,30 @@ class Adam:
 
         Each comes to lie in memory as its parameter does: the fused arithmetic goes through both
         without a look at their strides, and stored tensors have lost theirs.
+
+        Args:
+            tensors: As `tensors` returns them.
+
+        Raises:
+            ValueError: They belong to other parameters; nothing was taken up.
         """
-        self._memory = {}
+        memory: dict[int, dict[str, Tensor]] = {}
+        indices = {str(index): index for index in range(len(self._parameters))}
         for key, value in tensors.items():
-            index, name = key.split(".", 1)
-            if int(index) not in self._memory:
-                self._memory[int(index)] = self._first_memory(self._parameters[int(index)])
-            self._memory[int(index)][name].copy_(value)
+            text, _, name = key.partition(".")
+            if text not in indices or name not in ("step", *MOMENTS):
+                raise ValueError(f"An optimizer of {len(indices)} parameters has no {key}.")
+            index = indices[text]
+            if index not in memory:
+                memory[index] = self._first_memory(self._parameters[index])
+            own = memory[index][name]
+            if own.shape != value.shape:
+                raise ValueError(
+                    f"{key} is of shape {tuple(value.shape)}, its parameter wants "
+                    f"{tuple(own.shape)}."
+                )
+            own.copy_(value)
+        self._memory = memory
 
     @staticmethod
     def _first_memory(parameter: Tensor) -> dict[str, Tensor]:

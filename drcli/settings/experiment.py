@@ -9,7 +9,7 @@ from drcli.settings.files import Files
 from drcli.settings.kinds import FOLDER_NAME
 from drcli.settings.layers import Layers
 
-EXPERIMENT = "DR_EXPERIMENT_NAME"
+EXPERIMENT = activation.EXPERIMENT
 
 
 def chosen_experiment(files: Files, layers: Sequence[Mapping[str, Entry]]) -> str:

@@ -31,11 +31,6 @@ def folder(prefix: str) -> str:
 # Files the user brings.
 
 
-def custom_file(custom_files_prefix: str, name: str) -> str:
-    """One of the user's own files, as uploaded before a start."""
-    return folder(custom_files_prefix) + name
-
-
 def model_metadata(prefix: str) -> str:
     """The model's own copy of its action space, sensors and network."""
     return folder(prefix) + "model/model_metadata.json"

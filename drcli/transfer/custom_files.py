@@ -1,9 +1,13 @@
 """Copies the racer's own files to the bucket and back; nothing is ever deleted."""
 
+import errno
+import os
 import shutil
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import NoReturn
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
@@ -31,7 +35,8 @@ class CustomFilesReport:
         place: Its counterpart in the bucket, an s3:// address.
         copied: Names of the files that were copied, below both.
         unchanged: Names of those that were the same.
-        refused: Names in the bucket that would be no files inside the folder.
+        refused: Names that cannot stand at the other end: those in the bucket that would be no
+            files inside the folder, those of files that are no text, printable.
     """
 
     folder: str
@@ -47,7 +52,7 @@ def upload_custom_files(
     """Copy what lies in `custom_files/` of the working folder, or of the experiment.
 
     Raises:
-        SettingsError: There is no such folder, or a file in it cannot be read.
+        SettingsError: There is no such folder, or something in it cannot be read.
         StorageError: The bucket cannot be written.
     """
     folder, bucket, place = _ends(settings, directory)
@@ -60,18 +65,19 @@ def upload_custom_files(
     say(f"Uploading files to {place}")
     start = keys.folder(settings.custom_files_prefix)
     there = {info.key: info for info in bucket.list(start)}
-    copied, unchanged = [], []
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder)
-        if not path.is_file() or set(IGNORED) & set(name.parts) or path.suffix == BACKUP:
+    copied, unchanged, refused = [], [], []
+    for path in sorted(_files(folder)):
+        name = path.relative_to(folder).as_posix()
+        if not _is_text(name):
+            refused.append(os.fsencode(name).decode(errors="backslashreplace"))
             continue
-        data, key = _read(path), start + name.as_posix()
+        data, key = _read(path), start + name
         if Proof.of(data).holds(bucket, there.get(key)):
-            unchanged.append(name.as_posix())
+            unchanged.append(name)
             continue
         bucket.put(key, data)
-        copied.append(name.as_posix())
-    return CustomFilesReport(str(folder), place, copied, unchanged, [])
+        copied.append(name)
+    return CustomFilesReport(str(folder), place, copied, unchanged, refused)
 
 
 def download_custom_files(
@@ -89,6 +95,8 @@ def download_custom_files(
     copied, unchanged, refused = [], [], []
     for info in bucket.list(start):
         name = info.key.removeprefix(start)
+        if not name or name.endswith("/"):
+            continue  # consoles mark a folder so
         if not _is_inside(name):
             refused.append(name)
         elif write_file(folder / name, bucket.get(info.key)):
@@ -128,17 +136,55 @@ def _ends(settings: Settings, directory: Path) -> tuple[Path, Bucket, str]:
     return custom_files_folder(settings, directory), bucket, place
 
 
+def _files(folder: Path) -> Iterator[Path]:
+    """The files on all levels that are the racer's own.
+
+    Raises:
+        SettingsError: A folder or a file cannot be looked at.
+    """
+    for parent, below, names in os.walk(folder, onerror=_refuse):
+        below[:] = [name for name in below if name not in IGNORED]
+        for name in names:
+            path = Path(parent, name)
+            if name not in IGNORED and path.suffix != BACKUP and _is_file(path):
+                yield path
+
+
+def _is_file(path: Path) -> bool:
+    """Whether it is one, and no pipe and no link that leads nowhere."""
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except OSError as e:
+        if e.errno in (errno.ENOENT, errno.ENOTDIR, errno.ELOOP):
+            return False
+        _refuse(e)
+
+
 def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as e:
-        raise SettingsError(
-            f"{path}: cannot be read ({e.strerror or e}).", remedy="Check who may read it."
-        ) from e
+        _refuse(e, path)
+
+
+def _refuse(error: OSError, path: Path | None = None) -> NoReturn:
+    raise SettingsError(
+        f"{path or error.filename}: cannot be read ({error.strerror or error}).",
+        remedy="Check who may read it.",
+    ) from error
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name can be one in a bucket: Linux takes any bytes, S3 only UTF-8."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _is_inside(name: str) -> bool:
     """Whether a name of the bucket is that of a file in the folder, and not of one around it."""
     parts = PurePosixPath(name).parts
-    plain = bool(name) and not name.endswith("/") and "\\" not in name and "\0" not in name
+    plain = "\\" not in name and "\0" not in name
     return plain and not name.startswith("/") and ".." not in parts

@@ -13,7 +13,7 @@ from drcli.store.scores import read_scores
 from drcli.transfer.companions import SHAPING
 from drcli.transfer.custom_files import write_file
 from drcli.transfer.delivery import POINTERS, Delivery
-from drcli.transfer.fetching import Fetcher, Source, list_model
+from drcli.transfer.fetching import Fetcher, Source, list_whole
 from drcli.transfer.places import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
@@ -91,7 +91,7 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, directory, options, patience_s=PLAN_PATIENCE_S)
-    listed = list_model(source)
+    listed = list_whole(source)
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
@@ -112,13 +112,15 @@ def download(
 ) -> DownloadReport:
     """Make the download. While it lasts the copy has no index, so that nobody drives half of it.
 
+    Nothing is touched before the source was found whole.
+
     Raises:
         DrError: It could not be finished; making it again fetches what is missing.
     """
     options = planned.options
     source = _source(settings, directory, options, patience_s=COPY_PATIENCE_S)
     here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
-    listed = list_model(source)
+    listed = list_whole(source)
     delivery = Delivery(here, options.prefix, lambda more: None)
     report = DownloadReport(
         planned.source_url,

@@ -80,6 +80,26 @@ def list_model(source: Source) -> Listing:
     return listed
 
 
+def list_whole(source: Source) -> Listing:
+    """The same, once the pointers of the model name only checkpoints that are there.
+
+    A training that runs there may prune a checkpoint between two looks; the pointers are read
+    first, because it writes them last.
+
+    Raises:
+        SettingsError: There is no model.
+        StorageError: The pointers cannot be read, or name something that is not there.
+    """
+    missing: list[str] = []
+    for _ in range(_SNAPSHOTS):
+        names = _named(_pointers(source), source.url)
+        listed = list_model(source)
+        missing = [key for n in sorted(names) for key in missing_parts(listed, source.prefix, n)]
+        if not missing:
+            return listed
+    raise _incomplete(source, missing[0])
+
+
 class Fetcher:
     """Brings the objects of one model to another bucket."""
 
@@ -107,21 +127,13 @@ class Fetcher:
         missing: list[str] = []
         for _ in range(_SNAPSHOTS):
             delivery.send(self._items(delivery, listed))
-            pointers = [
-                Item(name, self._there.get(self._folder + name))
-                for name in POINTERS
-                if self._there.exists(self._folder + name)
-            ]
+            pointers = _pointers(self._source)
             missing = self._missing(pointers)
             if not missing:
                 return pointers
             done = {*delivery.copied, *delivery.unchanged}
             listed = [o for o in list_model(self._source) if self._name(o) not in done]
-        raise StorageError(
-            f"{self._source.url} names a checkpoint that cannot be fetched whole: {missing[0]} is "
-            "missing.",
-            remedy="If it is being trained, run the command again; otherwise fetch another model.",
-        )
+        raise _incomplete(self._source, missing[0])
 
     def _name(self, info: ObjectInfo) -> str:
         return info.key.removeprefix(self._folder)
@@ -170,6 +182,23 @@ class Fetcher:
                 f"Checkpoint {name} of {self._source.url} is damaged there. {e}",
                 remedy="Restore it there, or fetch another model.",
             ) from e
+
+
+def _pointers(source: Source) -> list[Item]:
+    """Those of the two pointers that are there."""
+    folder = keys.folder(source.prefix)
+    return [
+        Item(name, source.bucket.get(folder + name))
+        for name in POINTERS
+        if source.bucket.exists(folder + name)
+    ]
+
+
+def _incomplete(source: Source, missing: str) -> StorageError:
+    return StorageError(
+        f"{source.url} names a checkpoint that cannot be fetched whole: {missing} is missing.",
+        remedy="If it is being trained, run the command again; otherwise fetch another model.",
+    )
 
 
 def _named(pointers: list[Item], source: str) -> set[str]:

@@ -69,7 +69,11 @@ class Learner(Protocol):
         """The optimizer's memory, to go on with."""
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take up the memory of another optimizer."""
+        """Take up the memory of another optimizer.
+
+        Raises:
+            ValueError: It belongs to another network; nothing was taken up.
+        """
 
 
 def build_learner(

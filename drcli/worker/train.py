@@ -29,7 +29,7 @@ from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
-from drcli.worker.learning import build_learner, policy_spec
+from drcli.worker.learning import Learner, build_learner, policy_spec
 from drcli.worker.process import Activity, Lifeline, StopRequested
 
 SEED_STRIDE = 1_000_003
@@ -111,7 +111,7 @@ class Trainer:
         if found.optimizer is None:
             print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
         else:
-            self._learner.restore(load_tensors(found.optimizer))
+            restore_optimizer(self._learner, found.optimizer)
         record = found.record
         self._number, self._steps = record.number, record.steps
         self._episodes = int(record.counters["episodes"])
@@ -323,6 +323,15 @@ def metric_of(metric: str, result: dict[str, list[float]]) -> float:
     unfinished = len(result["progress"]) - len(result["lap_s"])
     times_ms = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
     return float(np.mean(times_ms))
+
+
+def restore_optimizer(learner: Learner, state: bytes) -> None:
+    """Take up an optimizer state, a safetensors file, if it fits: weights go on without it, too."""
+    try:
+        learner.restore(load_tensors(state))
+    except ValueError as error:
+        print(f"Checkpoint> Its optimizer state does not fit: {error}")
+        print("Checkpoint> The optimizer starts afresh.")
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

@@ -265,6 +265,50 @@ def test_dr_dir_names_the_working_folder(dr, working_folder, tmp_path_factory, m
     assert "Nothing was started" in capsys.readouterr().out
 
 
+@pytest.fixture
+def gone(tmp_path_factory, monkeypatch):
+    """The current folder was deleted."""
+    folder = tmp_path_factory.mktemp("gone")
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+
+
+def test_dr_dir_counts_even_where_the_current_folder_is_gone(
+    dr, working_folder, gone, monkeypatch, capsys
+):
+    monkeypatch.setenv("DR_DIR", str(working_folder))
+
+    code = dr("status")
+
+    assert code == 0
+    assert "Nothing was started" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("relative", [None, "racer"])
+def test_a_current_folder_that_is_gone_is_one_sentence(
+    dr, working_folder, gone, monkeypatch, capsys, relative
+):
+    if relative is not None:
+        monkeypatch.setenv("DR_DIR", relative)
+
+    code = dr("status")
+
+    assert code == 3
+    assert capsys.readouterr().err.startswith("Error: The current folder is gone.")
+
+
+def test_a_bug_in_a_folder_that_is_gone_is_one_sentence(dr, failing, gone, monkeypatch, capsys):
+    def fail(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("drcli.commands.stop_training.working_folder", fail)
+
+    code = dr("stop-training")
+
+    assert code == 1
+    assert "bug of ours: ZeroDivisionError" in capsys.readouterr().err
+
+
 def test_ctrl_c_exits_130_without_a_word(dr, failing, capsys):
     failing(KeyboardInterrupt())
 

@@ -1,6 +1,5 @@
 """What goes to stdout, what to stderr, and in which shape."""
 
-import io
 import json
 from dataclasses import dataclass
 
@@ -82,7 +81,7 @@ def test_results_are_not_folded_in_a_pipe(monkeypatch, capsys):
     assert console.columns() == console.BOUNDLESS
 
 
-def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):
+def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(working_folder, capsys):
     console.say("[bold] is no markup")
     console.warn("odd [value]")
     console.fail("It broke [here].", "Mend it.")
@@ -99,6 +98,31 @@ def test_hints_warnings_and_failures_go_to_stderr_as_they_are_written(capsys):
         "  look:",
         "    dr-status",
     ]
+
+
+def test_a_next_command_looks_where_this_one_did(working_folder, monkeypatch, capsys):
+    monkeypatch.setenv("DR_RUN_ID", "3")
+    monkeypatch.setenv("DR_DIR", "/my racer")
+    monkeypatch.setenv("DR_WORKERS", "2")
+
+    console.suggest(
+        [("dr-status", "look"), ("DR_RUN_ID=4 dr-status", "look"), ("cp 'a b' c", "take it back")]
+    )
+
+    assert capsys.readouterr().err.splitlines()[2::2] == [
+        "    DR_DIR='/my racer' DR_RUN_ID=3 dr-status",
+        "    DR_DIR='/my racer' DR_RUN_ID=4 dr-status",
+        "    cp 'a b' c",
+    ]
+
+
+def test_a_next_command_for_another_place_is_left_as_it_is(working_folder, monkeypatch, capsys):
+    monkeypatch.setenv("DR_EXPERIMENT_NAME", "old")
+
+    steps = [("source bin/activate.sh -e new", "go"), ("dr-status", "look")]
+    console.suggest(steps, elsewhere=True)
+
+    assert "old" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -126,23 +150,6 @@ def test_a_pipe_is_no_terminal_even_if_colours_are_forced(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", Terminal())
 
     assert not console.is_live()
-
-
-@pytest.mark.parametrize(
-    ("typed", "answer"),
-    [("\n", "local"), ("aws\n", "aws"), ("AWS\n", "aws"), ("x\naws\n", "aws"), ("", "local")],
-)
-def test_a_question_is_put_until_the_answer_is_one_of_the_words(monkeypatch, capsys, typed, answer):
-    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-
-    assert console.ask("Who keeps the bucket", "local", ["local", "aws"]) == answer
-    assert capsys.readouterr().err.startswith("Who keeps the bucket (local, aws) [local]: ")
-
-
-def test_a_question_without_words_takes_anything(monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("  my model \n"))
-
-    assert console.ask("Name of the model", "m") == "my model"
 
 
 def test_quiet_leaves_warnings_and_failures(monkeypatch, capsys):

@@ -85,7 +85,7 @@ def test_no_server_is_asked_for_models_elsewhere(trained):
 
 
 def test_checkpoints_are_numbers_the_newest_first(trained):
-    assert list(values.checkpoint_choices(Place(trained))) == ["last", "best", "10", "2", "0"]
+    assert words("dr-upload-model", "-c", "") == ["10", "2", "0"]
 
 
 def test_settings_are_offered_by_name_and_known_ones_with_values(working_folder):
@@ -106,7 +106,14 @@ def test_experiments_and_workers_are_those_of_the_folder(working_folder):
         (working_folder / "experiments" / name / "run.env").touch()
 
     assert words("dr-init", "--experiment", "") == ["fast", "slow"]
-    assert words("dr-logs", "") == ["trainer", "supervisor", "sim-0", "sim-1"]
+    assert words("dr-logs", "") == [
+        "sim",
+        "trainer",
+        "supervisor",
+        "evaluation",
+        "sim-0",
+        "sim-1",
+    ]
 
 
 def test_file_names_are_left_to_the_shell(working_folder):
@@ -134,6 +141,19 @@ def test_bash_gets_only_the_part_behind_the_equals_sign(working_folder, monkeypa
     main()
 
     assert capsys.readouterr().out == "local\n"
+
+
+def test_a_current_folder_that_is_gone_has_no_candidates(
+    working_folder, tmp_path_factory, monkeypatch, capsys
+):
+    folder = tmp_path_factory.mktemp("gone")
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    monkeypatch.setattr("sys.argv", ["drcli-complete", "zsh", "dr-logs", ""])
+
+    main()
+
+    assert capsys.readouterr().out == ""
 
 
 def test_every_place_is_a_parameter_of_a_command():

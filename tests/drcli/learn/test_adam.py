@@ -34,6 +34,26 @@ def test_a_restored_optimizer_takes_the_same_next_step(kind):
     assert torch.equal(first.weight, second.weight)
 
 
+@pytest.mark.parametrize(
+    ("stored", "said"),
+    [
+        ({"0.exp_avg": torch.zeros(1, 1)}, r"0\.exp_avg .* \(1, 1\), .* \(2, 18\)"),
+        ({"0.step": torch.zeros(1)}, r"0\.step .* \(1,\), .* \(\)"),
+        ({"2.step": torch.zeros(())}, "2.step"),
+        ({"-1.step": torch.zeros(())}, "-1.step"),
+        ({"0.max_exp_avg_sq": torch.zeros(2, 18)}, "0.max_exp_avg_sq"),
+        ({"step": torch.zeros(())}, "step"),
+    ],
+)
+def test_a_memory_over_other_parameters_is_refused_and_changes_nothing(stored, said):
+    optimizer = Adam(_layer("linear").parameters(), lr=0.1)
+
+    with pytest.raises(ValueError, match=said):
+        optimizer.restore({"1.step": torch.ones(()), **stored})
+
+    assert optimizer.tensors() == {}
+
+
 def test_an_optimizer_that_never_stepped_remembers_nothing():
     optimizer = Adam(_layer("linear").parameters(), lr=0.1)
 

@@ -72,6 +72,28 @@ def test_the_address_of_the_embedded_server_is_known_once_it_was_started(folder)
     assert after["DR_LOCAL_S3_ENDPOINT_URL"] == "http://127.0.0.1:20123"
 
 
+def test_nothing_that_activation_exported_is_an_override(folder, experiment):
+    plain = activated(folder)
+    chosen = {**plain, **shell_change(folder, plain, experiment=experiment).export}
+
+    assert activation.places(plain) == {}
+    assert activation.places(chosen) == {}
+
+
+def test_what_is_set_for_one_command_is_an_override_in_an_activated_shell_too(folder, tmp_path):
+    other = str(tmp_path / "other")
+    once = {"DR_RUN_ID": "3", "DR_LOCAL_S3_MODEL_PREFIX": "my model", "DR_DIR": other}
+
+    assert activation.places({**activated(folder), **once, "DR_WORKERS": "2"}) == once
+    assert activation.places(once) == once
+
+
+def test_another_experiment_than_the_activated_one_is_an_override(folder, experiment):
+    shell = {**shell_change(folder, {}, experiment=experiment).export, "DR_EXPERIMENT_NAME": "slow"}
+
+    assert activation.places(shell) == {"DR_EXPERIMENT_NAME": "slow"}
+
+
 def test_a_reference_to_a_default_is_filled_in_as_the_commands_do_it(folder):
     (folder / "run.env").write_text("DR_UPLOAD_S3_PREFIX=up/$DR_LOCAL_S3_MODEL_PREFIX\n")
 

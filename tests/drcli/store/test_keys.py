@@ -29,7 +29,6 @@ def test_each_of_several_workers_writes_its_trace_below_its_number():
         (keys.model_metadata("m"), "m/model/model_metadata.json"),
         (keys.hyperparameters("m"), "m/ip/hyperparameters.json"),
         (keys.reward_function("m"), "m/reward_function.py"),
-        (keys.custom_file("custom_files", "reward_function.py"), "custom_files/reward_function.py"),
         (keys.parameter_file("m", "training_params.yaml"), "m/training_params.yaml"),
         (keys.training_metrics("m/metrics"), "m/metrics/TrainingMetrics.json"),
         (keys.training_metrics("m/metrics", 11), "m/metrics/TrainingMetrics_11.json"),

@@ -1,5 +1,7 @@
 """The racer's own files travel to the bucket and back."""
 
+import os
+
 import pytest
 
 from drcli.errors import SettingsError
@@ -76,6 +78,57 @@ def test_the_folder_of_an_experiment_is_its_own(mover, said):
     assert mover.here.get("files/first/reward_function.py") == b"mine"
 
 
+def test_a_folder_that_cannot_be_looked_into_is_named(mover, custom, said, monkeypatch):
+    looked_into = os.scandir
+
+    def scandir(folder):
+        if str(folder).endswith("alles"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return looked_into(folder)
+
+    monkeypatch.setattr("os.scandir", scandir)
+
+    with pytest.raises(SettingsError, match=r"alles: cannot be read \(Permission denied\)"):
+        upload_custom_files(mover.settings(), mover.folder, said.append)
+
+
+def test_a_folder_of_leftovers_need_not_be_readable(mover, custom, said, monkeypatch):
+    looked_into = os.scandir
+
+    def scandir(folder):
+        assert "__pycache__" not in str(folder)
+        return looked_into(folder)
+
+    monkeypatch.setattr("os.scandir", scandir)
+
+    report = upload_custom_files(mover.settings(), mover.folder, said.append)
+
+    assert report.copied == FILES
+
+
+def test_links_that_lead_nowhere_and_pipes_are_no_files(mover, custom, said):
+    (custom / "gone").symlink_to("nowhere")
+    (custom / "round").symlink_to("round")
+    os.mkfifo(custom / "pipe")
+
+    report = upload_custom_files(mover.settings(), mover.folder, said.append)
+
+    assert report.copied == FILES
+
+
+def test_a_file_whose_name_is_no_text_is_refused_in_printable_words(mover, custom, said):
+    name = os.fsdecode(b"caf\xe9.txt")
+    try:
+        (custom / name).touch()
+    except OSError:
+        pytest.skip("file names are text here")
+
+    report = upload_custom_files(mover.settings(), mover.folder, said.append)
+
+    assert report.refused == ["caf\\xe9.txt"]
+    assert report.copied == FILES
+
+
 def test_without_a_folder_there_is_nothing_to_upload(mover, said):
     with pytest.raises(SettingsError, match="custom_files: there is no such folder"):
         upload_custom_files(mover.settings(), mover.folder, said.append)
@@ -91,6 +144,15 @@ def test_a_name_that_leads_out_of_the_folder_is_left_alone(mover, said, name):
     assert report.refused == [name]
     assert (mover.folder / "run.env").read_bytes() == before
     assert not (mover.folder / "custom_files").exists()
+
+
+def test_the_folders_that_consoles_mark_are_no_files(mover, said):
+    for name in ("", "sub/", "sub/a.txt"):
+        mover.here.put(f"custom_files/{name}", b"")
+
+    report = download_custom_files(mover.settings(), mover.folder, said.append)
+
+    assert (report.copied, report.refused) == (["sub/a.txt"], [])
 
 
 def test_a_bucket_without_such_files_changes_nothing(mover, custom, said):

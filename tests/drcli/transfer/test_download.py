@@ -9,6 +9,7 @@ import yaml
 from drcli.errors import SettingsError, StorageError
 from drcli.runs import lease
 from drcli.store import keys
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory import MemoryBucket
 
 from .conftest import driven, put_model
@@ -223,6 +224,53 @@ def test_a_model_whose_index_names_what_is_not_there_is_given_up(mover, theirs):
     assert driven(mover.here, "mine") is None
 
 
+def test_a_source_that_is_not_whole_does_not_cost_the_model_that_lies_here(mover, theirs):
+    put_model(mover.here, "mine", design="b")
+    theirs.delete([keys.checkpoint_tensors("theirs/fast", "8_Step-800.ckpt")])
+
+    with pytest.raises(StorageError, match=r"theirs/fast/model/8_Step-800\.ckpt\.safetensors is"):
+        mover.download(URL, "mine", wipe=True)
+
+    assert driven(mover.here, "mine") == "weights 3 of design b"
+
+
+@pytest.mark.parametrize("name", ["coach_checkpoint", "deepracer_checkpoints"])
+def test_a_source_whose_pointer_is_damaged_costs_nothing_here(mover, theirs, name):
+    put_model(mover.here, "mine", design="b")
+    theirs.put(getattr(keys, name)("theirs/fast"), b"\xff")
+
+    with pytest.raises(StorageError):
+        mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") == "weights 3 of design b"
+
+
+def test_a_source_that_is_pruned_while_it_is_looked_at_is_looked_at_again(mover):
+    class Pruning(MemoryBucket):
+        pruned = False
+
+        def list(self, folder):
+            if not self.pruned:
+                self.pruned = True
+                store = CheckpointStore(self, "theirs/fast")
+                store.save(9, 900, b"weights 9 of design a", counters={})
+                store.record_evaluation("9_Step-900.ckpt", 95.0)
+                doomed = keys.checkpoint_part("theirs/fast", "2_Step-200.ckpt", "")
+                self.delete([o.key for o in super().list(folder) if o.key.startswith(doomed)])
+            return super().list(folder)
+
+    bucket = Pruning("uploads")
+    bucket.pruned = True
+    put_model(bucket, "theirs/fast", numbers=(2,))
+    bucket.pruned = False
+    mover.use(bucket)
+    mover.use_as_source()
+
+    mover.download(URL, "mine")
+
+    assert driven(mover.here, "mine") == "weights 9 of design a"
+
+
 def test_weights_that_are_damaged_at_the_source_are_found_out(mover, theirs):
     theirs.put(keys.checkpoint_tensors("theirs/fast", "2_Step-200.ckpt"), b"?")
 
@@ -234,11 +282,11 @@ def test_weights_that_are_damaged_at_the_source_are_found_out(mover, theirs):
 
 def test_a_model_that_trains_on_while_it_is_fetched_comes_with_its_newest_checkpoint(mover):
     class Training(MemoryBucket):
-        steps = 2
+        steps = 4
 
         def get(self, key, *, watch=None):
             if self.steps and key.endswith(".coach_checkpoint"):
-                number, self.steps = 10 * (3 - self.steps), self.steps - 1
+                number, self.steps = 10 * (5 - self.steps), self.steps - 1
                 left, self.steps = self.steps, 0
                 put_model(self, "theirs/fast", numbers=(number,))
                 self.steps = left
@@ -247,10 +295,10 @@ def test_a_model_that_trains_on_while_it_is_fetched_comes_with_its_newest_checkp
     bucket = Training("uploads")
     bucket.steps = 0
     put_model(bucket, "theirs/fast", numbers=(2,))
-    bucket.steps = 2
+    bucket.steps = 4
     mover.use(bucket)
     mover.use_as_source()
 
     mover.download(URL, "mine")
 
-    assert driven(mover.here, "mine") == "weights 20 of design a"
+    assert driven(mover.here, "mine") == "weights 40 of design a"

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 import torch
+from safetensors.torch import save
 
 from drcli.hyperparameters import Hyperparameters
 from drcli.learn.ppo import PPO
@@ -13,6 +14,7 @@ from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC
 from drcli.model_metadata import ModelMetadata
 from drcli.worker.learning import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
+from drcli.worker.train import restore_optimizer
 from drcli.worker.world import sensors_of_model
 from drsim.privileged import PRIVILEGED_DIMS
 
@@ -52,6 +54,17 @@ def test_the_algorithm_is_the_one_of_the_metadata():
     assert isinstance(learner, SAC)
     assert learner.memory_steps == 1_000
     assert learner.model.spec.channels == 2
+
+
+def test_an_optimizer_state_of_another_network_is_left_with_a_sentence(capsys):
+    learner = build_learner(metadata(), Hyperparameters(), CPU)
+
+    restore_optimizer(learner, save({"0.exp_avg": torch.zeros(1)}))
+
+    assert learner.optimizer_tensors() == {}
+    said, done = capsys.readouterr().out.splitlines()
+    assert "does not fit: 0.exp_avg is of shape (1,)" in said
+    assert done == "Checkpoint> The optimizer starts afresh."
 
 
 @pytest.mark.parametrize(
