@@ -93,10 +93,21 @@ def main(args: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except Exception as error:
+        if _is_interrupt(error):
+            raise SystemExit(130) from None
         if os.environ.get("DR_DEBUG"):
             raise
         _report_bug(error)
         raise SystemExit(1) from None
+
+
+def _is_interrupt(error: BaseException) -> bool:
+    """Whether Ctrl-C is behind a failure: libraries that are being loaded wrap it in their own."""
+    return (
+        isinstance(error, KeyboardInterrupt)
+        or any(_is_interrupt(behind) for behind in (error.__cause__, error.__context__) if behind)
+        or KeyboardInterrupt.__name__ in str(error)
+    )
 
 
 def _open_closed_streams() -> None:

@@ -10,8 +10,8 @@ from drcli import sparkline
 if TYPE_CHECKING:
     from drcli.runs.report import IterationRecord
 
-CURVE_COLUMNS = 54
-"""Columns of a curve where there are enough."""
+CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
+"""Columns of a curve where there are enough, and where there are not."""
 
 BESIDE_CURVE = 26
 """Columns for the name of a curve, its newest value and some room."""
@@ -80,7 +80,7 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
     """Mean progress, the evaluations below it, and mean reward, for a terminal that wide."""
-    width = min(CURVE_COLUMNS, columns - BESIDE_CURVE)
+    width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = [record.mean_progress for record in records]
     reward = [record.mean_reward for record in records]
     completed = [_completed(record) for record in records]

@@ -3,6 +3,14 @@
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
+AFTERWARDS = [
+    ("dr-start-training --resume", "go on training"),
+    ("dr-evaluate", "see how the best checkpoint drives"),
+    ("dr-status", "how the training went"),
+]
+AFTER_NOTHING = [("dr-start-training -w", "start again")]
+"""What somebody may want to do after a stop, the second before the first checkpoint."""
+
 
 def stop_training(as_json: AsJson = False) -> None:
     """Stop the running training.
@@ -40,14 +48,11 @@ def stop_training(as_json: AsJson = False) -> None:
         )
         console.emit(StopReport(), said, as_json=as_json)
         return
-    newest = f"; its last checkpoint is {report.last.name}" if report.last else ""
-    stopped = Stopped("training", report.run_id, model, report.pid or 0)
-    said = f"Stopped the training of {model}{newest}."
-    console.emit(StopReport([stopped]), said, as_json=as_json)
-    console.suggest(
-        [
-            ("dr-start-training --resume", "go on training"),
-            ("dr-evaluate", "see how the best checkpoint drives"),
-            ("dr-status", "how the training went"),
-        ]
+    newest = (
+        f"its last checkpoint is {report.last.name}" if report.last else "it had learned nothing"
     )
+    stopped = Stopped("training", report.run_id, model, report.pid or 0)
+    console.emit(
+        StopReport([stopped]), f"Stopped the training of {model}; {newest}.", as_json=as_json
+    )
+    console.suggest(AFTERWARDS if report.last else AFTER_NOTHING)
