@@ -2,11 +2,13 @@
 
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import DrError
+from drcli.rewriting import read_json, write_json
 
 VARIABLE = "DRCLI_JOB"
 """Environment variable that carries the job to a worker process."""
@@ -96,19 +98,27 @@ class LastWords:
         return LastWords(str(error), error.remedy, error.code, error.final)
 
     def leave(self, folder: Path, name: str) -> None:
-        """Write them down for the supervisor."""
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.last-words.json").write_text(json.dumps(asdict(self)), "utf-8")
+        """Write them down for the supervisor.
+
+        A disk without room for them must not replace the failure by its own: log and exit code
+        tell it too.
+        """
+        with suppress(OSError):
+            write_json(_last_words(folder, name), asdict(self))
 
     @staticmethod
     def find(folder: Path, name: str) -> "LastWords | None":
-        """What the worker of that name wrote down, if it did."""
-        path = folder / f"{name}.last-words.json"
-        if not path.exists():
+        """What the worker of that name wrote down; None where nothing can be read."""
+        try:
+            return LastWords(**read_json(_last_words(folder, name)))
+        except TypeError:  # there is no such file, or something else in it
             return None
-        return LastWords(**json.loads(path.read_text("utf-8")))
 
     @staticmethod
     def forget(folder: Path, name: str) -> None:
         """Remove what an earlier process of that name wrote down."""
-        (folder / f"{name}.last-words.json").unlink(missing_ok=True)
+        _last_words(folder, name).unlink(missing_ok=True)
+
+
+def _last_words(folder: Path, name: str) -> Path:
+    return folder / f"{name}.last-words.json"

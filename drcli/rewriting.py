@@ -1,13 +1,21 @@
-"""Rewrites a racer's own file: one command at a time, whole or not at all, mode and owner kept."""
+"""Writes files whole or not at all: a racer's own, one command at a time, and notes of ours."""
 
 import fcntl
+import json
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+from drcli import verbosity
 from drcli.errors import SettingsError
+from drcli.store.backoff import wait_until
+
+PATIENCE_S = 30.0
+"""How long to wait for another command; each needs the folder for a moment only."""
 
 
 @contextmanager
@@ -20,7 +28,8 @@ def only_writer(directory: Path) -> Iterator[None]:
         directory: The racer's working folder.
 
     Raises:
-        SettingsError: There is no such folder, or it may not be read.
+        SettingsError: There is no such folder, it may not be read, or another command kept it for
+            `PATIENCE_S`.
     """
     try:
         descriptor = os.open(directory, os.O_RDONLY)
@@ -30,7 +39,7 @@ def only_writer(directory: Path) -> Iterator[None]:
             remedy="Change to the folder that holds run.env.",
         ) from e
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        _take(descriptor, directory)
         yield
     finally:
         os.close(descriptor)
@@ -57,11 +66,7 @@ def rewrite(path: Path, data: bytes) -> None:
             shutil.copy2(target, scratch)
             with suppress(PermissionError):  # only root can give a file to somebody else
                 shutil.chown(scratch, target.stat().st_uid, target.stat().st_gid)
-        with scratch.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.replace(target)
+        _fill_and_move(scratch, target, data)
     except OSError as e:
         with suppress(OSError):
             scratch.unlink()
@@ -69,3 +74,62 @@ def rewrite(path: Path, data: bytes) -> None:
             f"{path}: cannot be written ({e.strerror or e}).",
             remedy=f"Check that you may write {path} and its folder.",
         ) from e
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write a note of ours in one step; its folder is made where it is missing.
+
+    Raises:
+        OSError: It cannot be written; it is as it was.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        _fill_and_move(scratch, path, json.dumps(value, indent=2).encode())
+    except OSError:
+        with suppress(OSError):
+            scratch.unlink()
+        raise
+
+
+def read_json(path: Path) -> Any:
+    """A note of ours, None where there is none or nothing can be made of it.
+
+    A disk that was full, or a machine that lost its power, may leave anything behind.
+    """
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def _take(descriptor: int, directory: Path) -> None:
+    """Lock the folder; whoever has to wait for that is told."""
+    if _lock(descriptor):
+        return
+    if not verbosity.quiet:
+        # Not through the console: a supervisor has none, and its log is what stderr is there.
+        print(f"Waiting for another command that is busy with {directory} ...", file=sys.stderr)
+    if not wait_until(lambda: _lock(descriptor), patience_s=PATIENCE_S, first_s=0.01, last_s=0.2):
+        raise SettingsError(
+            f"{directory}: another command has been busy with this folder for {PATIENCE_S:.0f} s.",
+            remedy="Wait until it has ended, or end it, and run this command again.",
+        )
+
+
+def _lock(descriptor: int) -> bool:
+    """Whether the lock was to be had at once."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _fill_and_move(scratch: Path, target: Path, data: bytes) -> None:
+    """Write beside the target, and take its place once all of it is on the disk."""
+    with scratch.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    scratch.replace(target)

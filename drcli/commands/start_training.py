@@ -94,7 +94,7 @@ def start_training(
 
     if foreground:
         with watching.meanwhile(loaded, folder, display):
-            training.supervise(planned)
+            training.supervise_job(planned.job)
         code = _end(inspect(loaded, folder), as_json=as_json)
     else:
         pid = training.launch(planned)

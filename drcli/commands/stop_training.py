@@ -21,7 +21,7 @@ def stop_training(as_json: AsJson = False) -> None:
     Example: dr-stop-training
     """
     from drcli import console
-    from drcli.errors import SettingsError
+    from drcli.errors import SettingsError, WorkerDied
     from drcli.runs.stopping import Stopped, StopReport, stop_the_only_training
     from drcli.runs.training import is_running, stop
 
@@ -42,12 +42,10 @@ def stop_training(as_json: AsJson = False) -> None:
     report = stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
     if is_running(loaded, folder):
-        said = (
-            f"The training of {model} (process {report.pid}) is still leaving. "
-            "`dr-stop-training` again stops it at once."
+        raise WorkerDied(
+            f"The training of {model} (process {report.pid}) is still leaving.",
+            remedy="Stop it at once with `dr-stop-training`, a second time.",
         )
-        console.emit(StopReport(), said, as_json=as_json)
-        return
     newest = (
         f"its last checkpoint is {report.last.name}" if report.last else "it had learned nothing"
     )

@@ -4,32 +4,49 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import psutil
 
 from drcli.config import Settings
-from drcli.errors import DrError, SettingsError, StorageError, WorkerDied
+from drcli.errors import (
+    DrError,
+    NotAvailable,
+    SettingsError,
+    StorageError,
+    TrainingFailed,
+    WorkerDied,
+)
 from drcli.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
-from drcli.runs.launching import start_process
+from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
+if TYPE_CHECKING:
+    import subprocess
+
 LEAVE_S = 0.6
 """How long the worker may take to leave once its evaluation is to end."""
 
 READY_TIMEOUT_S = 20.0
+
+LAUNCHED_LEAVE_S = 5.0
+"""How long an evaluation may take to leave that was not ready in time; it may have a worker."""
+
+_FAILURES: dict[int, type[DrError]] = {
+    kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
+}
+"""What a worker may fail of besides itself, by the code that it leaves."""
 
 
 class EvaluationStopped(DrError):
@@ -72,6 +89,7 @@ def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
     """Drive in a worker process and wait for its end; nothing stays of it but its results.
 
     Raises:
+        SettingsError, StorageError: The worker says so.
         WorkerDied: The worker failed.
     """
     folder = plan.job.folder
@@ -97,6 +115,8 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         if record is not None:
             return record
         time.sleep(0.02)
+    end_process(process, LAUNCHED_LEAVE_S)  # or it would drive after all, unknown to anybody
+    shutil.rmtree(plan.job.folder, ignore_errors=True)
     path = log_file(plan.job.settings, plan.job.directory, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
@@ -164,12 +184,11 @@ def _run(plan: EvaluationPlan) -> None:
     if code == 0:
         return
     words = LastWords.find(job.folder, "evaluation")
-    if words is not None and words.code == SettingsError.code:
-        raise SettingsError(words.message, remedy=words.remedy)
-    raise WorkerDied(
-        words.message if words else f"The evaluation worker ended with exit code {code}.",
-        remedy=f"Read its log: {path}.",
-    )
+    if words is None:
+        raise WorkerDied(
+            f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."
+        )
+    raise _FAILURES.get(words.code, WorkerDied)(words.message, remedy=words.remedy)
 
 
 def _note(plan: EvaluationPlan, worker_pid: int) -> None:
@@ -191,12 +210,7 @@ def _note(plan: EvaluationPlan, worker_pid: int) -> None:
 
 def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
     """Send the worker away; where it had to be killed, take back what it may have half written."""
-    process.terminate()
-    try:
-        process.wait(LEAVE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    if not end_process(process, LEAVE_S):
         with suppress(StorageError):
             bucket = open_bucket(plan.job.settings, plan.job.directory, patience_s=0.0)
             bucket.delete([plan.simtrace, plan.metrics])

@@ -1,11 +1,10 @@
 """The notes that running evaluations leave on this machine, so that another shell can end them."""
 
-import json
-import os
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from drcli.rewriting import read_json, write_json
 from drcli.runs.record import is_alive
 
 _FILE = "running.json"
@@ -46,16 +45,14 @@ class EvaluationRecord:
 
     def write(self, folder: Path) -> None:
         """Put the note down in one step, so that a reader never sees half of it."""
-        scratch = folder / f".{_FILE}.{os.getpid()}"
-        scratch.write_text(json.dumps(asdict(self), indent=2), "utf-8")
-        scratch.replace(folder / _FILE)
+        write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
-        """The note in the folder of an evaluation, None where there is none (yet, or any more)."""
+        """The note in the folder of an evaluation; None where there is none, or it is damaged."""
         try:
-            return EvaluationRecord(**json.loads((folder / _FILE).read_text("utf-8")))
-        except FileNotFoundError:
+            return EvaluationRecord(**read_json(folder / _FILE))
+        except TypeError:  # there is no such file (yet, or any more), or something else in it
             return None
 
 

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from shlex import quote
 
 from drcli.config import Settings
+from drcli.errors import SettingsError
 from drcli.findings import Finding
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -48,13 +50,17 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
 
     Returns:
         What was found, by file name.
+
+    Raises:
+        SettingsError: A file in `custom_files/` cannot be read.
     """
     local = custom_files_folder(settings, directory)
     found: dict[str, InputFile] = {}
     for name, key in places(settings).items():
         path = local / name
-        if path.is_file():
-            found[name] = InputFile(name, path.read_bytes(), str(path))
+        data = _content(path)
+        if data is not None:
+            found[name] = InputFile(name, data, str(path))
         elif bucket is not None:
             try:
                 found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
@@ -120,3 +126,15 @@ def shipped_file(name: str) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise FileNotFoundError(name)
+
+
+def _content(path: Path) -> bytes | None:
+    """What a racer's own file holds; None where there is no such file."""
+    try:
+        return path.read_bytes() if path.is_file() else None
+    except OSError as e:
+        raise SettingsError(
+            f"{path}: cannot be read ({e.strerror or e}).",
+            remedy=f"Make it readable for yourself, as with `chmod u+rx {quote(str(path.parent))}` "
+            f"and `chmod u+r {quote(str(path))}`.",
+        ) from e

@@ -1,4 +1,4 @@
-"""Starts a process of a run: apart from the terminal, its words going to a log file."""
+"""Starts a process of a run, apart from the terminal, its words going to a log; and ends it."""
 
 import subprocess
 import sys
@@ -36,3 +36,23 @@ def start_process(
             cwd=job.directory,
             start_new_session=True,
         )
+
+
+def end_process(process: "subprocess.Popen[bytes]", patience_s: float) -> bool:
+    """Send a process away and wait until it is gone.
+
+    Args:
+        process: A child of this one; it may have ended already.
+        patience_s: How long it may take to leave before it is killed.
+
+    Returns:
+        Whether it left by itself.
+    """
+    process.terminate()
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return False
+    return True

@@ -38,22 +38,27 @@ class Lease:
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """Who trains on the prefix now, or None."""
+    """Who trains on the prefix now, or None; a note that says nothing is as good as a stale one."""
     try:
         lease = Lease(**json.loads(bucket.get(keys.lease(prefix))))
-    except ObjectMissing:
+        return lease if time.time() - lease.renewed < STALE_S else None
+    except (ObjectMissing, ValueError, TypeError):
         return None
-    return lease if time.time() - lease.renewed < STALE_S else None
 
 
-def refuse_other_owner(bucket: Bucket, prefix: str) -> None:
+def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
     """Refuse a prefix that is trained on from another folder or machine.
+
+    Args:
+        bucket: Holds the note.
+        prefix: Where somebody wants to train.
+        session: The start that asks, whose own note is no obstacle.
 
     Raises:
         SettingsError: It is.
     """
     held = holder(bucket, prefix)
-    if held is None or not is_owner_alive(held):
+    if held is None or held.session == session or not is_owner_alive(held):
         return
     raise SettingsError(
         f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "

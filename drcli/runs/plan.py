@@ -2,14 +2,16 @@
 
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from drcli.config import Settings, catalogue
-from drcli.errors import SettingsError
+from drcli.errors import SettingsError, StorageError
 from drcli.job import Job
+from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.design import Design
 from drcli.runs.inputs import Inputs, find, upload_custom_files
@@ -24,6 +26,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.validate.examination import Plans, examine
 from drcli.validate.report import by_severity, refuse
+from drcli.validate.storage import review_prefix
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
@@ -75,6 +78,9 @@ class RunPlan:
 def prepare(settings: Settings, options: StartOptions, directory: Path | None = None) -> RunPlan:
     """Check everything and freeze the inputs in the bucket, before a process starts.
 
+    The model prefix belongs to the job's session from then on, so that a start which comes second
+    changes nothing there.
+
     Args:
         settings: Checked in themselves.
         options: From the command line.
@@ -102,7 +108,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     if options.resume and newest is None:
         raise SettingsError(
             f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
-            remedy="Start a new training without --resume.",
+            remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
     before = read_note(bucket, prefix) if options.resume else None
     job = Job(
@@ -126,15 +132,16 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     _, odd = by_severity(examined.violations)
     warnings = [*settings.warnings, *(item.sentence for item in odd if item.rule not in UNTOLD)]
 
-    wiping = options.wipe and is_used(bucket, prefix)
-    if wiping:
-        wipe(bucket, prefix)
-    _freeze(settings, directory, bucket, inputs, design)
-    warnings += _forget_other_scores(settings, bucket, before)
     source = transfer.source if transfer is not None else None
-    write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
-    if transfer is not None:
-        transfer.hand_over(bucket, prefix)
+    with _taken(job, bucket, options):
+        wiping = options.wipe and is_used(bucket, prefix)
+        if wiping:
+            wipe(bucket, prefix, spared=[keys.lease(prefix)])
+        _freeze(settings, directory, bucket, inputs, design)
+        warnings += _forget_other_scores(settings, bucket, before)
+        write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
+        if transfer is not None:
+            transfer.hand_over(bucket, prefix)
     resumes = str(newest) if options.resume else None
     return RunPlan(job, inputs, warnings, resumes, source, wiping)
 
@@ -156,6 +163,32 @@ def refuse_second_run(settings: Settings, folder: Path) -> None:
             remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
             "another DR_LOCAL_S3_MODEL_PREFIX.",
         )
+
+
+@contextmanager
+def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
+    """Make the model prefix this start's own, and give it back if what is inside fails.
+
+    The examination took seconds, in which another start may have been faster: of two that come
+    here together, one finds the other's lease. The folder is locked no longer than that takes,
+    because its other commands need it too.
+
+    Raises:
+        SettingsError: Another start was faster.
+    """
+    settings, prefix = job.settings, job.settings.model_prefix
+    with only_writer(job.directory):
+        refuse_second_run(settings, job.folder)
+        lease.refuse_other_owner(bucket, prefix, job.session)
+        if not (options.wipe or options.resume):
+            refuse(review_prefix(settings, bucket))
+        lease.renew(bucket, prefix, job.session)
+    try:
+        yield
+    except BaseException:
+        with suppress(StorageError):
+            lease.release(bucket, prefix, job.session)
+        raise
 
 
 def _resumed(settings: Settings) -> Settings:

@@ -1,5 +1,7 @@
 """What the bucket holds of one model: whether there is anything, how far it got, its removal."""
 
+from collections.abc import Collection
+
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 
@@ -20,7 +22,13 @@ def contains(outer: str, inner: str) -> bool:
     return keys.folder(inner).startswith(keys.folder(outer))
 
 
-def wipe(bucket: Bucket, prefix: str) -> None:
-    """Delete the model, its rollouts, and what was noted of its runs."""
+def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
+    """Delete the model, its rollouts, and what was noted of its runs.
+
+    Args:
+        bucket: Holds it.
+        prefix: Of the model.
+        spared: Keys of objects that stay.
+    """
     for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
-        bucket.delete([item.key for item in bucket.list(folder)])
+        bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])

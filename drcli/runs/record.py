@@ -1,12 +1,13 @@
 """The note a run leaves on this machine: who supervises it and how it is going."""
 
-import json
-import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from drcli.config import Settings
+from drcli.rewriting import read_json, write_json
 from drcli.runs.report import State
+
+_FILE = "run.json"
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
@@ -63,20 +64,17 @@ class RunRecord:
 
     def write(self, folder: Path) -> None:
         """Replace the note in one step, so that a reader never sees half of it."""
-        folder.mkdir(parents=True, exist_ok=True)
-        scratch = folder / f".run.{os.getpid()}.json"
-        scratch.write_text(json.dumps(asdict(self), indent=2), "utf-8")
-        scratch.replace(folder / "run.json")
+        write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
-        """The note of the last start, or None if nothing was started yet."""
-        path = folder / "run.json"
-        if not path.exists():
+        """The note of the last start; None if nothing was started yet, or it is damaged."""
+        try:
+            fields = dict(read_json(folder / _FILE))
+            workers = [WorkerRecord(**worker) for worker in fields.pop("workers")]
+            return RunRecord(**fields, workers=workers)
+        except (TypeError, ValueError, KeyError):
             return None
-        fields = json.loads(path.read_text("utf-8"))
-        fields["workers"] = [WorkerRecord(**worker) for worker in fields["workers"]]
-        return RunRecord(**fields)
 
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float

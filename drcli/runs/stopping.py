@@ -19,7 +19,7 @@ TRAINING_PATIENCE_S = 20.0
 """For a checkpoint, metrics and logs; after it workers are killed."""
 
 KILLED_PATIENCE_S = 10.0
-EVALUATION_PATIENCE_S = 5.0
+EVALUATION_PATIENCE_S = 15.0
 _POLL_S = 0.05
 
 

@@ -12,6 +12,7 @@ from drcli.job import Job, LastWords
 from drcli.runs import lease
 from drcli.runs.launching import start_process
 from drcli.runs.logs import log_file, upload_logs
+from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.record import RunRecord, WorkerRecord
 from drcli.runs.report import State
 from drcli.store.bucket import Bucket
@@ -128,9 +129,7 @@ class Supervisor:
             if self._signal is not None:
                 name = signal.Signals(self._signal).name
                 code = INTERRUPTED if self._signal == signal.SIGINT else TERMINATED
-                return Outcome(
-                    code, f"Stopped by {name}.", "Continue with `dr-start-training --resume`."
-                )
+                return Outcome(code, f"Stopped by {name}.")
             for child in self._children:
                 if not child.running:
                     outcome = self._bury(child)
@@ -192,6 +191,8 @@ class Supervisor:
                 self._log(f"{child.name} did not leave within {LEAVE_S:.0f} s and was killed.")
                 child.process.kill()
                 child.process.wait()
+        if outcome.code in (INTERRUPTED, TERMINATED):
+            outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
         try:
             self._revive_server()
@@ -208,6 +209,15 @@ class Supervisor:
             state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._record.write(self._job.folder)
+
+    def _way_on(self) -> str:
+        """What to do after a stop, now that the workers have left whatever they had."""
+        try:
+            learned = newest_checkpoint(self._bucket, self._job.settings.model_prefix) is not None
+        except DrError:
+            learned = True  # it cannot be seen now; a resume tells
+        option = "--resume" if learned else "-w"
+        return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
 
     def _with_workers(self) -> RunRecord:
         workers = [

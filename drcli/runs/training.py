@@ -11,7 +11,7 @@ import psutil
 
 from drcli.config import Settings
 from drcli.errors import WorkerDied
-from drcli.runs.launching import start_process
+from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, is_alive, run_folder
 from drcli.runs.report import RunReport
@@ -22,6 +22,10 @@ if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be qu
     from drcli.runs.plan import RunPlan
 
 READY_TIMEOUT_S = 20.0
+
+LEAVE_S = 15.0
+"""How long a supervisor may take to leave that was not ready in time: it may have workers by then,
+and gives those ten seconds."""
 
 
 def launch(plan: "RunPlan") -> int:
@@ -37,35 +41,27 @@ def launch(plan: "RunPlan") -> int:
     from drcli.runs.plan import refuse_second_run
 
     settings, directory = plan.job.settings, plan.job.directory
-    before = RunRecord.read(plan.job.folder)
     process = start_process(plan.job, "supervisor", "drcli.runs.detached")
     deadline = time.monotonic() + READY_TIMEOUT_S
-    while RunRecord.read(plan.job.folder) == before and time.monotonic() < deadline:
-        if process.poll() is not None:
-            break
+    while process.poll() is None and time.monotonic() < deadline:
+        if _is_ready(plan.job):
+            return process.pid
         time.sleep(0.05)
-    record = RunRecord.read(plan.job.folder)
-    if record is not None and record.pid != process.pid:
-        refuse_second_run(settings, plan.job.folder)
-    if record == before:
-        path = log_file(settings, directory, "supervisor")
-        raise WorkerDied(
-            "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
-        )
-    return process.pid
-
-
-def supervise(plan: "RunPlan") -> int:
-    """Run the training in this process until it is over.
-
-    Returns:
-        The exit code of the command.
-    """
-    return supervise_job(plan.job)
+    if process.poll() is not None and _is_ready(plan.job):  # it was, and has ended since
+        return process.pid
+    end_process(process, LEAVE_S)  # or it would train after all, when nobody expects it any more
+    refuse_second_run(settings, plan.job.folder)
+    path = log_file(settings, directory, "supervisor")
+    raise WorkerDied(
+        "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
+    )
 
 
 def supervise_job(job: "Job") -> int:
     """What the supervising process does, in the foreground or detached.
+
+    Returns:
+        The exit code of the command.
 
     Raises:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
@@ -92,7 +88,7 @@ def supervise_job(job: "Job") -> int:
     )
     with only_writer(job.directory):  # of two starts in the same moment one trains
         refuse_second_run(settings, job.folder)
-        lease.refuse_other_owner(bucket, settings.model_prefix)
+        lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
         lease.renew(bucket, settings.model_prefix, job.session)
         record.write(job.folder)
     return Supervisor(job, bucket, record, lambda: ensure_storage(settings, job.directory)).run()
@@ -117,3 +113,9 @@ def is_running(settings: Settings, directory: Path) -> bool:
     """Whether a training of this run number is alive on this machine."""
     record = RunRecord.read(run_folder(settings, directory))
     return record is not None and record.alive
+
+
+def _is_ready(job: "Job") -> bool:
+    """Whether the supervisor of a job has said on this machine that it is there."""
+    record = RunRecord.read(job.folder)
+    return record is not None and record.session == job.session

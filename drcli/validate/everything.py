@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.errors import StorageError
+from drcli.errors import SettingsError, StorageError
 from drcli.job import Job
 from drcli.runs.inputs import InputFile, find
 from drcli.runs.record import RunRecord, run_folder
@@ -23,6 +23,7 @@ from drcli.validate.reward import read_source, review_source
 from drcli.validate.reward_style import review_style
 from drcli.validate.settings import SettingsReview, review_settings
 from drcli.validate.storage import probe, review_rivals
+from drcli.validate.translation import from_error
 
 PATIENCE_S = 5.0
 """How long to wait for a bucket that does not answer."""
@@ -126,9 +127,8 @@ def _files(
 ) -> dict[str, InputFile]:
     try:
         files = find(settings, settings.directory, bucket)
-    except OSError as error:
-        remedy = "Make your files readable for yourself."
-        found.append(Violation("V-02", "error", "", f"{error}.", remedy))
+    except SettingsError as error:
+        found += from_error(error, lambda _: "V-02")
         files = {}
     except StorageError as error:
         found.append(Violation("V-50", "error", "", str(error), error.remedy))

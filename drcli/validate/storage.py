@@ -8,7 +8,7 @@ from drcli.errors import SettingsError, StorageError
 from drcli.findings import FindingsError
 from drcli.runs import lease, pretrained
 from drcli.runs.design import Design, refuse_misfit
-from drcli.runs.prefix import is_used
+from drcli.runs.prefix import is_used, newest_checkpoint
 from drcli.runs.pretrained import Transfer
 from drcli.store.bucket import Bucket
 from drcli.validate.report import Violation
@@ -38,14 +38,15 @@ def review_prefix(settings: Settings, bucket: Bucket) -> list[Violation]:
     if not is_used(bucket, settings.model_prefix):
         return []
     model = f"s3://{bucket.name}/{settings.model_prefix}"
+    learned = newest_checkpoint(bucket, settings.model_prefix) is not None
+    go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
     return [
         Violation(
             "V-09",
             "error",
             model,
             f"Selected path {model} exists. Delete it, or use -w option. Exiting.",
-            "Continue that training with --resume, replace it with -w, or choose another "
-            "DR_LOCAL_S3_MODEL_PREFIX in run.env.",
+            f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env.",
         )
     ]
 

@@ -6,8 +6,9 @@ import threading
 
 import pytest
 
+from drcli import rewriting, verbosity
 from drcli.errors import SettingsError
-from drcli.rewriting import only_writer, rewrite
+from drcli.rewriting import only_writer, read_json, rewrite, write_json
 
 
 def test_a_file_keeps_its_mode(tmp_path):
@@ -86,3 +87,60 @@ def test_writers_of_one_folder_take_turns(tmp_path):
 
     assert path.read_bytes() == b"100"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_wait_says_what_it_waits_for_and_ends(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(rewriting, "PATIENCE_S", 0.0)
+
+    with (
+        only_writer(tmp_path),
+        pytest.raises(SettingsError, match="another command has been busy") as refusal,
+        only_writer(tmp_path),
+    ):
+        pass
+
+    assert str(tmp_path) in str(refusal.value)
+    said = f"Waiting for another command that is busy with {tmp_path} ...\n"
+    assert capsys.readouterr().err == said
+
+
+def test_a_quiet_wait_says_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(rewriting, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(verbosity, "quiet", True)
+
+    with only_writer(tmp_path), pytest.raises(SettingsError), only_writer(tmp_path):
+        pass
+
+    assert capsys.readouterr().err == ""
+
+
+def test_a_folder_that_is_free_is_taken_without_a_word(tmp_path, capsys):
+    with only_writer(tmp_path):
+        pass
+    with only_writer(tmp_path):
+        pass
+
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("content", [b"", b'{"a": ', b"\xff"], ids=["empty", "half", "binary"])
+def test_a_damaged_note_is_none(tmp_path, content):
+    (tmp_path / "note.json").write_bytes(content)
+
+    assert read_json(tmp_path / "note.json") is None
+    assert read_json(tmp_path / "gone.json") is None
+
+
+def test_a_note_is_on_the_disk_before_it_takes_the_place_of_the_old_one(tmp_path, monkeypatch):
+    path = tmp_path / "folder" / "note.json"
+    write_json(path, {"a": 1})
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_json(path, {"a": 2})
+
+    assert read_json(path) == {"a": 1}
+    assert list(path.parent.iterdir()) == [path]

@@ -78,8 +78,8 @@ class PaperRun:
         self._started = True
         return self.PID
 
-    def supervise(self, plan: RunPlan) -> int:
-        self.asked.append("supervise")
+    def supervise_job(self, job: Job) -> int:
+        self.asked.append("supervise_job")
         self._started = True
         return 0
 
@@ -109,7 +109,7 @@ def run(
     """The run of the working folder, with nothing started yet."""
     paper = PaperRun(working_folder, make_report("none", pid=None))
     monkeypatch.setattr("drcli.runs.plan.prepare", paper.prepare)
-    for name in ("launch", "supervise", "stop", "is_running"):
+    for name in ("launch", "supervise_job", "stop", "is_running"):
         monkeypatch.setattr(f"drcli.runs.training.{name}", getattr(paper, name))
     monkeypatch.setattr("drcli.runs.status.inspect", paper.inspect)
     monkeypatch.setattr("drcli.commands.watching.POLL_S", 0.0)

@@ -219,7 +219,7 @@ def test_in_the_foreground_this_process_runs_the_training(dr, run, make_report, 
 
     printed = capsys.readouterr()
     assert code == 0
-    assert run.asked == ["prepare", "supervise"]
+    assert run.asked == ["prepare", "supervise_job"]
     assert len([line for line in printed.err.splitlines() if _is_iteration(line)]) == 2
     assert json.loads(printed.out)["state"] == "finished"
 

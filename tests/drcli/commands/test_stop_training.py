@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 
 def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys, monkeypatch):
     run.looks = [make_report("stopped", 3, exit_code=143)]
@@ -43,11 +45,14 @@ def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
     assert run.asked == []
 
 
-def test_a_training_that_is_still_leaving_is_not_called_stopped(dr, run, make_report, capsys):
+@pytest.mark.parametrize("flags", [(), ("--json",)])
+def test_a_training_that_is_still_leaving_is_a_failure(dr, run, make_report, capsys, flags):
     run.looks = [make_report("running", 3)]
 
-    dr("stop-training")
+    code = dr("stop-training", *flags)
 
-    said = capsys.readouterr().out
-    assert "still leaving" in said
-    assert "Stopped" not in said
+    printed = capsys.readouterr()
+    assert code == 5
+    assert printed.out == ""
+    assert "(process 4242) is still leaving" in printed.err
+    assert "`dr-stop-training`, a second time" in printed.err

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from drcli.config import Settings, load_settings
+from drcli.runs import lease
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory import MemoryBucket
@@ -50,7 +51,10 @@ class Racer:
         return load_settings(self.folder)
 
     def start(self, **options: Any) -> RunPlan:
-        return prepare(self.settings(), StartOptions(**options), self.folder)
+        """Plan a training that ends at once: the prefix is free again."""
+        plan = prepare(self.settings(), StartOptions(**options), self.folder)
+        lease.release(self.bucket, plan.job.settings.model_prefix, plan.job.session)
+        return plan
 
     def store(self, prefix: str) -> CheckpointStore:
         return CheckpointStore(self.bucket, prefix)

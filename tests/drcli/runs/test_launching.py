@@ -1,0 +1,105 @@
+"""Processes that do not come up in time, or fail: none is left behind, and its reason is told."""
+
+import subprocess
+import sys
+
+import pytest
+
+from drcli.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
+from drcli.job import Job, LastWords
+from drcli.runs import evaluation, training
+from drcli.runs.evaluation_plan import EvaluationPlan
+from drcli.runs.inputs import InputFile, Inputs
+from drcli.runs.plan import RunPlan
+
+SLEEPS = "import time; time.sleep(600)"
+STUBBORN = (
+    f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); {SLEEPS}"
+)
+
+
+@pytest.fixture
+def job(racer) -> Job:
+    folder = racer.folder / "data" / "job"
+    folder.mkdir(parents=True)
+    return Job(racer.settings(), racer.folder, "ours", 7, None, None, folder, 1)
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Puts small programs in the place of workers, and tells which were started."""
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def run(program: str) -> list[subprocess.Popen[bytes]]:
+        def start(*_: object, **__: object) -> subprocess.Popen[bytes]:
+            process = subprocess.Popen([sys.executable, "-c", program])
+            processes.append(process)
+            return process
+
+        for module in (training, evaluation):
+            monkeypatch.setattr(module, "start_process", start)
+            monkeypatch.setattr(module, "READY_TIMEOUT_S", 0.0)
+        return processes
+
+    yield run
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def test_a_supervisor_that_is_not_ready_in_time_is_ended(job, started):
+    processes = started(SLEEPS)
+    files = (InputFile(name, b"", "") for name in ("reward", "hyperparameters", "metadata"))
+
+    with pytest.raises(WorkerDied, match="did not start"):
+        training.launch(RunPlan(job, Inputs(*files), [], None))
+
+    assert [process.returncode for process in processes] == [-15]
+
+
+def test_an_evaluation_that_is_not_ready_in_time_is_ended(job, started):
+    processes = started(SLEEPS)
+
+    with pytest.raises(WorkerDied, match="did not start"):
+        evaluation.launch_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
+
+    assert [process.returncode for process in processes] == [-15]
+    assert not job.folder.exists()
+
+
+def test_a_process_that_does_not_leave_is_killed():
+    with subprocess.Popen([sys.executable, "-c", STUBBORN], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+
+        left = training.end_process(process, 0.0)
+
+    assert not left
+    assert process.returncode == -9
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [SettingsError, StorageError, TrainingFailed, WorkerDied],
+    ids=lambda kind: kind.__name__,
+)
+def test_an_evaluation_fails_as_its_worker_failed(job, started, failure):
+    started("raise SystemExit(1)")
+    LastWords.of(failure("Nothing answers.", remedy="Start the bucket.")).leave(
+        job.folder, "evaluation"
+    )
+
+    with pytest.raises(failure, match="Nothing answers") as raised:
+        evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
+
+    assert raised.value.code == failure.code
+    assert raised.value.remedy == "Start the bucket."
+
+
+def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
+    started("raise SystemExit(9)")
+
+    with pytest.raises(WorkerDied, match="exit code 9") as raised:
+        evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
+
+    assert "evaluation.log" in raised.value.remedy

@@ -1,0 +1,128 @@
+"""Starts that meet each other: the second one changes nothing."""
+
+import json
+import os
+import time
+
+import psutil
+import pytest
+
+from drcli.errors import SettingsError, StorageError
+from drcli.runs import lease, plan, training
+from drcli.runs.record import RunRecord, run_folder
+from drcli.store import keys
+
+THEIRS = {"session": "theirs", "host": "elsewhere", "pid": 1}
+WEIGHTS = "model-1/model/1_Step-10.ckpt.safetensors"
+
+
+@pytest.fixture
+def during_examination(monkeypatch):
+    """Lets something happen while the inputs are examined."""
+
+    def happen(what):
+        examine = plan.examine
+
+        def slow(*args):
+            examined = examine(*args)
+            what()
+            return examined
+
+        monkeypatch.setattr(plan, "examine", slow)
+
+    return happen
+
+
+def test_a_training_elsewhere_that_began_meanwhile_is_left_alone(racer, during_examination):
+    theirs = {
+        keys.lease("model-1"): json.dumps({**THEIRS, "renewed": time.time()}).encode(),
+        WEIGHTS: b"their weights",
+        keys.reward_function("model-1"): b"# theirs",
+    }
+
+    def begins() -> None:
+        for key, data in theirs.items():
+            racer.bucket.put(key, data)
+
+    during_examination(begins)
+
+    with pytest.raises(SettingsError, match="is being trained by process 1 on elsewhere"):
+        racer.start(wipe=True)
+
+    assert {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")} == theirs
+
+
+def test_a_training_of_the_same_run_that_began_meanwhile_is_left_alone(racer, during_examination):
+    racer.bucket.put(WEIGHTS, b"their weights")
+
+    def begins() -> None:
+        RunRecord(
+            *(0, "theirs", "bucket", "model-1", "oval", "running"),
+            pid=os.getpid(),
+            pid_started=psutil.Process().create_time(),
+            started_at=time.time(),
+        ).write(run_folder(racer.settings(), racer.folder))
+
+    during_examination(begins)
+
+    with pytest.raises(SettingsError, match="Run 0 is training"):
+        racer.start(wipe=True)
+
+    assert [item.key for item in racer.bucket.list("")] == [WEIGHTS]
+
+
+def test_a_model_that_appeared_meanwhile_is_not_overwritten(racer, during_examination):
+    during_examination(lambda: racer.bucket.put(WEIGHTS, b"their weights"))
+
+    with pytest.raises(SettingsError, match="Selected path s3://bucket/model-1 exists"):
+        racer.start()
+
+    assert [item.key for item in racer.bucket.list("")] == [WEIGHTS]
+
+
+def test_a_planned_start_keeps_the_prefix_until_its_supervisor_takes_over(racer):
+    racer.bucket.put(WEIGHTS, b"old weights")
+    first = plan.prepare(racer.settings(), plan.StartOptions(wipe=True), racer.folder)
+    frozen = {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")}
+
+    with pytest.raises(SettingsError, match="is being trained by process"):
+        plan.prepare(racer.settings(), plan.StartOptions(wipe=True), racer.folder)
+
+    assert {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")} == frozen
+    held = lease.holder(racer.bucket, "model-1")
+    assert held is not None
+    assert held.session == first.job.session
+
+
+def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch):
+    class Ends:
+        """A supervisor that has nothing to do."""
+
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def run(self) -> int:
+            return 6
+
+    monkeypatch.setattr("drcli.store.connect.open_bucket", lambda *_, **__: racer.bucket)
+    monkeypatch.setattr("drcli.runs.supervisor.Supervisor", Ends)
+    planned = plan.prepare(racer.settings(), plan.StartOptions(), racer.folder)
+
+    code = training.supervise_job(planned.job)
+
+    record = RunRecord.read(planned.job.folder)
+    assert code == 6
+    assert record is not None
+    assert record.session == planned.job.session
+
+
+def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
+    def fail(*_):
+        raise StorageError("The bucket is gone.", remedy="Start it.")
+
+    monkeypatch.setattr(plan, "write_note", fail)
+
+    with pytest.raises(StorageError):
+        racer.start()
+
+    assert lease.holder(racer.bucket, "model-1") is None
