@@ -319,6 +319,30 @@ def test_ctrl_c_exits_130_without_a_word(dr, failing, capsys):
     assert printed.out + printed.err == ""
 
 
+def test_an_interrupt_that_a_library_wrapped_is_no_bug(dr, failing, capsys):
+    failing(ValueError("Error building a model: KeyboardInterrupt: "))
+
+    code = dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert code == 130
+    assert printed.out + printed.err == ""
+
+
+def test_a_program_that_is_interrupted_while_it_loads_exits_130(tmp_path):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
+    program = "from drcli.program import main; main()"
+
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
 def test_a_bug_is_one_sentence_and_keeps_its_traceback_in_a_file(
     dr, failing, working_folder, capsys
 ):

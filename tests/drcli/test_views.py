@@ -225,3 +225,10 @@ def test_a_collapse_is_told_in_every_display(make_report):
 
     assert told in screen(views.run(collapsed))
     assert told in screen(views.live(collapsed, NOW_S))
+
+
+@pytest.mark.parametrize("columns", [1, 10, 24, 40])
+def test_curves_are_drawn_in_any_window(make_record, columns):
+    drawn = views_iterations.curves([make_record(1), make_record(2)], columns)
+
+    assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]

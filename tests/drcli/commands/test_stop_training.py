@@ -20,6 +20,21 @@ def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, caps
     assert "dr-start-training --resume" in printed.err
 
 
+def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(
+    dr, run, make_report, capsys, monkeypatch
+):
+    run.looks = [make_report("stopped", 0, exit_code=143)]
+    answers = iter([True, False])
+    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
+
+    dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert printed.out == "Stopped the training of s3://bucket/model; it had learned nothing.\n"
+    assert "dr-start-training -w" in printed.err
+    assert "--resume" not in printed.err
+
+
 def test_programs_get_what_was_stopped_as_from_the_other_stops(
     dr, run, make_report, capsys, monkeypatch
 ):

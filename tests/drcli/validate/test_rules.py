@@ -167,7 +167,7 @@ CASES = (
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
         "error",
-        ("Selected path s3://bucket/model-1 exists. Delete it, or use -w option.", "--resume"),
+        ("Selected path s3://bucket/model-1 exists. Delete it, or use -w option.", "Replace it"),
     ),
     Case(
         "V-10",
