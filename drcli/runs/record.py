@@ -9,6 +9,11 @@ from drcli.runs.report import State
 
 _FILE = "run.json"
 
+_STORAGE = (
+    *("cloud", "bucket", "remote_minio_url", "profile", "aws_app_region"),
+    *("local_s3_engine", "s3_data_dir"),
+)
+
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
 
@@ -40,6 +45,7 @@ class RunRecord:
         message: Why the run ended.
         remedy: What to do about it.
         workers: Its processes.
+        storage: Settings that led to its bucket, by the name of their field.
     """
 
     run_id: int
@@ -56,6 +62,11 @@ class RunRecord:
     message: str = ""
     remedy: str = ""
     workers: list[WorkerRecord] = field(default_factory=list)
+    storage: dict[str, str] = field(default_factory=dict)
+
+    def settings(self, now: Settings) -> Settings:
+        """The settings of now, with those that the model and its bucket had at the start."""
+        return now.replaced(**self.storage, model_prefix=self.prefix)
 
     @property
     def alive(self) -> bool:
@@ -88,6 +99,11 @@ class RunRecord:
             remedy=remedy,
             ended_at=now,
         )
+
+
+def storage_of(settings: Settings) -> dict[str, str]:
+    """What leads to the bucket of some settings."""
+    return {name: str(getattr(settings, name)) for name in _STORAGE}
 
 
 def run_folder(settings: Settings, directory: Path) -> Path:

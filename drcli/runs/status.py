@@ -30,6 +30,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
             world=settings.world_name,
             state="none",
         )
+    settings = record.settings(settings)  # which may have been others at the start
     bucket = open_running_bucket(settings, directory)
     history: list[IterationRecord] = []
     best = last = None

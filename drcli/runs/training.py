@@ -13,7 +13,7 @@ from drcli.config import Settings
 from drcli.errors import WorkerDied
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
-from drcli.runs.record import RunRecord, is_alive, run_folder
+from drcli.runs.record import RunRecord, is_alive, run_folder, storage_of
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
 
@@ -85,6 +85,7 @@ def supervise_job(job: "Job") -> int:
         pid=os.getpid(),
         pid_started=psutil.Process().create_time(),
         started_at=time.time(),
+        storage=storage_of(settings),
     )
     with only_writer(job.directory):  # of two starts in the same moment one trains
         refuse_second_run(settings, job.folder)

@@ -61,6 +61,7 @@ class PaperRun:
         self.warnings: list[str] = []
         self.wiped = False
         self.running = True
+        self.lingers = False
         self._started = False
 
     def prepare(self, settings: Any, options: StartOptions, directory: Path) -> RunPlan:
@@ -85,6 +86,7 @@ class PaperRun:
 
     def stop(self, settings: Any, *, directory: Path) -> RunReport:
         self.asked.append("stop")
+        self.running = self.lingers
         return self.inspect(settings, directory)
 
     def is_running(self, settings: Any, directory: Path) -> bool:

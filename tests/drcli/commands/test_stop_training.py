@@ -5,10 +5,8 @@ import json
 import pytest
 
 
-def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys, monkeypatch):
+def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, capsys):
     run.looks = [make_report("stopped", 3, exit_code=143)]
-    answers = iter([True, False])
-    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
 
     code = dr("stop-training")
 
@@ -20,12 +18,8 @@ def test_a_stop_says_what_it_stopped_and_how_to_go_on(dr, run, make_report, caps
     assert "dr-start-training --resume" in printed.err
 
 
-def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(
-    dr, run, make_report, capsys, monkeypatch
-):
+def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(dr, run, make_report, capsys):
     run.looks = [make_report("stopped", 0, exit_code=143)]
-    answers = iter([True, False])
-    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
 
     dr("stop-training")
 
@@ -35,12 +29,8 @@ def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(
     assert "--resume" not in printed.err
 
 
-def test_programs_get_what_was_stopped_as_from_the_other_stops(
-    dr, run, make_report, capsys, monkeypatch
-):
+def test_programs_get_what_was_stopped_as_from_the_other_stops(dr, run, make_report, capsys):
     run.looks = [make_report("stopped", 3, exit_code=143)]
-    answers = iter([True, False])
-    monkeypatch.setattr("drcli.runs.training.is_running", lambda *_: next(answers))
 
     dr("stop-training", "--json")
 
@@ -63,6 +53,7 @@ def test_stopping_nothing_is_harmless_and_takes_one_line(dr, run, capsys):
 @pytest.mark.parametrize("flags", [(), ("--json",)])
 def test_a_training_that_is_still_leaving_is_a_failure(dr, run, make_report, capsys, flags):
     run.looks = [make_report("running", 3)]
+    run.lingers = True
 
     code = dr("stop-training", *flags)
 

@@ -2,12 +2,13 @@
 
 import os
 import time
+from dataclasses import replace
 
 import psutil
 import pytest
 
 from drcli.runs import record
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.record import RunRecord, run_folder, storage_of
 from drcli.runs.status import inspect
 
 
@@ -53,3 +54,25 @@ def test_a_run_whose_supervisor_is_gone_without_a_word_is_lost(racer, running, m
 
 def test_a_run_with_a_living_supervisor_is_running(racer, running):
     assert inspect(racer.settings(), racer.folder).state == "running"
+
+
+def test_a_run_is_looked_at_in_the_bucket_and_under_the_name_it_was_started_with(racer, running):
+    began = racer.settings()
+    replace(running, storage=storage_of(began)).write(run_folder(began, racer.folder))
+    now = began.replaced(
+        cloud="remote", remote_minio_url="http://127.0.0.1:9", model_prefix="other"
+    )
+
+    report = inspect(now, racer.folder)
+
+    assert report.prefix == "model-1"
+    assert all("does not answer" not in worker.activity for worker in report.workers)
+
+
+def test_the_settings_of_a_run_are_those_of_its_start(racer, running):
+    began = racer.settings()
+    note = replace(running, storage=storage_of(began))
+
+    found = note.settings(began.replaced(cloud="aws", bucket="another", model_prefix="other"))
+
+    assert (found.cloud, found.bucket, found.model_prefix) == ("local", began.bucket, "model-1")
