@@ -83,14 +83,15 @@ def evaluate(
 
 
 def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
-    """Start it in the background and say in one line that it runs."""
+    """Start it in the background, and say what is started in the words of the reference."""
     from drcli import console
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
 
-    plan = prepare_evaluation(loaded, clone=clone, directory=working_folder())
+    plan = prepare_evaluation(
+        loaded, clone=clone, directory=working_folder(), on_progress=console.say
+    )
     record = launch_evaluation(plan)
-    console.say(f"Evaluation of model s3://{record.bucket}/{record.prefix} starting.")
     if as_json:
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
         console.emit(started, "", as_json=True)

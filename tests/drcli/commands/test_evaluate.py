@@ -82,8 +82,9 @@ def launched(working_folder, monkeypatch):
     """What is started in the background; it is nothing."""
     seen = {}
 
-    def prepare(settings, *, clone, directory):
+    def prepare(settings, *, clone, directory, on_progress):
         seen["clone"] = clone
+        on_progress("Evaluation of model s3://bucket/model starting.")
         job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
         return EvaluationPlan(job, ["8_Step-4000.ckpt"], "20260102030405")
 
