@@ -30,8 +30,9 @@ from drsim.reward import RewardFunction, RewardParams, checked_reward, load_rewa
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 """How long the calls of a pass may take; what is left over is not called."""
 
-CALL_S, LOADING_S = 7.0, 70.0
-"""A call is interrupted after 5 s, and loading after 60. What goes on all the same is ended."""
+CALL_S, LOADING_S = 7.0, 62.0
+"""A call is interrupted after 5 s, and loading after 60. What goes on all the same is ended, before
+the simulation does so: it would look like code that ends its process."""
 
 STUCK_S = 30.0
 """A pass that takes so long hangs within a library, where nothing but the end helps."""

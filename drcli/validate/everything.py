@@ -52,7 +52,7 @@ def validate(
         found += _files_alone(directory, skipped)
     else:
         found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
-    found += review_gpu()
+    found += review_gpu(reviewed.settings, os.environ if environ is None else environ)
     errors, warnings = by_severity(_relative(item, directory) for item in found)
     return Report(str(directory), console_compatible, errors, warnings, tuple(skipped))
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 
 from drcli.config import Settings
 from drcli.job import Job
@@ -91,21 +92,25 @@ def examine(
     settings = job.settings
     reward = files.get(keys.REWARD_FUNCTION_FILE)
     source, found = (None, []) if reward is None else read_source(reward)
+    given_up = Event()
     with ThreadPoolExecutor(1) as pool:
-        trial = pool.submit(try_inputs, job, reward if source is not None else None)
-        if source is not None:
-            found += review_source(source)
-        review = review_parameters(
-            files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
-        )
-        found += review.violations
-        transfer = None
-        if bucket is not None:
-            found += _missing(files, settings, job, bucket)
-            transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
-            found += wrong
-        found += review_disk(settings, job.directory)
-        found += _news(trial.result(), found)
+        try:
+            trial = pool.submit(try_inputs, job, reward if source is not None else None, given_up)
+            if source is not None:
+                found += review_source(source)
+            review = review_parameters(
+                files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
+            )
+            found += review.violations
+            transfer = None
+            if bucket is not None:
+                found += _missing(files, settings, job, bucket)
+                transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
+                found += wrong
+            found += review_disk(settings, job.directory)
+            found += _news(trial.result(), found)
+        finally:
+            given_up.set()  # else Ctrl-C, or a bucket that fails, would wait for the trial
     return Examined(files, source, review, transfer, found)
 
 

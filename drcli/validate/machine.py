@@ -2,7 +2,7 @@
 
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import psutil
@@ -38,9 +38,10 @@ def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
     said: set[int] = set()
     for folder in sorted(folders):
         place = next(place for place in (folder, *folder.parents) if place.exists())
+        disk = place.stat().st_dev
         free = shutil.disk_usage(place).free
-        if free < LEAST_DISK_BYTES and free not in said:
-            said.add(free)
+        if free < LEAST_DISK_BYTES and disk not in said:
+            said.add(disk)
             yield Violation(
                 "V-50",
                 "warning",
@@ -71,19 +72,16 @@ def review_memory(
         )
 
 
-def review_gpu() -> Iterator[Violation]:
-    """Room on one of the GPUs, where there are any."""
-    program = shutil.which("nvidia-smi")
-    if program is None:
-        return
-    query = [program, "--query-gpu=memory.free", "--format=csv,noheader,nounits"]
-    try:
-        done = subprocess.run(
-            query, capture_output=True, text=True, timeout=GPU_PATIENCE_S, check=False
-        )
-        free = [int(line) * 2**20 for line in done.stdout.split()]
-    except (OSError, subprocess.TimeoutExpired, ValueError):
-        return  # no working GPU: the processor learns
+def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Violation]:
+    """Room on one of the GPUs that the trainer gets, where there are any.
+
+    Args:
+        settings: None where they are wrong: then the environment alone says which GPUs it gets.
+        environ: Process environment.
+    """
+    chosen = settings.sagemaker_cuda_devices if settings is not None else ""
+    allowed = chosen or environ.get("CUDA_VISIBLE_DEVICES")
+    free = _free_gpu_bytes(allowed)
     if free and max(free) < LEAST_GPU_BYTES:
         yield Violation(
             "V-50",
@@ -91,8 +89,39 @@ def review_gpu() -> Iterator[Violation]:
             "nvidia-smi",
             f"Only {_shown(max(free))} of GPU memory are free, and learning may need "
             f"{_shown(LEAST_GPU_BYTES)}.",
-            "End other programs on the GPU, or hide it with CUDA_VISIBLE_DEVICES=-1.",
+            "End other programs on the GPU, or let the processor learn with "
+            "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env.",
         )
+
+
+def _free_gpu_bytes(allowed: str | None) -> list[int]:
+    """Free memory of GPUs.
+
+    Args:
+        allowed: Which, as CUDA_VISIBLE_DEVICES has them; None for all.
+    """
+    names = None if allowed is None else [name.strip() for name in allowed.split(",")]
+    program = None if names in ([""], ["-1"]) else shutil.which("nvidia-smi")
+    if program is None:
+        return []
+    query = [program, "--query-gpu=index,uuid,memory.free", "--format=csv,noheader,nounits"]
+    try:
+        done = subprocess.run(
+            query, capture_output=True, text=True, timeout=GPU_PATIENCE_S, check=False
+        )
+        rows = [line.split(", ") for line in done.stdout.splitlines()]
+        return [
+            int(free) * 2**20
+            for index, uuid, free in rows
+            if names is None or any(name == index or _begins(uuid, name) for name in names)
+        ]
+    except (OSError, subprocess.TimeoutExpired, ValueError):
+        return []  # no working GPU: the processor learns
+
+
+def _begins(uuid: str, name: str) -> bool:
+    """Whether this is the name of a GPU, which may be given by its beginning."""
+    return name.startswith("GPU-") and uuid.startswith(name)
 
 
 def _shown(size_bytes: int) -> str:

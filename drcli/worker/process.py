@@ -72,17 +72,45 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     lifeline = Lifeline(job.launcher_pid)
     LastWords.forget(job.folder, name)
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    sys.excepthook = _hook(job, name)
     try:
         main(job, lifeline)
     except StopRequested:
         print(f"{name}: asked to stop, leaving.")
-    except DrError as error:
-        print(f"{name}: {error} {error.remedy}")
-        LastWords.of(error).leave(job.folder, name)
-        raise SystemExit(error.code) from None
     except Exception as error:
-        traceback.print_exc(file=sys.stdout)
-        words = f"{name} failed: {type(error).__name__}: {error}"
-        remedy = f"Read its log with `dr-logs {name}` and report it as a bug."
-        LastWords(words, remedy, BUG).leave(job.folder, name)
-        raise SystemExit(BUG) from None
+        words = _words(name, error)
+        words.leave(job.folder, name)
+        _log(name, error)
+        raise SystemExit(words.code) from None
+
+
+def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
+    """What tells of an end that `except Exception` does not see.
+
+    Where a reward function swallows everything that is raised to interrupt it, the simulation has
+    this called and ends the process.
+    """
+
+    def tell(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
+        from drcli.worker.world import reward_failure  # here, because the trainer needs no drsim
+        from drsim.errors import RewardError
+
+        known = reward_failure(error) if isinstance(error, RewardError) else error
+        _words(name, known).leave(job.folder, name)
+        _log(name, known)
+
+    return tell
+
+
+def _words(name: str, error: BaseException) -> LastWords:
+    if isinstance(error, DrError):
+        return LastWords.of(error)
+    words = f"{name} failed: {type(error).__name__}: {error}"
+    return LastWords(words, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
+
+
+def _log(name: str, error: BaseException) -> None:
+    if isinstance(error, DrError):
+        print(f"{name}: {error} {error.remedy}", flush=True)
+    else:
+        traceback.print_exception(error, file=sys.stdout)

@@ -5,18 +5,22 @@ function, NAME is what its author calls it; without them only worlds and races a
 torch and no bucket, so it is quick.
 """
 
-import json
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
+from time import sleep  # which racers' code may put elsewhere in time
+from types import TracebackType
 
 import numpy as np
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.job import Job
-from drcli.validate.report import Violation
+from drcli.validate.report import Violation, leave_tried
 from drcli.worker.world import load_race, load_world
 from drsim.car import CONTROL_HZ
 from drsim.errors import RewardError
@@ -33,8 +37,8 @@ from drsim.track import Track
 from drsim.traffic import Traffic
 from drsim.worlds import load_track
 
-RESULT = "trial.json"
-"""File in the job's folder that the violations are written to."""
+LOOK_S = 0.5
+"""How often it is looked whether the launcher is there."""
 
 POSITIONS = 40
 """Places along the lap at which the reward function is tried."""
@@ -199,12 +203,31 @@ def _violation(error: RewardError, rule: str, path: Path, name: str, state: str 
     return Violation(rule, "error", where, message, f"Correct {name}; nothing was started.")
 
 
-def write(violations: Sequence[Violation], folder: Path) -> None:
-    """Leave what was found for the launcher."""
-    (folder / RESULT).write_text(json.dumps([asdict(item) for item in violations]), "utf-8")
+def main(file: Path | None, name: str) -> None:
+    """Try what the job says, as a process of its own, and leave what is found in its folder."""
+    job = Job.from_environment()
+    threading.Thread(target=_end_after, args=(job.launcher_pid,), daemon=True).start()
+    if file is None:
+        leave_tried(try_inputs(job.settings, None), job.folder)
+        return
+
+    def tell(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        """Leave what the simulation says before it ends a process that it cannot interrupt."""
+        if isinstance(error, RewardError):
+            leave_tried([_violation(error, "V-21", file, name)], job.folder)
+        else:
+            sys.__excepthook__(kind, error, trace)
+
+    sys.excepthook = tell
+    leave_tried(try_inputs(job.settings, (file, name)), job.folder)
+
+
+def _end_after(launcher_pid: int) -> None:
+    """End this process, and whatever the racer's code has started, once its launcher is gone."""
+    while os.getppid() == launcher_pid:
+        sleep(LOOK_S)
+    os.killpg(0, signal.SIGKILL)
 
 
 if __name__ == "__main__":
-    the_job = Job.from_environment()
-    given = (Path(sys.argv[1]), sys.argv[2]) if len(sys.argv) == 3 else None
-    write(try_inputs(the_job.settings, given), the_job.folder)
+    main(*((Path(sys.argv[1]), sys.argv[2]) if len(sys.argv) == 3 else (None, "")))

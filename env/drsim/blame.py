@@ -3,7 +3,7 @@
 import inspect
 import linecache
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import CodeType, TracebackType
@@ -69,12 +69,44 @@ def described(error: BaseException) -> str:
 
 def shown(value: object) -> str:
     """A value as Python writes it; by its type where that is long, fails or tells an address."""
+    text = _written(value)
+    return f"an object of type {type(value).__qualname__}" if text is None else text
+
+
+def compact(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters short enough for a message: the waypoints counted, floats with four decimals.
+
+    The user's code may have put anything among them: `shown` tells what is neither short nor plain.
+    """
+    short: dict[str, Any] = {}
+    for key, value in params.items():
+        if key == "waypoints" and type(value) is list:
+            short[key] = f"<{len(value)} points>"
+        else:
+            plain = _rounded(value, 2)
+            short[_rounded(key, 0)] = shown(value) if _written(plain) is None else plain
+    return short
+
+
+def _rounded(value: object, depth: int) -> Any:
+    """Numbers and texts, and lists of them to a depth; of anything else, what is shown of it."""
+    if type(value) is float:
+        return round(value, 4)
+    if type(value) in (bool, int, str, type(None)):
+        return value
+    if depth and isinstance(value, list | tuple) and len(value) <= LONGEST_VALUE:
+        return [_rounded(item, depth - 1) for item in value]
+    return shown(value)
+
+
+def _written(value: object) -> str | None:
+    """A value as Python writes it; None where that is long, fails or tells an address."""
     try:
         text = repr(value)
     except Exception:  # its own method fails, or an integer has thousands of digits
-        text = ""
+        return None
     if not text or len(text) > LONGEST_VALUE or " at 0x" in text:
-        return f"an object of type {type(value).__qualname__}"
+        return None
     return _printable(text)
 
 

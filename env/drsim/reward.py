@@ -7,12 +7,13 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import repeat
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType, FrameType, ModuleType
 from typing import Any, NoReturn
 
-from drsim.blame import code_of, described, line_in, place, quoted, shown, source
+from drsim.blame import code_of, compact, described, line_in, place, quoted, shown, source
 from drsim.errors import RewardError
 from drsim.guard import DeadlinePassed, alarm, end_copy_of
 
@@ -82,7 +83,8 @@ def checked_rewards(
     """Call a reward function once for each car.
 
     The deadline rests on a timer signal, so it exists only in the main thread and only where the
-    system has such timers; elsewhere the calls are made without it.
+    system has such timers; elsewhere the calls are made without it. A function that swallows what
+    is raised in it then and goes on for seconds ends the process: `sys.excepthook` is told why.
 
     Args:
         functions: The user's function, or one for each call.
@@ -99,10 +101,10 @@ def checked_rewards(
     rewards = []
     process = os.getpid()
     each = repeat(functions) if callable(functions) else functions
-    with alarm() as arm:
+    with alarm(deadline_s, partial(_end_for, _late(deadline_s))) as clock:
         for params, function in zip(calls, each, strict=False):
-            arm(deadline_s)
             try:
+                clock.begin()
                 try:
                     value = function(params)
                 finally:
@@ -110,13 +112,13 @@ def checked_rewards(
                 # Most functions return a float within the limits: one comparison, no call.
                 if type(value) is not float or not -REWARD_LIMIT <= value <= REWARD_LIMIT:
                     value = _number(value)
-            except KeyboardInterrupt:
-                raise  # whoever sits at the keyboard wants to end
+                clock.armed = False
             except BaseException as error:
-                arm(0.0)
+                clock.armed = False
+                if isinstance(error, KeyboardInterrupt):
+                    raise  # whoever sits at the keyboard wants to end
                 _raise_failed(function, params, error, deadline_s)
             rewards.append(value)
-        arm(0.0)
     return rewards
 
 
@@ -180,8 +182,8 @@ def _run_module(path: Path, code: CodeType) -> ModuleType:
     linecache.checkcache(str(path))
     process = os.getpid()
     try:
-        with alarm() as arm:
-            arm(_IMPORT_DEADLINE_S)
+        with alarm(_IMPORT_DEADLINE_S, partial(_end_for, "its import does not end")) as clock:
+            clock.begin()
             try:
                 exec(code, module.__dict__)
             finally:
@@ -250,6 +252,28 @@ def _number(value: object) -> float:
     return number
 
 
+def _late(deadline_s: float) -> str:
+    return f"it did not return within {deadline_s:g} s"
+
+
+def _end_for(what: str, frame: FrameType | None) -> NoReturn:
+    """End this process, whose code at the frame swallows every exception, with last words."""
+    while frame is not None and frame.f_globals.get("__name__") != _MODULE_NAME:
+        frame = frame.f_back
+    path, line = (Path(frame.f_code.co_filename), frame.f_lineno) if frame else (None, None)
+    why = "and swallows what is raised to end it, an `except:` in an endless loop?"
+    error = RewardError(
+        f"The reward function{place(path, line)} failed: {what} {why}{quoted(path, line)}",
+        file=path,
+        line=line,
+        source=source(path, line),
+    )
+    try:
+        sys.excepthook(RewardError, error, None)
+    finally:
+        os._exit(1)
+
+
 def _raise_failed(
     function: RewardFunction, params: RewardParams, error: BaseException, deadline_s: float
 ) -> NoReturn:
@@ -260,10 +284,10 @@ def _raise_failed(
         line = code.co_firstlineno if code else None
         what = str(error)
     elif isinstance(error, DeadlinePassed):
-        what = f"it did not return within {deadline_s:g} s, an endless loop?"
+        what = f"{_late(deadline_s)}, an endless loop?"
     else:
         what = described(error)
-    short = _compact(params)
+    short = compact(params)
     raise RewardError(
         f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}\n"
         f"  params = {short}",
@@ -272,14 +296,3 @@ def _raise_failed(
         source=source(path, line),
         params=short,
     ) from (None if isinstance(error, _NoRewardError | DeadlinePassed) else error)
-
-
-def _compact(params: RewardParams) -> RewardParams:
-    """Parameters short enough for a message: the waypoints counted, floats with four decimals."""
-    short: RewardParams = {}
-    for key, value in params.items():
-        if key == "waypoints" and isinstance(value, list):
-            short[key] = f"<{len(value)} points>"
-        else:
-            short[key] = round(value, 4) if isinstance(value, float) else value
-    return short

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from drsim.errors import RewardError
+from drsim.guard import alarm
 from drsim.reward import (
     REWARD_LIMIT,
     centre_line_reward,
@@ -145,6 +146,28 @@ def test_a_failure_behind_a_wrapping_names_the_file(write, text):
     assert caught.value.file == path
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("Stubborn()", "an object of type Stubborn"),
+        ("list(range(200_000))", "an object of type list"),
+        ("'x' * 200_000", "an object of type str"),
+        ("[Stubborn()]", ["an object of type Stubborn"]),
+        ("[(0.123456, 1)]", [[0.1235, 1]]),
+        ("10 ** 9999", "an object of type int"),
+    ],
+)
+def test_what_the_function_puts_among_its_parameters_is_told_in_short(write, value, told):
+    body = f"def reward_function(params):\n    params['w'] = {value}\n    return None\n"
+    function = load_reward_function(write(body + ODD_TYPES))
+
+    with pytest.raises(RewardError) as caught:
+        checked_reward(function, {})
+
+    assert caught.value.params == {"w": told}
+    assert len(str(caught.value)) < 500
+
+
 def test_a_function_that_ends_the_program_is_an_error_and_not_the_end(write):
     function = returning(write, "exit(3)")
 
@@ -231,6 +254,75 @@ def test_each_call_of_a_batch_has_its_own_deadline(write):
     rewards = checked_rewards(load_reward_function(path), [PARAMS] * 4, deadline_s=0.4)
 
     assert rewards == [1.0] * 4
+
+
+def test_between_two_calls_no_deadline_counts(write):
+    def calls():
+        yield {}
+        signal.pause()  # until the timer rings
+        yield {}
+
+    rewards = checked_rewards(returning(write, "1.0"), calls(), deadline_s=0.1)
+
+    assert rewards == [1.0, 1.0]
+
+
+def test_a_ring_that_is_heard_after_the_last_call_winds_no_timer():
+    left_s, interval_s = signal.setitimer(signal.ITIMER_REAL, 0.0)
+    with alarm(50.0, in_vain=print) as clock:
+        clock.begin()
+
+    clock.ring(signal.SIGALRM, None)
+    wound = signal.setitimer(signal.ITIMER_REAL, left_s, interval_s)
+
+    assert wound == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("where", ["__float__", "__repr__"])
+def test_the_deadline_counts_for_methods_of_the_value_too(write, where):
+    path = write(
+        f"class Odd:\n    def {where}(self):\n        while True: pass\n"
+        "def reward_function(params):\n    return Odd()\n"
+    )
+
+    with pytest.raises(RewardError, match="did not return within"):
+        checked_reward(load_reward_function(path), PARAMS, deadline_s=0.1)
+
+
+LOOP = """while True:
+        try:
+            signal.pause()
+        except:
+            pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (f"import signal\ndef reward_function(params):\n    {LOOP}", "did not return within 0.1 s"),
+        (f"import signal\nif signal:\n    {LOOP}", "its import does not end"),
+    ],
+    ids=["called", "imported"],
+)
+def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(write, text, what):
+    path = write(text)
+    script = (
+        "import sys, drsim.guard, drsim.reward\n"
+        "from pathlib import Path\n"
+        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
+        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
+        "drsim.reward.checked_reward(function, {}, 0.1)\n"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
+    )
+
+    assert done.returncode == 1
+    assert f"The reward function in {path}, line 5, failed: " in done.stderr
+    assert what in done.stderr
 
 
 def test_the_timer_and_handler_of_others_survive(write):

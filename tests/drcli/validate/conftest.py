@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pytest
@@ -87,7 +88,7 @@ def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
     """A folder whose bucket is in memory and whose trial needs no process."""
     made = Folder(working_folder)
 
-    def try_inputs(job: Job, reward: InputFile | None) -> list[Violation]:
+    def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Violation]:
         if reward is None:
             return trial.try_inputs(job.settings, None)
         job.folder.mkdir(parents=True, exist_ok=True)

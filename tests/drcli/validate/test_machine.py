@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
 import psutil
@@ -63,22 +64,73 @@ def test_the_replay_of_sac_counts_as_memory(settings, monkeypatch, steps, told):
     assert ["sac_replay_steps" in item.remedy for item in found] == [True] * told
 
 
-@pytest.mark.parametrize(
-    ("answer", "told"), [("9000\n800\n", 0), ("800\n", 1), ("", 0), ("Failed to initialize", 0)]
-)
-def test_a_gpu_needs_free_memory_where_there_is_one(monkeypatch, answer, told):
-    monkeypatch.setattr(shutil, "which", lambda _: "/usr/bin/nvidia-smi")
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=answer))
+def test_two_full_disks_are_told_both_and_one_disk_once(settings, monkeypatch):
+    free = iter([1_000_000, 999_999, 1_000_000, 1_000_000])
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free)))
+    (settings.directory / settings.s3_data_dir).mkdir(parents=True)
 
-    found = list(review_gpu())
+    same = list(review_disk(settings, settings.directory))
+    monkeypatch.setattr(Path, "stat", lambda path, **_: SimpleNamespace(st_dev=hash(path)))
+    monkeypatch.setattr(Path, "exists", lambda _: True)
+    different = list(review_disk(settings, settings.directory))
+
+    assert (len(same), len(different)) == (1, 2)
+
+
+@pytest.fixture
+def gpus(monkeypatch):
+    """Have nvidia-smi answer."""
+
+    def answer(text: str) -> None:
+        monkeypatch.setattr(shutil, "which", lambda _: "/usr/bin/nvidia-smi")
+        monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=text))
+
+    return answer
+
+
+ROOMY, FULL = "0, GPU-aa11, 9000\n", "1, GPU-bb22, 800\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"), [(ROOMY + FULL, 0), (FULL, 1), ("", 0), ("Failed to initialize", 0)]
+)
+def test_a_gpu_needs_free_memory_where_there_is_one(gpus, answer, told):
+    gpus(answer)
+
+    found = list(review_gpu(None, {}))
 
     assert ["0.8 GB of GPU memory" in item.message for item in found] == [True] * told
+
+
+@pytest.mark.parametrize(
+    ("visible", "told"),
+    [("0", 0), ("1", 1), ("0,1", 0), ("GPU-bb", 1), ("", 0), ("-1", 0), ("7", 0)],
+)
+def test_only_gpus_that_the_environment_shows_count(gpus, visible, told):
+    gpus(ROOMY + FULL)
+
+    found = list(review_gpu(None, {"CUDA_VISIBLE_DEVICES": visible}))
+
+    assert len(found) == told
+
+
+@pytest.mark.parametrize(("chosen", "told"), [("0", 0), ("1", 1), ("-1", 0), ("", 1)])
+def test_the_setting_for_the_learners_gpus_wins_over_the_environment(
+    working_folder, gpus, chosen, told
+):
+    with (working_folder / "system.env").open("a") as file:
+        file.write(f"\nDR_SAGEMAKER_CUDA_DEVICES={chosen}\n")
+    gpus(ROOMY + FULL)
+
+    found = list(review_gpu(load_settings(working_folder), {"CUDA_VISIBLE_DEVICES": "1"}))
+
+    assert ["DR_SAGEMAKER_CUDA_DEVICES=-1" in item.remedy for item in found] == [True] * told
 
 
 def test_without_a_gpu_nothing_is_said_about_one(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
 
-    assert list(review_gpu()) == []
+    assert list(review_gpu(None, {})) == []
 
 
 def test_a_bucket_that_works_is_left_empty():

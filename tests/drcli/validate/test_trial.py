@@ -1,24 +1,40 @@
 """A reward function that harms the process it is tried in is told as a finding."""
 
 import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from threading import Event
 
 import pytest
 
 from drcli.config import load_settings
 from drcli.job import Job
 from drcli.runs.inputs import InputFile
+from drcli.validate.examination import examine
+from drcli.validate.report import find_tried
 from drcli.validate.trial import try_inputs
+
+HANGING = "def reward_function(params):\n    while True:\n        pass\n"
+
+DEAF = "import signal\nwhile True:\n    try: signal.pause()\n    except: pass\n"
 
 
 @pytest.fixture
-def tried(folder, tmp_path):
-    """What is found about a reward function, in a process as when a training starts."""
+def job(folder, tmp_path):
+    """A start of the working folder."""
     settings = load_settings(folder.path, environ={})
-    job = Job(settings, folder.path, "abc", 0, None, None, tmp_path / "trial", os.getpid())
+    return Job(settings, folder.path, "abc", 0, None, None, tmp_path / "trial", os.getpid())
+
+
+@pytest.fixture
+def tried(job):
+    """What is found about a reward function, in a process as when a training starts."""
 
     def find(before: str, body: str):
         code = f"{before}\n\n\ndef reward_function(params):\n    {body}\n"
-        return try_inputs(job, InputFile("reward_function.py", code.encode(), "mine.py"))
+        return try_inputs(job, InputFile("reward_function.py", code.encode(), "mine.py"), Event())
 
     return find
 
@@ -56,3 +72,70 @@ def test_files_of_the_working_folder_are_no_modules(tried, folder):
     (folder.path / "json.py").write_text("raise RuntimeError\n")
 
     assert tried("import json", "return float(json.loads('1'))") == []
+
+
+def test_a_trial_that_is_given_up_ends_at_once_and_finds_nothing(job):
+    given_up = Event()
+    given_up.set()
+
+    found = try_inputs(job, InputFile("reward_function.py", HANGING.encode(), "mine.py"), given_up)
+
+    assert found == []
+
+
+def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
+    def wait(_job, _reward, given_up):
+        ends.append(given_up.wait(60))
+        return []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    ends = []
+    monkeypatch.setattr("drcli.validate.examination.try_inputs", wait)
+    monkeypatch.setattr("drcli.validate.examination.review_disk", interrupt)
+
+    with pytest.raises(KeyboardInterrupt):
+        examine(job, {}, None)
+
+    assert ends == [True]
+
+
+def test_a_trial_ends_with_its_launcher(job, tmp_path):
+    path = tmp_path / "reward_function.py"
+    path.write_text(HANGING)
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], stdout=-1)
+    orphaned = replace(job, launcher_pid=int(gone.stdout), folder=tmp_path)
+
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "drcli.worker.trial", path, "mine.py"],
+        env=orphaned.to_environment(),
+        start_new_session=True,
+        timeout=60,
+    )
+
+    assert done.returncode == -signal.SIGKILL
+
+
+def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
+    path = tmp_path / "reward_function.py"
+    path.write_text(DEAF)
+    script = (
+        "import sys, drsim.guard, drsim.reward, drcli.worker.trial as trial\n"
+        "from pathlib import Path\n"
+        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
+        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "trial.main(Path(sys.argv[1]), 'mine.py')\n"
+    )
+    own = replace(job, folder=tmp_path)
+
+    subprocess.run(
+        [sys.executable, "-c", script, path],
+        env=own.to_environment(),
+        start_new_session=True,
+        timeout=60,
+    )
+
+    [found] = find_tried(tmp_path)
+    assert (found.rule, found.where) == ("V-21", "mine.py line 3")
+    assert "swallows what is raised to end it" in found.message

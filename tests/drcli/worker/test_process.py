@@ -1,0 +1,80 @@
+"""Worker processes: what they leave behind when they end."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from drcli.config import load_settings
+from drcli.errors import SettingsError
+from drcli.job import Job, LastWords
+
+DEAF = """import signal
+
+def reward_function(params):
+    while True:
+        try:
+            signal.pause()
+        except:
+            pass
+"""
+
+CALLING = """
+import drsim.guard
+from pathlib import Path
+from drcli.worker import process
+from drsim.reward import checked_reward, load_reward_function
+
+def main(job, lifeline):
+    drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05
+    checked_reward(load_reward_function(job.folder / "reward_function.py"), {}, 0.1)
+
+process.run("sim-0", main)
+"""
+
+FAILING = """
+from drcli.worker import process
+
+def main(job, lifeline):
+    raise %s("why")
+
+process.run("sim-0", main)
+"""
+
+
+@pytest.fixture
+def job(working_folder, tmp_path):
+    """A start whose folder is for this test alone."""
+    return Job(load_settings(working_folder), tmp_path, "abc", 0, None, None, tmp_path, os.getpid())
+
+
+def ended(job: Job, script: str) -> tuple[int, LastWords | None]:
+    """Exit code and last words of a worker."""
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=job.to_environment(), stdout=-1, timeout=60
+    )
+    return done.returncode, LastWords.find(job.folder, "sim-0")
+
+
+def test_a_reward_function_that_swallows_its_deadline_ends_the_training_with_a_sentence(job):
+    (job.folder / "reward_function.py").write_text(DEAF)
+
+    code, words = ended(job, CALLING)
+
+    assert code > 0  # by a signal would mean to start it again
+    assert words is not None
+    assert (words.code, words.final) == (SettingsError.code, True)
+    assert (
+        "Reward function error: The reward function in reward_function.py, line 6" in words.message
+    )
+    assert "did not return within 0.1 s and swallows what is raised" in words.message
+
+
+@pytest.mark.parametrize("kind", ["ValueError", "KeyboardInterrupt", "BaseException"])
+def test_whatever_ends_a_worker_leaves_last_words(job, kind):
+    code, words = ended(job, FAILING % kind)
+
+    assert code != 0
+    assert words is not None
+    assert words.message == f"sim-0 failed: {kind}: why"
