@@ -1,5 +1,6 @@
 """Rewrites a racer's own file: one command at a time, whole or not at all, mode and owner kept."""
 
+import errno
 import fcntl
 import os
 import shutil
@@ -8,6 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drcli.errors import SettingsError
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
@@ -67,5 +70,18 @@ def rewrite(path: Path, data: bytes) -> None:
             scratch.unlink()
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
-            remedy=f"Check that you may write {path} and its folder.",
+            remedy=remedy_for(e, path, f"Check that you may write {path} and its folder."),
         ) from e
+
+
+def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
+    """What to do about a file or folder that cannot be written.
+
+    Args:
+        error: Why it cannot.
+        path: The file or folder.
+        otherwise: What to do where its disk has room.
+    """
+    if error.errno in _NO_ROOM:
+        return f"Make room on the disk that holds {path}, and run the command again."
+    return otherwise
