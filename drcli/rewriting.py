@@ -1,5 +1,6 @@
 """Writes files whole or not at all: a racer's own, one command at a time, and notes of ours."""
 
+import errno
 import fcntl
 import json
 import os
@@ -16,6 +17,8 @@ from drcli.store.backoff import wait_until
 
 PATIENCE_S = 30.0
 """How long to wait for another command; each needs the folder for a moment only."""
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
@@ -72,7 +75,7 @@ def rewrite(path: Path, data: bytes) -> None:
             scratch.unlink()
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
-            remedy=f"Check that you may write {path} and its folder.",
+            remedy=remedy_for(e, path, f"Check that you may write {path} and its folder."),
         ) from e
 
 
@@ -133,3 +136,16 @@ def _fill_and_move(scratch: Path, target: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     scratch.replace(target)
+
+
+def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
+    """What to do about a file or folder that cannot be written.
+
+    Args:
+        error: Why it cannot.
+        path: The file or folder.
+        otherwise: What to do where its disk has room.
+    """
+    if error.errno in _NO_ROOM:
+        return f"Make room on the disk that holds {path}, and run the command again."
+    return otherwise

@@ -129,6 +129,8 @@ def _text(node: ast.expr) -> str:
             return f"<{_name(value)}>"
         case ast.BinOp(left=left, op=ast.Add(), right=right):
             return _text(left) + _text(right)
+        case ast.Call(func=ast.Name(id="remedy_for"), args=[*_, otherwise]):
+            return _text(otherwise)
     return f"<{_name(node)}>"
 
 

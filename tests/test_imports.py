@@ -66,6 +66,7 @@ OURS = {
         "drcli.config",
         "drcli.errors",
         "drcli.findings",
+        "drcli.rewriting",
         "drsim",
     },
     "drcli.validate": {

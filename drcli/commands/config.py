@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
 
+_HYPERPARAMETER = "It is a hyperparameter, which belongs into custom_files/hyperparameters.json."
+
 
 @app.command()
 def show(
@@ -131,7 +133,10 @@ def _known(written: str, others: tuple[str, ...]) -> str:
 
     name = find_name(written, others)
     if name is None:
-        raise typer.BadParameter(f"'{written}' is no setting. {suggestion(written)}")
+        from drcli.hyperparameters import KEYS  # takes long to load, so only where it fails
+
+        hint = _HYPERPARAMETER if written.lower() in KEYS else suggestion(written)
+        raise typer.BadParameter(f"'{written}' is no setting. {hint}")
     return name
 
 

@@ -35,7 +35,11 @@ def init(
     ] = None,
     world: Annotated[str | None, typer.Option("--world", help="Track to race on.")] = None,
     race_type: Annotated[
-        str | None, typer.Option("--race-type", help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT.")
+        str | None,
+        typer.Option(
+            "--race-type",
+            help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
+        ),
     ] = None,
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="Name of the model to train.")
@@ -119,7 +123,8 @@ def init(
         console.emit(report, "", as_json=True)
     else:
         console.say(f"{len(report.written)} files written in {report.folder}.")
-    steps = _next(plan.folder, experiment, sourced=has_activate_script(plan.folder))
+    sourced = has_activate_script(plan.folder)
+    steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     console.suggest(steps, elsewhere=True)
 
 
@@ -149,12 +154,15 @@ def _spelt(text: str) -> str:
     return re.sub(rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)", option, text)
 
 
-def _next(folder: Path, experiment: str | None, *, sourced: bool) -> list[tuple[str, str]]:
+def _next(
+    folder: Path, experiment: str | None, missing_track: str | None, *, sourced: bool
+) -> list[tuple[str, str]]:
     """What to type next, from the current folder.
 
     Args:
         folder: The working folder.
         experiment: The experiment in it that was written.
+        missing_track: The track to be fetched first.
         sourced: Whether the folder has a bin/activate.sh of ours.
     """
     steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go there")]
@@ -167,4 +175,6 @@ def _next(folder: Path, experiment: str | None, *, sourced: bool) -> list[tuple[
     elif active and Path(active).absolute() != folder:
         leave = "unset DR_EXPERIMENT_NAME; source bin/activate.sh"
         steps.append((leave, f"leave {active}"))
+    if missing_track is not None:
+        steps.append((f"dr-tracks fetch {missing_track}", "fetch the track"))
     return [*steps, ("dr-validate", "check everything"), ("dr-start-training", "train")]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from drcli.commands.options import AsJson
 from drcli.errors import NotAvailable
 
 _DROA = "DeepRacer on AWS is not spoken to from here yet: models, logs and imports stay there."
@@ -33,10 +34,13 @@ def _refusal(command: str, message: str, remedy: str) -> Callable[[], None]:
 def _nothing(command: str, message: str) -> Callable[[], None]:
     """A command that ends what cannot run. Exits 0."""
 
-    def answer() -> None:
+    def answer(as_json: AsJson = False) -> None:
         from drcli import console
+        from drcli.runs.stopping import StopReport
 
         console.say(message)
+        if as_json:
+            console.emit(StopReport(), "", as_json=True)
 
     answer.__doc__ = f"{message}\n\nExits 0.\n\nExample: {command}"
     return answer

@@ -8,7 +8,14 @@ from typing import Any, get_args, get_type_hints
 
 REPORTS: Mapping[str, tuple[str, ...]] = {
     "runs.report:RunReport": ("start-training", "status"),
-    "runs.stopping:StopReport": ("stop-training", "stop-evaluation", "stop-all"),
+    "runs.stopping:StopReport": (
+        "stop-training",
+        "stop-evaluation",
+        "stop-all",
+        "stop-viewer",
+        "stop-metrics",
+        "stop-loganalysis",
+    ),
     "runs.increment:Increment": ("increment-training",),
     "runs.report:EvaluationReport": ("evaluate", "start-evaluation"),
     "commands.evaluate:Started": ("start-evaluation -q",),

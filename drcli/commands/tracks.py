@@ -43,10 +43,17 @@ def show(
     Example: dr-tracks show reinvent_base --png map.png
     """
     from drcli import console, views_tracks
+    from drcli.errors import SettingsError
+    from drcli.findings import shown
+    from drcli.settings.worlds import ROUTE_FILES, missing
     from drcli.tracks.folder import MAP_COLUMNS, show_track
 
+    wanted = settings().replaced(world_name=name, overrides=())
+    fault = None if name.endswith(ROUTE_FILES) else next(missing(wanted), None)
+    if fault is not None:
+        raise SettingsError(f"There is no track {shown(name)} here.", remedy=fault.remedy)
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
-    view = show_track(name, settings().tracks_folder, png, columns=columns)
+    view = show_track(name, wanted.tracks_folder, png, columns=columns)
     console.emit(view, views_tracks.track(view), as_json=as_json)
 
 

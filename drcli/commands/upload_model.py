@@ -1,15 +1,12 @@
 """`dr upload-model`."""
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson, DryRun, Force
-
-if TYPE_CHECKING:
-    from drcli.transfer.naming import PlannedUploadIncrement
 
 
 def upload_model(
@@ -45,6 +42,7 @@ def upload_model(
     Example: dr-upload-model -b -f
     """
     from drcli import asking, console, views_models
+    from drcli.transfer.naming import plan_upload_increment
     from drcli.transfer.upload import UploadOptions, plan_upload, upload
 
     if best and number is not None:
@@ -54,7 +52,7 @@ def upload_model(
     loaded, folder = settings(), working_folder()
     step = None
     if increment:
-        step = _increment()
+        step = plan_upload_increment(loaded, folder)  # written once the upload is there
         loaded = step.settings
     by_name: Literal["best", "last"] = "best" if best else "last"
     choice = by_name if number is None else number
@@ -62,6 +60,8 @@ def upload_model(
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     planned = plan_upload(loaded, folder, options)
+    if step is not None:
+        console.say(f"Incrementing model from {step.step.before} to {step.step.after}")
     if as_json:
         console.say(planned.chosen.line)
     else:
@@ -83,13 +83,3 @@ def upload_model(
                 ),
             ]
         )
-
-
-def _increment() -> "PlannedUploadIncrement":
-    """Plan the next name; it is written once the upload is there."""
-    from drcli import console
-    from drcli.transfer.naming import plan_upload_increment
-
-    planned = plan_upload_increment(settings(), working_folder())
-    console.say(f"Incrementing model from {planned.step.before} to {planned.step.after}")
-    return planned

@@ -1,5 +1,6 @@
 """A picture to draw on: lines, areas and text with smooth edges, written as PNG."""
 
+import io
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from drcli.errors import SettingsError
+from drcli.rewriting import rewrite
 
 Floats = NDArray[np.float64]
 Color = tuple[int, int, int]
@@ -130,24 +132,25 @@ class Canvas:
         """Write it.
 
         Raises:
-            SettingsError: There is no such folder, or it cannot be written to.
+            SettingsError: There is no such folder, or it cannot be written to; a picture that was
+                there before is as it was.
         """
-        small = self._image.reduce(_SHARPNESS)
-        try:
-            small.save(path, format="PNG", optimize=True)
-        except OSError as error:
-            raise SettingsError(
-                f"--out {path} cannot be written: {error.strerror or error}.",
-                remedy="Name a file in a folder that exists and is yours.",
-            ) from None
+        data = io.BytesIO()
+        self._image.reduce(_SHARPNESS).save(data, format="PNG", optimize=True)
+        rewrite(path, data.getvalue())
 
 
 def refuse_replacing(path: Path) -> None:
-    """Refuse to draw over a file that is no picture of this kind.
+    """Refuse to draw over a file that is no picture of this kind, or where there is no folder.
 
     Raises:
-        SettingsError: It is one.
+        SettingsError: It is one, or there is none.
     """
+    if not path.parent.is_dir():
+        raise SettingsError(
+            f"{path} cannot be written: there is no folder {path.parent}.",
+            remedy="Name a file in a folder that exists and is yours.",
+        )
     try:
         with path.open("rb") as file:
             start = file.read(len(_PNG))
@@ -155,13 +158,13 @@ def refuse_replacing(path: Path) -> None:
         return
     except OSError as error:
         raise SettingsError(
-            f"--out {path} cannot be written: {error.strerror or error}.",
+            f"{path} cannot be written: {error.strerror or error}.",
             remedy="Name a file in a folder that exists and is yours.",
         ) from None
     if start and start != _PNG:
         raise SettingsError(
-            f"--out {path} is there already and no PNG picture, so it is not replaced.",
-            remedy="Name another file, such as reward.png.",
+            f"{path} is there already and no PNG picture, so it is not replaced.",
+            remedy="Name another file with --out, such as --out rewards.png.",
         )
 
 

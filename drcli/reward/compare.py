@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drcli.config import Settings
 from drcli.reward.drive import drive
 from drcli.reward.pilots import FAST, STEADY
-from drcli.reward.source import display_name, file_of
+from drcli.reward.source import display_name, files_of
 from drcli.reward.trial import Course, Trial, described, refuse_failing, try_out
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,7 @@ def compare(
     Raises:
         SettingsError: One of them fails, there is no such track, or the picture cannot be written.
     """
-    files = [file_of(settings, file) for file in (first, second)]
+    files = files_of([first, second])
     course = Course.of(drive(settings))
     if out is not None:
         from drcli.reward.canvas import refuse_replacing

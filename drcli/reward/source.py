@@ -1,9 +1,11 @@
 """Which file of a reward function is meant."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
+from drcli.findings import Finding, FindingsError
 from drcli.runs.inputs import shipped_file
 from drcli.store import keys
 
@@ -17,18 +19,43 @@ def file_of(settings: Settings, file: Path | None) -> Path:
     if file is None:
         own = settings.custom_files_dir / keys.REWARD_FUNCTION_FILE
         return own if own.is_file() else shipped_file(keys.REWARD_FUNCTION_FILE)
-    if file.is_dir():
-        file = file / keys.REWARD_FUNCTION_FILE
-    if not file.is_file():
+    found = _inside(file)
+    if not found.is_file():
         raise SettingsError(
-            f"{file}: there is no such file.",
+            f"{found}: there is no such file.",
             remedy="Name a reward function, such as custom_files/reward_function.py, or none at "
             "all for that of your training.",
         )
-    return file
+    return found
+
+
+def files_of(files: Sequence[Path]) -> list[Path]:
+    """The files given, each of which must be there.
+
+    Raises:
+        FindingsError: Some do not exist.
+    """
+    found = [_inside(file) for file in files]
+    missing = [
+        Finding(
+            str(file),
+            "there is no such file",
+            "Name a reward function, such as custom_files/reward_function.py.",
+        )
+        for file in found
+        if not file.is_file()
+    ]
+    if missing:
+        raise FindingsError(missing)
+    return found
 
 
 def display_name(file: Path, directory: Path) -> str:
     """A file as a racer would write it: from the working folder where it lies below it."""
     path, folder = file.absolute(), directory.absolute()
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(file)
+
+
+def _inside(file: Path) -> Path:
+    """The reward function of a folder, or the file itself."""
+    return file / keys.REWARD_FUNCTION_FILE if file.is_dir() else file

@@ -9,7 +9,7 @@ from pathlib import Path
 from drcli.config import Settings, active_run_file
 from drcli.envfile import parse_env, with_values
 from drcli.errors import SettingsError
-from drcli.rewriting import only_writer, rewrite
+from drcli.rewriting import only_writer, remedy_for, rewrite
 
 DELIMITER = "-"
 """Stands before the number of a name that has none yet."""
@@ -69,7 +69,9 @@ class Edit:
             except OSError as e:
                 raise SettingsError(
                     f"{self.path}: cannot be copied to {self.backup.name} ({e.strerror or e}).",
-                    remedy=f"Check that you may write {self.path} and its folder.",
+                    remedy=remedy_for(
+                        e, self.path, f"Check that you may write {self.path} and its folder."
+                    ),
                 ) from e
             rewrite(self.path, self.new)
 

@@ -20,6 +20,15 @@ def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tup
             yield name, unfit.reason, unfit.remedy
 
 
+def oddities(settings: Settings) -> Iterator[str]:
+    """Sentences about values that are followed here and refused by the reference."""
+    if settings.eval_max_resets == 1:
+        yield (
+            f"{settings.source('DR_EVAL_MAX_RESETS')}: DR_EVAL_MAX_RESETS=1 puts a car back once "
+            "here; the reference refuses it and takes 0, or 2 and more."
+        )
+
+
 def contradictions(settings: Settings) -> Iterator[Finding]:
     """Values that fit on their own but not together."""
     if settings.cloud in ("remote", "azure") and not settings.remote_minio_url:

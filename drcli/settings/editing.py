@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli import activation
@@ -176,9 +176,15 @@ def _refuse_mistakes(
     about = tuple(f"{name}=" for name in wanted)
     new = [f for f in mistakes if f not in old_mistakes or f.what.startswith(about)]
     if new:
-        raise FindingsError(new)
+        raise FindingsError([_as_it_was(finding) for finding in new])
     left = [f"{finding} That was so before." for finding in mistakes]
     return [*left, *(text for text in warnings if text not in old_warnings)]
+
+
+def _as_it_was(finding: Finding) -> Finding:
+    """Where a mistake would stand in a file: nothing was written there."""
+    file, line, _ = finding.where.partition(" line ")
+    return replace(finding, where=f"{file} stays as it was") if line else finding
 
 
 def _judge(

@@ -9,7 +9,7 @@ from typing import Any
 
 from drcli.envfile import Entry
 from drcli.findings import Finding, FindingsError, few, shown
-from drcli.settings.checks import contradictions, misfits
+from drcli.settings.checks import contradictions, misfits, oddities
 from drcli.settings.effects import without_effect
 from drcli.settings.experiment import EXPERIMENT, chosen_experiment, run_file
 from drcli.settings.files import Files
@@ -83,7 +83,7 @@ class Loader:
             if settings.train_multi_config:
                 overrides = self._overrides(settings, upper)
                 self._refuse_findings()
-            self._warnings += without_effect(settings)
+            self._warnings += (*oddities(settings), *without_effect(settings))
         return settings.replaced(warnings=tuple(few(self._warnings)), overrides=overrides)
 
     def run_file(self, upper: list[dict[str, Entry]]) -> str:

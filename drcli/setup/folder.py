@@ -59,7 +59,7 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
         NewFile("bin/activate.sh", _activate().encode()),
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
-    return FolderPlan(folder, tuple(files), ("tracks",), _missing_track(settings))
+    return FolderPlan(folder, tuple(files), ("tracks",), *_missing_track(settings))
 
 
 def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> FolderPlan:
@@ -116,7 +116,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         for path in sorted(folder.glob("worker-*.env"))
     ]
     files = (NewFile(f"{here}/run.env", run), *workers, *custom)
-    return FolderPlan(folder, files, (), _missing_track(settings))
+    return FolderPlan(folder, files, (), *_missing_track(settings))
 
 
 def has_activate_script(folder: Path) -> bool:
@@ -196,16 +196,17 @@ def _gitignore(path: Path) -> bytes:
     return before + gap + IGNORED.encode() + b"\n"
 
 
-def _missing_track(settings: Settings) -> tuple[str, ...]:
-    """A sentence about a track that is still to be fetched."""
+def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
+    """The track where it is still to be fetched, and a sentence about that."""
     world = settings.world_name
     if is_here(settings) or world.endswith(ROUTE_FILES):
-        return ()
+        return None, ()
     known = sorted({*built_in(), *own(settings.tracks_folder)})
-    return (
+    warning = (
         f"There is no track {world} here yet; fetch it with `dr-tracks fetch {world}`, or choose "
-        f"one of {', '.join(known)}.",
+        f"one of {', '.join(known)}."
     )
+    return world, (warning,)
 
 
 def _free_run_id(folder: Path) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from drcli.envfile import content_of
 from drcli.errors import SettingsError
 from drcli.findings import Finding, FindingsError
-from drcli.rewriting import only_writer, rewrite
+from drcli.rewriting import only_writer, remedy_for, rewrite
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,14 @@ class FolderPlan:
         folder: The working folder, absolute.
         files: Everything that belongs there.
         folders: Folders that belong there even when they are empty.
+        missing_track: The chosen track, where it is still to be fetched.
         warnings: Sentences about what is allowed and may surprise.
     """
 
     folder: Path
     files: tuple[NewFile, ...]
     folders: tuple[str, ...]
+    missing_track: str | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -189,6 +191,8 @@ def _make_folders(path: Path, undo: list[Callable[[], object]]) -> None:
         except OSError as e:
             raise SettingsError(
                 f"{folder}: this folder cannot be made ({e.strerror or e}).",
-                remedy="Choose another folder, or check that you may write there.",
+                remedy=remedy_for(
+                    e, folder, "Choose another folder, or check that you may write there."
+                ),
             ) from e
         undo.append(folder.rmdir)

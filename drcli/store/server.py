@@ -1,8 +1,10 @@
 """The bucket's server: finds the one that runs, and starts the embedded one where none does."""
 
+import errno
 import os
 import secrets
 import socket
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -61,9 +63,11 @@ def ensure_running(config: StorageConfig) -> Endpoint:
         with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
             return _ensure_local(config)
     except OSError as e:
+        full = e.errno in (errno.ENOSPC, errno.EDQUOT)
+        first = "Make room on its disk" if full else "Check that you may write there"
         raise StorageError(
             f"The local bucket cannot be kept in {config.data_dir}: {e.strerror or e}.",
-            remedy="Check that you may write there, or set DR_S3_DATA_DIR to another folder.",
+            remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
         ) from e
 
 
@@ -91,16 +95,17 @@ def last_known(config: StorageConfig) -> Endpoint | None:
 
 def stop(config: StorageConfig) -> bool:
     """End the local server; objects stay (moto's excepted). True when one was running."""
-    if config.cloud != "local" or not config.data_dir.exists():
+    path = own_file(config, "json")
+    if config.cloud != "local" or not path.exists():
         return False
     with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
-        path = own_file(config, "json")
         state = ServerState.read(path)
         if state is None or state.pid is None:
             return False
         was_running = process.is_running(state.pid, state.mark)
         process.end(state.pid, state.mark)
-        replace(state, pid=None).write(path)
+        with suppress(OSError):  # a full disk; that no such process lives is seen anyway
+            replace(state, pid=None).write(path)
     return was_running
 
 

@@ -74,7 +74,7 @@ def fetch_track(
         ) from None
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
-            f"{address} cannot be reached: {getattr(error, 'reason', error)}.",
+            f"{address} cannot be reached: {_reason(error)}.",
             remedy="Check the network, or add a file that you have with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
@@ -130,6 +130,12 @@ def _download(address: str) -> bytes:
             if time.monotonic() > deadline:
                 raise TimeoutError(f"it takes longer than {PATIENCE_S:.0f} s")
     return b"".join(pieces)[: _MOST_BYTES + 1]
+
+
+def _reason(error: Exception) -> str:
+    """Why there is no answer, in words, without the number of an error."""
+    cause = getattr(error, "reason", error)
+    return str(getattr(cause, "strerror", None) or cause)
 
 
 def _similar(name: str, url: str) -> str:

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from drcli.config import Settings
 from drcli.errors import SettingsError
-from drcli.rewriting import rewrite
+from drcli.rewriting import remedy_for, rewrite
 from drcli.runs.inputs import custom_files_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -124,7 +124,7 @@ def write_file(path: Path, data: bytes) -> bool:
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
-            remedy=f"Check that you may write {path.parent}.",
+            remedy=remedy_for(e, path, f"Check that you may write {path.parent}."),
         ) from e
     rewrite(path, data)
     return True

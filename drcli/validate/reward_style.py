@@ -36,6 +36,26 @@ UNTOLD = ("E5", "E226", "E261", "E9")
 """Style that nobody is told about: line lengths and spaces round signs and before comments. Source:
 the console's validator. E9 is about text that does not compile, which is V-02."""
 
+_MENDING = {
+    "E12": "Align the line with what stands in the bracket above it, or indent it by four blanks",
+    "E13": "Align the line with what stands in the bracket above it, or indent it by four blanks",
+    "E1": "Indent by four blanks a level, without tabs",
+    "E2": "Correct the blanks",
+    "E3": "Correct the number of blank lines",
+    "E401": "Write each import on a line of its own",
+    "E402": "Move the import to the top of the file",
+    "E701": "Put what follows the colon on a line of its own",
+    "E702": "Put each statement on a line of its own",
+    "E703": "Remove the semicolon",
+    "E704": "Put what follows the colon on a line of its own",
+    "E71": "Write the comparison as the remark says",
+    "E721": "Compare types with `is`, or call `isinstance`",
+    "E722": "Write `except Exception:`",
+    "E731": "Write a `def`",
+    "E74": "Choose a longer name",
+}
+"""How remarks on style are mended, by the start of their code."""
+
 MOST_LINES = 5
 """Lines that a remark on style names."""
 
@@ -114,8 +134,13 @@ def _style(source: Source, severity: Severity) -> Iterator[Violation]:
             severity,
             source.at(told[0]),
             f"{text}{also}.",
-            "Write it so, or end the line with `# noqa`.",
+            f"{_mending(text)}, or end the line with `# noqa`.",
         )
+
+
+def _mending(remark: str) -> str:
+    """How to mend a remark on style, as the start of a sentence."""
+    return next((text for code, text in _MENDING.items() if remark.startswith(code)), "Correct it")
 
 
 def _late_imports(source: Source, severity: Severity) -> Iterator[Violation]:

@@ -1,5 +1,6 @@
 """A racer's file is changed whole or not at all, by one command at a time."""
 
+import errno
 import os
 import stat
 import threading
@@ -59,6 +60,22 @@ def test_a_write_protected_file_is_left_alone(tmp_path, monkeypatch):
     with pytest.raises(SettingsError, match=r"run\.env: cannot be written \(it is write-protected"):
         rewrite(path, b"A=2\n")
 
+    assert path.read_bytes() == b"A=1\n"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_is_told_with_what_helps_and_changes_nothing(tmp_path, monkeypatch):
+    def refuse(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "run.env"
+    path.write_bytes(b"A=1\n")
+    monkeypatch.setattr(os, "fsync", refuse)
+
+    with pytest.raises(SettingsError, match="No space left") as caught:
+        rewrite(path, b"A=2\n")
+
+    assert caught.value.remedy.startswith("Make room on the disk")
     assert path.read_bytes() == b"A=1\n"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -216,8 +216,18 @@ def test_a_wrong_value_is_refused_and_nothing_written(dr, working_folder, capsys
     code = dr("config", "set", "DR_TRAIN_SEED=4", "DR_WORKERS=many")
 
     assert code == 3
-    assert "run.env line 3: DR_WORKERS=many is no whole number." in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "run.env stays as it was: DR_WORKERS=many is no whole number." in said
     assert (working_folder / "run.env").read_bytes() == before
+
+
+def test_a_hyperparameter_is_told_where_it_belongs(dr, working_folder, capsys):
+    code = dr("config", "set", "term_cond_max_episodes=30")
+
+    said = capsys.readouterr().err
+    assert code == 2
+    assert "custom_files/hyperparameters.json" in said
+    assert "Did you mean" not in said
 
 
 @pytest.mark.parametrize(
@@ -253,7 +263,7 @@ def test_a_track_that_is_not_here_is_refused_with_the_likely_one(dr, working_fol
 
     said = capsys.readouterr().err
     assert code == 3
-    assert "run.env line 1: DR_WORLD_NAME=reinvent_bse is no track that is here." in said
+    assert "run.env stays as it was: DR_WORLD_NAME=reinvent_bse is no track that is here." in said
     assert "Did you mean reinvent_base?" in said
     assert (working_folder / "run.env").read_bytes() == before
 

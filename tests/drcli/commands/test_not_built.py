@@ -1,5 +1,7 @@
 """Names of the reference behind which nothing is built, as their caller meets them."""
 
+import json
+
 import pytest
 
 from drcli.commands.table import COMMANDS
@@ -26,6 +28,14 @@ def test_ending_what_cannot_run_is_no_failure(dr, working_folder, capsys, name):
 
     assert code == 0
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("stop-")])
+def test_ending_what_cannot_run_tells_scripts_so_too(dr, working_folder, capsys, name):
+    code = dr(name, "--json")
+
+    assert code == 0
+    assert json.loads(capsys.readouterr().out) == {"stopped": [], "server": False}
 
 
 @pytest.mark.parametrize(

@@ -159,8 +159,8 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["show", "nowhere"], "No world is called 'nowhere'"),
-        (["show", "reinvent_bsae"], "the closest names are reinvent_base"),
+        (["show", "nowhere"], "Try: `dr-tracks list` shows all, `dr-tracks fetch`"),
+        (["show", "reinvent_bsae"], "Did you mean reinvent_base? `dr-tracks list` shows all"),
         (["show", "nowhere.npy"], "nowhere.npy"),
         (["add", "loop.csv", "--length", "0"], "give --length"),
         (["add", "nothing.npy"], "nothing.npy"),
@@ -261,7 +261,7 @@ def test_a_server_that_is_not_there_is_named(working_folder, capsys, monkeypatch
     code, _, words = run(capsys, "fetch", "Far_track", "--from", "http://127.0.0.1:9/routes")
 
     assert code == 4
-    assert "http://127.0.0.1:9/routes/Far_track.npy cannot be reached" in words
+    assert "http://127.0.0.1:9/routes/Far_track.npy cannot be reached: Connection refused." in words
 
 
 def test_a_fetched_route_can_get_another_name(web, route, working_folder, capsys):

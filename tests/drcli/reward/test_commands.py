@@ -133,7 +133,9 @@ def test_a_missing_file_is_refused_with_what_to_name_instead(racer, dr, capsys):
     code = dr("reward", "compare", "none.py", "other.py")
 
     assert code == 3
-    assert "none.py: there is no such file" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "none.py: there is no such file" in said
+    assert "other.py: there is no such file" in said
 
 
 def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):

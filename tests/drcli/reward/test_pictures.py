@@ -1,5 +1,8 @@
 """Pictures: what is where in them, and what happens when they cannot be written."""
 
+import errno
+import os
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -64,6 +67,27 @@ def test_an_older_picture_may_be_replaced(tmp_path):
 
     refuse_replacing(tmp_path / "old.png")
     refuse_replacing(tmp_path / "none.png")
+
+
+def test_a_full_disk_leaves_the_older_picture_and_no_other_file(tmp_path, monkeypatch):
+    def refuse(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    Canvas(10, 10).save(tmp_path / "reward.png")
+    before = (tmp_path / "reward.png").read_bytes()
+    monkeypatch.setattr(os, "fsync", refuse)
+
+    with pytest.raises(SettingsError, match="No space left") as caught:
+        Canvas(20, 20).save(tmp_path / "reward.png")
+
+    assert caught.value.remedy.startswith("Make room")
+    assert [file.name for file in tmp_path.iterdir()] == ["reward.png"]
+    assert (tmp_path / "reward.png").read_bytes() == before
+
+
+def test_a_folder_that_is_not_there_is_told_before_anything_is_drawn(tmp_path):
+    with pytest.raises(SettingsError, match="there is no folder"):
+        refuse_replacing(tmp_path / "nowhere" / "reward.png")
 
 
 def test_a_picture_that_cannot_be_written_is_refused_with_its_name(tmp_path):

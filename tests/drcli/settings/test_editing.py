@@ -93,10 +93,10 @@ def test_a_wrong_experiment_can_be_corrected(files):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("DR_WORKERS", "0", "system.env line 2: DR_WORKERS=0 is below 1"),
-        ("DR_RACE_TYPE", "RALLY", "run.env line 3: DR_RACE_TYPE=RALLY is none of"),
+        ("DR_WORKERS", "0", "system.env stays as it was: DR_WORKERS=0 is below 1"),
+        ("DR_RACE_TYPE", "RALLY", "run.env stays as it was: DR_RACE_TYPE=RALLY is none of"),
         ("DR_CAR_NAME", "$NOBODY", "run.env"),
-        ("DR_TRAIN_SEED", "1\n2", "run.env line 3: DR_TRAIN_SEED='1.*is no whole number"),
+        ("DR_TRAIN_SEED", "1\n2", "run.env stays as it was: DR_TRAIN_SEED='1.*is no whole number"),
         ("DR_TRAIN_SEED", "\0", "run.env"),
         ("DR_CLOUD", "remote", "DR_REMOTE_MINIO_URL is empty"),
         ("DR_EXPERIMENT_NAME", "none", "has no experiments/none/run.env"),

@@ -24,6 +24,14 @@ def test_what_somebody_counts_on_is_named_with_value_and_reason(folder):
     )
 
 
+@pytest.mark.parametrize("resets", [0, 1, 2])
+def test_a_number_of_resets_that_the_reference_refuses_is_followed_and_told(folder, resets):
+    settings = folder.load(f"DR_EVAL_MAX_RESETS={resets}\n")
+
+    assert settings.eval_max_resets == resets
+    assert any("the reference refuses it" in text for text in settings.warnings) == (resets == 1)
+
+
 def test_settings_that_miss_their_effect_for_one_reason_share_a_sentence(folder):
     settings = folder.load("DR_ROBOMAKER_MOUNT_SCRIPTS_DIR=/x\nDR_KINESIS_STREAM_NAME=live\n")
 

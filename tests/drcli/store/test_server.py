@@ -1,5 +1,6 @@
 """The embedded server: started once, found again, safe from crashes, strangers and rivals."""
 
+import errno
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from drcli.errors import StorageError
-from drcli.store import process, server
+from drcli.store import process, server, server_state
 from drcli.store.backoff import wait_until
 from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.lock import exclusive
@@ -229,6 +230,28 @@ def test_stopping_ends_the_server_and_says_whether_there_was_one(local):
     assert not server.stop(local)
     assert not process.is_running(endpoint.pid, str(endpoint.url)[7:])
     assert server.find_running(local) is None
+
+
+def test_stopping_works_on_a_full_disk(local, monkeypatch):
+    def refuse(state: object, file: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    endpoint = server.ensure_running(local)
+    with monkeypatch.context() as full:
+        full.setattr(server_state.json, "dump", refuse)
+        stopped = server.stop(local)
+
+    assert stopped
+    assert not process.is_running(endpoint.pid, str(endpoint.url)[7:])
+    assert not list(local.data_dir.glob(".server.new"))
+    assert not server.stop(local)
+
+
+def test_stopping_writes_nothing_where_no_server_ever_was(local):
+    local.data_dir.mkdir(parents=True, exist_ok=True)
+
+    assert not server.stop(local)
+    assert not list(local.data_dir.iterdir())
 
 
 def test_moto_serves_throw_away_runs(local):

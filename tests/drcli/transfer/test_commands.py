@@ -100,6 +100,17 @@ def test_1_raises_the_number_and_uploads_there(dr, mover, capsys):
     assert mover.settings().upload_s3_prefix == "team/model-2"
 
 
+def test_1_announces_nothing_where_no_upload_can_be_made(dr, mover, capsys, monkeypatch):
+    monkeypatch.setenv("DR_UPLOAD_S3_BUCKET", "not-defined")
+
+    code = dr("upload-model", "-b", "-f", "-1")
+
+    said = capsys.readouterr().err
+    assert code == 3
+    assert "No upload bucket defined." in said
+    assert "Incrementing" not in said
+
+
 @pytest.mark.parametrize("options", [["-1"], ["-1", "-d"]])
 def test_1_changes_no_name_where_nothing_is_uploaded(dr, mover, answer, options):
     answer("n\n")

@@ -270,6 +270,13 @@ CASES = (
     ),
     Case(
         "V-22",
+        lambda f: f.reward(reward("if params['steps'] > 900:", "    return 2.0", "return 1.0")),
+        lambda f: f.reward(reward("if params['steps'] > 900: return 2.0", "return 1.0")),
+        "warning",
+        ("line 2", "E701", "Put what follows the colon on a line of its own, or end"),
+    ),
+    Case(
+        "V-22",
         lambda f: f.reward("import math\n\n\n" + reward("return math.pi")),
         lambda f: f.reward(reward("import math", "return math.pi")),
         "error",
