@@ -22,7 +22,8 @@ def validate(
     """Check settings, your three files, the bucket and this machine, by rule.
 
     Everything that is wrong is reported at once, with rule, place and remedy; docs/validation.md
-    lists the rules. Nothing is started or changed. Exits 3 when a training could not start.
+    lists the rules. Nothing is changed; the local S3 server is started where it does not run.
+    Exits 3 when a training could not start.
 
     Example: dr-validate --console-compatible
     """

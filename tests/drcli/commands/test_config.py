@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from drcli.store.connect import stop_default_storage
+
 
 def test_values_are_lines_of_a_file_with_their_places(dr, working_folder, capsys):
     code = dr("config", "show")
@@ -89,9 +91,16 @@ def test_right_settings_pass_the_check(dr, working_folder, capsys):
     assert (code, printed.out, printed.err) == (0, "Settings: no errors, no warnings.\n", "")
 
 
-def test_right_settings_are_followed_by_all_other_rules(dr, working_folder, capsys):
-    (working_folder / "custom_files").mkdir(exist_ok=True)
-    (working_folder / "custom_files" / "hyperparameters.json").write_text('{"batch_size": "x"}')
+@pytest.fixture
+def served(working_folder):
+    """The working folder, whose S3 server ends with the test."""
+    yield working_folder
+    stop_default_storage(working_folder)
+
+
+def test_right_settings_are_followed_by_all_other_rules(dr, served, capsys):
+    (served / "custom_files").mkdir(exist_ok=True)
+    (served / "custom_files" / "hyperparameters.json").write_text('{"batch_size": "x"}')
 
     code = dr("config", "check", "--json")
 
@@ -101,8 +110,8 @@ def test_right_settings_are_followed_by_all_other_rules(dr, working_folder, caps
     assert any("batch_size" in error["message"] for error in printed["rules"]["errors"])
 
 
-def test_no_rule_repeats_what_was_said_about_the_settings(dr, working_folder, capsys):
-    (working_folder / "run.env").write_text("TEAM=blue\nDR_GUI_ENABLE=True\n")
+def test_no_rule_repeats_what_was_said_about_the_settings(dr, served, capsys):
+    (served / "run.env").write_text("TEAM=blue\nDR_GUI_ENABLE=True\n")
 
     dr("config", "check")
 
