@@ -11,11 +11,10 @@ import pytest
     [
         ("    return 1 +\n", ["line 2", "not valid Python", "return 1 +"]),
         ("    return params['sped']\n", ["line 2", "KeyError", "params['sped']"]),
-        ("    return float('nan')\n", ["returned nan"]),
         ("    return 'fast'\n", ["returned 'fast'", "not a number"]),
         ("    while True:\n        pass\n", ["did not return within 5 s", "endless loop"]),
     ],
-    ids=["syntax error", "exception", "NaN", "string", "endless loop"],
+    ids=["syntax error", "exception", "string", "endless loop"],
 )
 def test_a_wrong_reward_function_is_named_with_file_and_line(workspace, body, words):
     workspace.write_custom_files(reward=body)
@@ -29,21 +28,20 @@ def test_a_missing_reward_function_is_missed(workspace):
     _assert_refused(workspace, 3, ["no reward_function.py", "custom_files"])
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("lr", 0.5, ["lr=0.5", "above 0.001"]),
-        ("learning_rate", 0.001, ["learning_rate", "no hyperparameter"]),
-        ("bach_size", 64, ["bach_size", "Did you mean batch_size?"]),
-        ("batch_size", "64", ["batch_size", "no number"]),
-    ],
-    ids=["out of range", "unknown", "misspelt", "wrong type"],
-)
-def test_a_wrong_hyperparameter_is_named_with_file_line_and_value(workspace, key, value, words):
-    workspace.hyperparameters = {key: value}
+def test_all_wrong_hyperparameters_are_named_with_file_line_and_value(workspace):
+    workspace.hyperparameters = {
+        "lr": 0.5,
+        "learning_rate": 0.001,
+        "bach_size": 64,
+        "batch_size": "64",
+    }
     workspace.write_custom_files()
 
-    _assert_refused(workspace, 3, ["hyperparameters.json", *words])
+    words = [
+        *("hyperparameters.json", "lr=0.5", "above 0.001", "learning_rate", "no hyperparameter"),
+        *("bach_size", "Did you mean batch_size?", "no number"),
+    ]
+    _assert_refused(workspace, 3, words)
 
 
 @pytest.mark.parametrize(

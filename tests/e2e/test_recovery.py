@@ -11,23 +11,22 @@ import pytest
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("victim", ["sim-0", "trainer", "server"])
-def test_a_killed_process_is_replaced_and_the_training_ends_as_if_nothing_had_happened(
-    workspace, victim
-):
-    workspace.hyperparameters["term_cond_max_episodes"] = 24
+def test_killed_processes_are_replaced_and_the_training_ends_as_if_nothing_had_happened(workspace):
+    workspace.hyperparameters["term_cond_max_episodes"] = 40
     workspace.write_custom_files()
     training = workspace.start("start-training", "--json")
-    workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
-    pid = workspace.server_pid() if victim == "server" else workspace.pid_of(victim)
-    assert pid is not None
 
-    os.kill(pid, signal.SIGKILL)
+    for victim, iterations in (("sim-0", 1), ("trainer", 3), ("server", 5)):
+        workspace.wait_for(lambda least=iterations: workspace.iterations() >= least, victim)
+        pid = workspace.server_pid() if victim == "server" else workspace.pid_of(victim)
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
     out, err = training.communicate(timeout=120)
 
     assert training.returncode == 0, err + workspace.logs()
-    history = json.loads(out.splitlines()[-1])["history"]
-    assert [r["iteration"] for r in history] == list(range(6))
+    report = json.loads(out.splitlines()[-1])
+    assert [r["iteration"] for r in report["history"]] == list(range(10))
+    assert [worker["restarts"] for worker in report["workers"]] == [1, 1]
     _assert_every_object_is_readable(workspace)
 
 
