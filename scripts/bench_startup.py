@@ -14,11 +14,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.setup.folder import plan_folder
 from drcli.setup.writing import write
+from drcli.store.connect import stop_default_storage
 
 START_BAR_S = 0.4
 COMPLETION_BAR_S = 0.2
@@ -74,7 +76,8 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=10, help="calls of each command")
     repeat = parser.parse_args().repeat
     programs = Path(sys.executable).parent
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as afterwards:
+        afterwards.callback(stop_default_storage, Path(folder))  # list-models starts a server
         write(plan_folder(Path(folder), {}))
         measured = [
             *(
