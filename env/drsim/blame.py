@@ -24,7 +24,9 @@ def code_of(function: Callable[..., Any]) -> CodeType | None:
         return None
     while isinstance(inner, partial):
         inner = inner.func
-    if not hasattr(inner, "__code__"):  # an object that can be called
+    if not hasattr(inner, "__code__"):
+        # An object that can be called: the code of its method is wanted, where the linter thinks
+        # that somebody asks whether it can be.
         inner = getattr(type(inner), "__call__", None)  # noqa: B004
     return getattr(inner, "__code__", None)
 
