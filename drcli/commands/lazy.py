@@ -1,10 +1,11 @@
 """A command group that loads a command when it is called, so that no call pays for the others."""
 
 import shutil
+from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 from itertools import groupby
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
 from typer.core import TyperGroup
@@ -53,12 +54,14 @@ class LazyGroup(TyperGroup):
         loaded = load(command)
         if not command.takes_any:
             for single in (loaded, *getattr(loaded, "commands", {}).values()):
-                _without_pydantic(single.get_help_option(ctx))
+                _spare(single.get_help_option(ctx))
+                for parameter in single.params:
+                    _spare(parameter)
         return loaded
 
     def get_help_option(self, ctx: Any) -> Any:
         """The option --help."""
-        return _without_pydantic(super().get_help_option(ctx))
+        return _spare(super().get_help_option(ctx))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that the first word names; the likely ones are told where there is none."""
@@ -86,14 +89,41 @@ def load(command: Command) -> Any:
     return loaded
 
 
-def _without_pydantic(help_option: Any) -> Any:
-    """The option with a flag for its default.
+class _AsItIs:
+    """How a parameter takes its value: untouched where that is of the right type already.
 
-    Its own default is None, and to check that against bool Typer loads pydantic: a tenth of a
-    second at every start.
+    To look at it, Typer loads pydantic, which takes a tenth of a second at every start.
     """
-    help_option.default = False
-    return help_option
+
+    def __init__(self, look: Callable[[], Any]) -> None:
+        """Begin.
+
+        Args:
+            look: Gives what Typer takes values with.
+        """
+        self._look = look
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """The value as the command gets it; a wrong one is refused."""
+        wanted = param.type_descriptor.annotation
+        several = param.multiple or param.nargs != 1
+        if value is None and not several:
+            return None
+        if wanted == list[str] and several and not isinstance(value, str):
+            return list(value or ())
+        if isinstance(wanted, type) and isinstance(value, wanted):
+            return value
+        if get_origin(wanted) is Literal and value in get_args(wanted):
+            return value
+        return self._look().coerce(value, param=param, ctx=ctx)
+
+
+def _spare(parameter: Any) -> Any:
+    """The parameter, which does without pydantic where it can."""
+    if hasattr(parameter, "get_runtime_param"):  # older versions of Typer use no pydantic
+        plain = _AsItIs(parameter.get_runtime_param)
+        parameter.get_runtime_param = lambda: plain
+    return parameter
 
 
 def _likely(word: str) -> list[str]:

@@ -76,12 +76,28 @@ class Supervisor:
     """One run on this machine, from the first process to the last."""
 
     def __init__(
-        self, job: Job, bucket: Bucket, record: RunRecord, revive_server: Callable[[], None]
+        self,
+        job: Job,
+        bucket: Bucket,
+        record: RunRecord,
+        *,
+        revive_server: Callable[[], None],
+        restart_server: Callable[[], None],
     ) -> None:
+        """Begin.
+
+        Args:
+            job: What to train.
+            bucket: Where.
+            record: The note about the run on this machine.
+            revive_server: Starts the bucket's server where it does not answer.
+            restart_server: Starts it anew in any case, if it is this machine's own.
+        """
         self._job = job
         self._bucket = bucket
         self._record = record
         self._revive_server = revive_server
+        self._restart_server = restart_server
         self._signal: int | None = None
         gpus = job.settings.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.worker.train", [], gpus)]
@@ -171,6 +187,9 @@ class Supervisor:
             )
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
         self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
+        if words is not None and words.code == StorageError.code:
+            # A server may answer whoever asks how it is, and still be stuck with some objects.
+            self._attempt(self._restart_server)
         child.restarts += 1
         self._start(child)
         self._publish("running")
@@ -231,11 +250,14 @@ class Supervisor:
         self._record.write(self._job.folder)
 
     def _every(self, name: str, seconds: float, what: Callable[[], None]) -> None:
-        """Do something at most every so many seconds; an outage of the bucket is no end."""
+        """Do something at most every so many seconds."""
         now = time.monotonic()
-        if now < self._clocks.get(name, 0.0):
-            return
-        self._clocks[name] = now + seconds
+        if now >= self._clocks.get(name, 0.0):
+            self._clocks[name] = now + seconds
+            self._attempt(what)
+
+    def _attempt(self, what: Callable[[], None]) -> None:
+        """Do something with the bucket, an outage of which is no end."""
         try:
             what()
         except StorageError as error:

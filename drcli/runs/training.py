@@ -70,7 +70,7 @@ def supervise_job(job: "Job") -> int:
     from drcli.runs import lease
     from drcli.runs.plan import refuse_second_run
     from drcli.runs.supervisor import Supervisor
-    from drcli.store.connect import ensure_storage, open_bucket
+    from drcli.store.connect import ensure_storage, open_bucket, restart_storage
 
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
@@ -92,7 +92,13 @@ def supervise_job(job: "Job") -> int:
         lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
         lease.renew(bucket, settings.model_prefix, job.session)
         record.write(job.folder)
-    return Supervisor(job, bucket, record, lambda: ensure_storage(settings, job.directory)).run()
+    return Supervisor(
+        job,
+        bucket,
+        record,
+        revive_server=lambda: ensure_storage(settings, job.directory),
+        restart_server=lambda: restart_storage(settings, job.directory),
+    ).run()
 
 
 def stop(settings: Settings, *, wait_s: float = 20.0, directory: Path | None = None) -> RunReport:

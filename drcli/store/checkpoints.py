@@ -163,11 +163,15 @@ class CheckpointStore:
             )
         return name
 
-    def name_of(self, number: int) -> str | None:
-        """The name of the checkpoint with this number, None where there is none any more."""
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        names = (keys.checkpoint_of(self._prefix, info.key) for info in listed)
-        return next((str(name) for name in names if name and name.number == number), None)
+    def drivers(self, newest: CheckpointName) -> list[str]:
+        """Checkpoints that may have driven what is learned from while this is the newest one.
+
+        Workers that drive while the trainer learns are one checkpoint behind.
+
+        Returns:
+            The newest last, before it the one with the number before, where there is one.
+        """
+        return [*self._names_of(newest.number - 1), str(newest)]
 
     def record(self, name: str) -> Record:
         """Sizes, hashes and counters of a checkpoint.
@@ -296,6 +300,14 @@ class CheckpointStore:
                 remedy="Restore it from a copy, or use an older checkpoint.",
             )
         return data
+
+    def _names_of(self, number: int) -> list[str]:
+        """Names of the checkpoints with this number, none where they are gone."""
+        if number < 0:
+            return []
+        listed = self._bucket.list(keys.model_folder(self._prefix))
+        names = {keys.checkpoint_of(self._prefix, info.key) for info in listed}
+        return [str(name) for name in names if name is not None and name.number == number]
 
     def _newest_first(self) -> list[str]:
         """Where to look for a whole checkpoint.

@@ -78,6 +78,12 @@ def ensure_storage(settings: Settings, directory: Path) -> None:
     ensure_running(storage_config(settings, directory))
 
 
+def restart_storage(settings: Settings, directory: Path) -> None:
+    """Start the local server anew, whatever it says; objects stay."""
+    stop_storage(settings, directory)
+    ensure_storage(settings, directory)
+
+
 def stop_storage(settings: Settings, directory: Path) -> bool:
     """End the local server; objects stay. True when one was running."""
     return stop(storage_config(settings, directory))

@@ -1,7 +1,9 @@
 """The learning curve of a run: one record an iteration, in one object beside the metrics."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -66,9 +68,18 @@ class History:
         self._key = keys.history(prefix)
         self.records: list[IterationRecord] = read_history(bucket, prefix)
 
-    def keep_before(self, iteration: int) -> None:
-        """Forget iterations that will be repeated."""
+    def restore(self, iteration: int, last: Mapping[str, Any] | None) -> None:
+        """Go back to where a checkpoint was published.
+
+        Args:
+            iteration: Its number; iterations from this one on are forgotten, for they will be
+                repeated.
+            last: The fields of the record before, as the checkpoint has them: it is published
+                before the record, so a trainer that dies in between leaves only these.
+        """
         self.records = [r for r in self.records if r.iteration < iteration]
+        if last is not None and last["iteration"] not in {r.iteration for r in self.records}:
+            self.add(IterationRecord(**last))
 
     def add(self, record: IterationRecord) -> None:
         """Append an iteration and publish."""

@@ -21,6 +21,9 @@ _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
 """How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
 
+_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 20.0
+"""How long an answer may stall before it is asked for again. No network holds up the local one."""
+
 _RELEASE_PATIENCE_S = 5.0
 """How long to wait for the port of a server that died: the kernel takes a killed process's command
 line away, by which we know it, before it closes its sockets, and clients look on that port."""
@@ -42,7 +45,9 @@ def connect(config: StorageConfig, *, patience_s: float = 60.0) -> S3Bucket:
     Raises:
         StorageError: The server cannot be started or found.
     """
-    return S3Bucket(ensure_running(config), config.bucket, patience_s=patience_s)
+    endpoint = ensure_running(config)
+    read_timeout_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
+    return S3Bucket(endpoint, config.bucket, patience_s=patience_s, read_timeout_s=read_timeout_s)
 
 
 def ensure_running(config: StorageConfig) -> Endpoint:

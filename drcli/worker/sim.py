@@ -166,6 +166,7 @@ class SimWorker:
             self._bucket,
             self._prefix,
             job.session,
+            worker,
             should_stop=lifeline.should_stop,
             say=self._activity.say,
         )
@@ -187,8 +188,8 @@ class SimWorker:
             if name is None:
                 print("Received termination signal from trainer. Goodbye.")
                 return
-            if name.number < self._newest:
-                iteration = 0  # the trainer had to go back to an older checkpoint
+            if name.number < iteration - self._lag:
+                iteration = 0  # the trainer went back to an older checkpoint, or rollouts are lost
             self._newest = name.number
             iteration = max(iteration, name.number)
             self._total_steps = name.steps

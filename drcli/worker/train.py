@@ -6,6 +6,7 @@ Run by the supervisor as `python -m drcli.worker.train`.
 import json
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -31,6 +32,7 @@ from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
 from drcli.worker.learning import Learner, build_learner, policy_spec
 from drcli.worker.process import Activity, Lifeline, StopRequested
+from drcli.worker.waiting import DOUBT_S
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of one iteration apart from those of the next."""
@@ -77,6 +79,7 @@ class Trainer:
         self._elapsed_before_s = 0.0
         self._started = time.monotonic()
         self._cycle_began = time.monotonic()
+        self._doubted = time.monotonic()
         self._unscored: set[int] = set()
         self._collapsed = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="optimizer-upload")
@@ -86,15 +89,15 @@ class Trainer:
         """Learn until there is a reason to end."""
         self._restore()
         while (reason := self._reason_to_end()) is None:
-            collected = self._collector.collect(
-                self._number, self._may_have_driven(), self._is_wait_over
-            )
+            self._doubted = time.monotonic()
+            drivers = self._checkpoints.drivers(self._newest())
+            collected = self._collector.collect(self._number, drivers, self._is_wait_over)
             if self._lifeline.should_stop():
                 raise StopRequested
             if collected is not None:
                 self._learn(collected)
                 collected = None  # its frames make room for the next ones
-                self._forget_rollouts()
+                self._forget_rollouts(before=self._number - 1)
         self._finish(reason)
 
     # Beginning.
@@ -116,7 +119,7 @@ class Trainer:
         self._number, self._steps = record.number, record.steps
         self._episodes = int(record.counters["episodes"])
         self._elapsed_before_s = float(record.counters["elapsed_s"])
-        self._history.keep_before(self._number)
+        self._history.restore(self._number, record.counters.get("learned"))
         self._unscored = {
             r.iteration
             for r in self._history.records[-REMEMBERED_SCORES:]
@@ -136,30 +139,46 @@ class Trainer:
                 self._learner.remember(rollout)
                 print(f"Training> Remembers {rollout.steps} steps of iteration {iteration}.")
 
-    def _forget_rollouts(self) -> None:
-        """Delete the rollouts that will never be learned from again."""
-        wanted, newest = self._learner.memory_steps, self._number - 1
+    def _forget_rollouts(self, before: int) -> None:
+        """Delete the rollouts that will never be learned from again.
+
+        While workers drive, those of the last iteration stay until the next ones are learned from:
+        the embedded server removes a folder that becomes empty, and may do so just when a worker
+        writes into it, which then fails for a second.
+
+        Args:
+            before: Iteration from which on they stay in any case.
+        """
+        wanted, newest = self._learner.memory_steps, before - 1
         for record in reversed(self._history.records):
             if wanted <= 0:
                 break
             wanted -= record.steps
-            newest = record.iteration - 1
+            newest = min(newest, record.iteration - 1)
         self._reader.delete_learned(newest)
-
-    def _may_have_driven(self) -> list[str]:
-        """Checkpoints whose rollouts are learned from now: the newest, and the one before it.
-
-        Workers that drive while the trainer learns are one checkpoint behind.
-        """
-        before = None if self._number == 0 else self._checkpoints.name_of(self._number - 1)
-        newest = str(keys.CheckpointName(self._number, self._steps))
-        return [newest] if before is None else [before, newest]
 
     def _is_wait_over(self) -> bool:
         """Between two looks for rollouts: obey signals, score evaluated checkpoints."""
         self._activity.say(f"waits for rollouts of iteration {self._number}")
         self._score()
+        self._doubt()
         return self._lifeline.should_stop() or self._reason_to_end() is not None
+
+    def _doubt(self) -> None:
+        """Point to the newest checkpoint again where the workers cannot see it any more.
+
+        By whatever accident that is so, they and the trainer would wait for each other for ever.
+        """
+        if time.monotonic() < self._doubted + DOUBT_S:
+            return
+        self._doubted = time.monotonic()
+        newest = str(self._newest())
+        if self._checkpoints.latest_name() != newest:
+            print(f"Checkpoint> The pointer to {newest} is lost; it is written again.")
+            self._checkpoints.point_to(self._checkpoints.record(newest))
+
+    def _newest(self) -> keys.CheckpointName:
+        return keys.CheckpointName(self._number, self._steps)
 
     # Learning.
 
@@ -214,7 +233,7 @@ class Trainer:
         reason = self._goals.reached(self._episodes, [*self._history.records, record])
         if reason is not None:
             self._mark_end(reason)
-        self._publish()
+        self._publish(record)
         self._history.add(record)
         self._score()
         self._watch_health()
@@ -241,10 +260,13 @@ class Trainer:
 
     # Publishing.
 
-    def _publish(self) -> None:
+    def _publish(self, learned: IterationRecord | None = None) -> None:
         """Put the present weights into the bucket: first they, then the pointer, then the rest.
 
         The optimizer state travels while the workers are already driving with the new weights.
+
+        Args:
+            learned: The iteration that made these weights, None for the first ones.
         """
         self._join_upload()
         state = {name: t.contiguous() for name, t in self._learner.model.state_dict().items()}
@@ -252,7 +274,11 @@ class Trainer:
             self._number,
             self._steps,
             save_tensors(state),
-            counters={"episodes": self._episodes, "elapsed_s": self._elapsed_s()},
+            counters={
+                "episodes": self._episodes,
+                "elapsed_s": self._elapsed_s(),
+                "learned": None if learned is None else asdict(learned),
+            },
         )
         print(f"Checkpoint> Saving in path=['{record.name}']")
         tensors = self._learner.optimizer_tensors()
@@ -307,6 +333,7 @@ class Trainer:
         """Leave everything complete, and the reason for the supervisor."""
         self._join_upload()
         self._mark_end(reason)
+        self._forget_rollouts(before=self._number)
         self._activity.say("finished")
         LastWords(reason, "", 0).leave(self._job.folder, "trainer")
         print(reason)

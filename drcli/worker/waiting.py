@@ -7,6 +7,7 @@ from collections.abc import Callable
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.rollouts import find_manifest
 from drcli.worker.process import StopRequested
 
 POLL_S = 0.06
@@ -22,6 +23,10 @@ LONGEST_NAP_S = 0.25
 FINISHED_EVERY_S = 1.0
 """How often a waiting worker looks whether the training is over."""
 
+DOUBT_S = 10.0
+"""How often a waiting worker looks whether what it handed in is still in the bucket. Where it is
+not, by whatever accident, trainer and worker would wait for each other for ever."""
+
 
 class CheckpointWaiter:
     """Waits for checkpoints, and takes as little as it can from whoever computes them."""
@@ -31,6 +36,7 @@ class CheckpointWaiter:
         bucket: Bucket,
         prefix: str,
         session: str,
+        worker: int,
         *,
         should_stop: Callable[[], bool],
         say: Callable[[str], None],
@@ -43,12 +49,15 @@ class CheckpointWaiter:
             bucket: Where the checkpoints come.
             prefix: Of the model.
             session: Name of this start of the training.
+            worker: Index of the worker that waits, from 0.
             should_stop: Asked whether to leave.
             say: Told what is waited for.
             clock: Monotonic seconds, for tests.
             pause: Waits the given seconds, for tests.
         """
         self._bucket = bucket
+        self._prefix = prefix
+        self._worker = worker
         self._checkpoints = CheckpointStore(bucket, prefix)
         self._end = keys.finished(prefix)
         self._session = session
@@ -63,6 +72,9 @@ class CheckpointWaiter:
     ) -> keys.CheckpointName | None:
         """Wait for a checkpoint of at least this number, or for one from before the last.
 
+        The checkpoint that the trainer has rollouts of comes again when those are not there any
+        more: the worker drives that iteration once more.
+
         Args:
             number: What is waited for.
             newest: Number of the checkpoint that drove last, -1 before the first.
@@ -76,6 +88,7 @@ class CheckpointWaiter:
             StopRequested: When this process was asked to leave.
         """
         looked_for_end = -FINISHED_EVERY_S
+        doubted = self._clock()
         quiet_until = since_s + QUIET_SHARE * self._s_per_step * steps
         while True:
             self._obey()
@@ -90,11 +103,24 @@ class CheckpointWaiter:
                 if steps:
                     self._s_per_step = (self._clock() - since_s) / steps
                 return name
+            if name is not None and self._clock() - doubted > DOUBT_S:
+                if self._is_lost(name):
+                    print(f"Simulation> Rollouts of iteration {name.number} are lost; once more.")
+                    return name
+                doubted = self._clock()
             self._say(f"waits for the trainer (checkpoint {number})")
             self._pause(POLL_S)
             while (left_s := quiet_until - self._clock()) > 0.0:
                 self._obey()
                 self._pause(min(left_s, LONGEST_NAP_S))
+
+    def _is_lost(self, newest: keys.CheckpointName) -> bool:
+        """Whether the trainer waits for an iteration that this worker has handed in long since."""
+        manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
+        if manifest is not None and manifest.checkpoint in self._checkpoints.drivers(newest):
+            return False
+        # A trainer that has just learned from them, or ended, may have deleted them.
+        return self._checkpoints.latest_name() == str(newest) and not self._finished()
 
     def _obey(self) -> None:
         if self._should_stop():

@@ -41,7 +41,23 @@ def test_a_command_that_only_looks_loads_neither_simulation_nor_storage(working_
     assert not loaded(*line.split()) & (SIMULATION | STORAGE)
 
 
-@pytest.mark.parametrize("line", ["status", "summary --json", "update", "config check --settings"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "status",
+        "summary --json",
+        "update",
+        "config check --settings",
+        "config show",
+        "config show DR_RUN_ID",
+        "config set DR_RUN_ID=0",
+        "logs trainer",
+        "list-models",
+        "url",
+        "completion show bash",
+        "init x",
+    ],
+)
 def test_reading_the_settings_loads_no_more_than_the_core_of_pydantic(working_folder, line):
     assert "pydantic" not in loaded(*line.split())
 

@@ -98,7 +98,7 @@ def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch)
     class Ends:
         """A supervisor that has nothing to do."""
 
-        def __init__(self, *_: object) -> None:
+        def __init__(self, *_: object, **__: object) -> None:
             pass
 
         def run(self) -> int:

@@ -10,6 +10,7 @@ from drcli.errors import StorageError
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
+from drcli.store.keys import CheckpointName
 from drcli.store.memory import MemoryBucket
 from drcli.store.scores import Score, Scores, tie_break_of
 
@@ -374,10 +375,11 @@ def test_loading_a_checkpoint_that_does_not_exist_names_it(store):
         store.load("5_Step-5.ckpt")
 
 
-def test_a_checkpoint_is_found_by_its_number(memory):
+def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):
     store = CheckpointStore(memory, "model")
     for number in range(3):
         store.save(number, 100 * number, b"weights")
 
-    assert store.name_of(1) == "1_Step-100.ckpt"
-    assert store.name_of(7) is None
+    assert store.drivers(CheckpointName(0, 0)) == ["0_Step-0.ckpt"]
+    assert store.drivers(CheckpointName(2, 200)) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
+    assert store.drivers(CheckpointName(9, 900)) == ["9_Step-900.ckpt"]

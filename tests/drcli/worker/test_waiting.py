@@ -5,8 +5,9 @@ import pytest
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory import MemoryBucket
+from drcli.store.rollouts import Manifest
 from drcli.worker.process import StopRequested
-from drcli.worker.waiting import QUIET_SHARE, CheckpointWaiter
+from drcli.worker.waiting import DOUBT_S, QUIET_SHARE, CheckpointWaiter
 
 PREFIX, SESSION = "model", "this start"
 
@@ -25,6 +26,7 @@ class World:
             self.bucket,
             PREFIX,
             SESSION,
+            0,
             should_stop=lambda: self.stops,
             say=lambda text: self.looks_s.append(self.now_s),
             clock=lambda: self.now_s,
@@ -42,7 +44,16 @@ class World:
             due[1]()
 
     def publish(self, number: int) -> None:
+        """A new checkpoint, and what was driven with it by the time that anybody waits."""
         self.store.save(number, 100 * number, b"weights")
+        self.hand_in(number, f"{number}_Step-{100 * number}.ckpt")
+
+    def hand_in(self, iteration: int, checkpoint: str) -> None:
+        manifest = Manifest(iteration, 0, checkpoint, SESSION, ())
+        self.bucket.put(keys.rollout_manifest(PREFIX, iteration, 0), manifest.to_bytes())
+
+    def lose(self, iteration: int) -> None:
+        self.bucket.delete([keys.rollout_manifest(PREFIX, iteration, 0)])
 
     def end(self, session: str = SESSION) -> None:
         self.bucket.put(keys.finished(PREFIX), json.dumps({"session": session}).encode())
@@ -124,3 +135,55 @@ def test_a_request_to_leave_is_obeyed_in_the_quiet_time_as_well(world):
         world.waiter.wait(2, newest=1, steps=10, since_s=world.now_s)
 
     assert world.now_s < asked_s + 1.0
+
+
+def test_an_iteration_whose_rollouts_are_lost_is_driven_again(world):
+    world.publish(0)
+    world.publish(1)
+    world.at(300.0, lambda: world.lose(1))
+
+    name = world.waiter.wait(2, newest=1, steps=10, since_s=0.0)
+
+    assert name.number == 1
+    assert 300.0 <= world.now_s < 300.0 + 2 * DOUBT_S
+
+
+def test_an_iteration_whose_rollouts_the_trainer_refuses_is_driven_again(world):
+    world.publish(0)
+    world.publish(1)
+    world.hand_in(1, "1_Step-99.ckpt")
+
+    assert world.waiter.wait(2, newest=1, steps=10, since_s=0.0).number == 1
+
+
+def test_rollouts_of_the_checkpoint_before_are_as_good(world):
+    world.publish(0)
+    world.publish(1)
+    world.hand_in(1, "0_Step-0.ckpt")
+    world.at(100.0, lambda: world.publish(2))
+
+    assert world.waiter.wait(2, newest=0, steps=10, since_s=0.0).number == 2
+
+
+def test_rollouts_that_were_learned_from_are_not_lost(world):
+    """The trainer publishes and deletes between the worker's two looks."""
+    world.publish(0)
+    seen = world.bucket.get
+
+    def get(key: str) -> bytes:
+        found = seen(key)
+        if key == keys.coach_checkpoint(PREFIX) and world.now_s > DOUBT_S:
+            world.bucket.get = seen
+            world.publish(1)
+            world.lose(0)
+        return found
+
+    world.bucket.get = get
+
+    assert world.waiter.wait(1, newest=0, steps=10, since_s=0.0).number == 1
+
+
+def test_a_worker_that_waits_for_its_first_checkpoint_misses_nothing(world):
+    world.at(100.0, lambda: world.publish(0))
+
+    assert world.waiter.wait(0, newest=-1, steps=0, since_s=0.0).number == 0

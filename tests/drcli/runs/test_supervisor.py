@@ -1,0 +1,110 @@
+"""What becomes of a run whose workers end, told by short processes in their places."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from drcli.config import load_settings
+from drcli.job import Job, LastWords
+from drcli.runs import supervisor
+from drcli.runs.record import RunRecord
+from drcli.runs.supervisor import Supervisor
+from drcli.store.memory import MemoryBucket
+
+ENDS, STAYS = "pass", "import time; time.sleep(60)"
+
+
+class Stage:
+    """A run whose processes do what a test says."""
+
+    def __init__(self, folder):
+        (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
+        (folder / "system.env").write_text("")
+        self.job = Job(
+            settings=load_settings(folder, environ={}),
+            directory=folder,
+            session="start",
+            seed=1,
+            until_laps=None,
+            max_minutes=None,
+            folder=folder,
+            launcher_pid=os.getpid(),
+        )
+        self.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
+        self.server_restarts = 0
+
+    def start_process(self, job, name, module, *arguments, gpus=""):
+        script = self.scripts[name].pop(0)
+        if isinstance(script, LastWords):
+            script.leave(job.folder, name)
+            script = f"raise SystemExit({script.code})"
+        return subprocess.Popen([sys.executable, "-S", "-c", script])
+
+    def restart_server(self):
+        self.server_restarts += 1
+
+    def run(self) -> int:
+        record = RunRecord(
+            run_id=0,
+            session="start",
+            bucket="bucket",
+            prefix="model",
+            world="reinvent_base",
+            state="starting",
+            pid=os.getpid(),
+            pid_started=0.0,
+            started_at=time.time(),
+        )
+        return Supervisor(
+            self.job,
+            MemoryBucket(),
+            record,
+            revive_server=lambda: None,
+            restart_server=self.restart_server,
+        ).run()
+
+
+@pytest.fixture
+def stage(tmp_path, monkeypatch):
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    stage = Stage(tmp_path)
+    monkeypatch.setattr(supervisor, "start_process", stage.start_process)
+    monkeypatch.setattr(supervisor, "POLL_S", 0.01)
+    yield stage
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_the_run_ends_with_its_trainer(stage):
+    assert stage.run() == 0
+    assert stage.server_restarts == 0
+
+
+def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
+    stage.scripts["trainer"] = [LastWords("Nothing answers there.", "Wait.", 4), ENDS]
+
+    assert stage.run() == 0
+    assert stage.server_restarts == 1
+
+
+def test_a_worker_that_failed_by_itself_does_not(stage):
+    stage.scripts["trainer"] = [LastWords("A bug.", "Report it.", 1), ENDS]
+
+    assert stage.run() == 0
+    assert stage.server_restarts == 0
+
+
+def test_a_worker_that_dies_again_and_again_ends_the_run(stage):
+    stage.scripts["trainer"] = [LastWords("A bug.", "Report it.", 1)] * 4
+
+    assert stage.run() == 5
+
+
+def test_what_would_only_repeat_ends_the_run_at_once(stage):
+    stage.scripts["trainer"] = [LastWords("No such action.", "Correct it.", 3, final=True)]
+
+    assert stage.run() == 3
