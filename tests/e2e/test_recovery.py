@@ -21,10 +21,10 @@ def test_killed_processes_are_replaced_and_the_training_ends_as_if_nothing_had_h
         pid = workspace.server_pid() if victim == "server" else workspace.pid_of(victim)
         assert pid is not None
         os.kill(pid, signal.SIGKILL)
-    out, err = training.communicate(timeout=120)
+    ended = workspace.end_of(training, patience_s=120)
 
-    assert training.returncode == 0, err + workspace.logs()
-    report = json.loads(out.splitlines()[-1])
+    assert ended.returncode == 0, ended.stderr + workspace.logs()
+    report = json.loads(ended.stdout.splitlines()[-1])
     assert [r["iteration"] for r in report["history"]] == list(range(10))
     assert [worker["restarts"] for worker in report["workers"]] == [1, 1]
     _assert_every_object_is_readable(workspace)
@@ -52,7 +52,7 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
 
     first.send_signal(signal.SIGTERM)
-    first.communicate(timeout=20)
+    workspace.end_of(first)
 
     assert first.returncode == 143
     model = workspace.model
@@ -67,7 +67,7 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
     second.send_signal(signal.SIGTERM)
-    second.communicate(timeout=20)
+    elsewhere.end_of(second)
 
     after = elsewhere.status()
     assert after["history"][: len(before["history"])] == before["history"]
