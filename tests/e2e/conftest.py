@@ -82,8 +82,18 @@ class Workspace:
         )
 
     def run(self, command: str, *options: str) -> "subprocess.CompletedProcess[str]":
-        process = self.start(command, *options)
-        out, err = process.communicate(timeout=PATIENCE_S)
+        return self.end_of(self.start(command, *options))
+
+    def end_of(
+        self, process: "subprocess.Popen[str]", patience_s: float = PATIENCE_S
+    ) -> "subprocess.CompletedProcess[str]":
+        """Wait for the end of a command; a failure to end shows what its workers said."""
+        try:
+            out, err = process.communicate(timeout=patience_s)
+        except subprocess.TimeoutExpired:
+            os.kill(process.pid, signal.SIGKILL)
+            out, err = process.communicate()
+            pytest.fail(f"{process.args} did not end.\n{out}\n{err}\n{self.logs()}")
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def settings(self) -> Settings:
@@ -132,7 +142,7 @@ class Workspace:
             time.sleep(0.05)
 
     def logs(self) -> str:
-        paths = sorted((self.folder / "data" / "logs").rglob("*.log"))
+        paths = sorted((self.folder / "data").rglob("*.log"))
         return "\n".join(f"== {path.name}\n{path.read_text()[-1500:]}" for path in paths)
 
     def clean_up(self) -> None:
