@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from drcli import __version__, verbosity
+from drcli import __version__, verbosity, waits
 from drcli.commands.folder import working_folder
 from drcli.commands.lazy import QUIET_HELP, LazyGroup
 from drcli.errors import DrError
@@ -78,6 +78,7 @@ def main(args: list[str] | None = None) -> None:
     """
     # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
     gc.set_threshold(GC_THRESHOLD)
+    waits.show = _show_wait
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -99,6 +100,12 @@ def main(args: list[str] | None = None) -> None:
             raise
         _report_bug(error)
         raise SystemExit(1) from None
+
+
+def _show_wait(text: str) -> None:
+    from drcli import console
+
+    console.say(text)
 
 
 def _is_interrupt(error: BaseException) -> bool:

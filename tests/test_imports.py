@@ -31,7 +31,7 @@ FORBIDDEN = {
 OURS = {
     "drsim": {"drsim"},
     "drcli.learn": {"drcli.learn"},
-    "drcli.store": {"drcli.store", "drcli.config", "drcli.errors"},
+    "drcli.store": {"drcli.store", "drcli.config", "drcli.errors", "drcli.waits"},
     "drcli.worker": {
         "drcli.worker",
         "drcli.learn",

@@ -39,7 +39,8 @@ def stop_training(as_json: AsJson = False) -> None:
     if not is_running(loaded, folder):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
-    report = stop(loaded, directory=folder)
+    with console.waiting("Stopping the training; its workers save what they have ..."):
+        report = stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
     if is_running(loaded, folder):
         raise WorkerDied(

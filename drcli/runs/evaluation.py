@@ -29,6 +29,7 @@ from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
 from drcli.runs.report import EvaluationReport, TrialReport
+from drcli.runs.stuck import words_of_stuck
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
@@ -183,7 +184,7 @@ def _run(plan: EvaluationPlan) -> None:
         raise
     if code == 0:
         return
-    words = LastWords.find(job.folder, "evaluation")
+    words = LastWords.find(job.folder, "evaluation") or words_of_stuck(code, path)
     if words is None:
         raise WorkerDied(
             f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."

@@ -15,6 +15,7 @@ from drcli.runs.logs import log_file, upload_logs
 from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.record import RunRecord, WorkerRecord
 from drcli.runs.report import State
+from drcli.runs.stuck import words_of_stuck
 from drcli.store.bucket import Bucket
 
 POLL_S = 0.2
@@ -164,10 +165,12 @@ class Supervisor:
         """
         assert child.process is not None
         code = child.process.returncode
-        words = LastWords.find(self._job.folder, child.name)
+        words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
+            code, log_file(self._job.settings, self._job.directory, child.name)
+        )
         if code == 0 and child.name == "trainer":
             return Outcome(0, words.message if words else "Training is complete.")
-        if words is not None and words.final and code > 0:
+        if words is not None and words.final and code != 0:
             return Outcome(words.code, words.message, words.remedy)
         if code == 0:
             # The trainer sends the workers home before it ends itself.

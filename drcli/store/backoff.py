@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable, Iterator
 
+from drcli import waits
+
 FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
 
@@ -31,15 +33,31 @@ def wait_until(
     first_s: float = FIRST_DELAY_S,
     last_s: float = LAST_DELAY_S,
     growth: float = FAST_GROWTH,
+    what: str = "",
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Look until the condition holds or the patience ends; True when it came to hold."""
-    deadline_s = clock() + patience_s
+    """Look until the condition holds or the patience ends; True when it came to hold.
+
+    Args:
+        condition: What is waited for.
+        patience_s: Seconds after which it is given up.
+        first_s: Pause between the first two looks.
+        last_s: Longest pause.
+        growth: Factor from one pause to the next.
+        what: Shown to the user once this takes long; nothing if empty.
+        clock: Monotonic seconds, for tests.
+        pause: Waits the given seconds, for tests.
+    """
+    began_s = clock()
     for delay_s in delays_s(first_s, last_s, growth=growth):
         if condition():
             return True
-        left_s = deadline_s - clock()
+        waited_s = clock() - began_s
+        left_s = patience_s - waited_s
+        if what and waited_s > waits.QUIET_S:
+            waits.show(what)
+            what = ""
         if left_s <= 0:
             return False
         pause(min(delay_s, left_s))

@@ -25,7 +25,12 @@ def exclusive(path: Path, *, patience_s: float) -> Iterator[None]:
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     try:
-        if not wait_until(lambda: _take(descriptor), patience_s=patience_s, last_s=0.2):
+        if not wait_until(
+            lambda: _take(descriptor),
+            patience_s=patience_s,
+            last_s=0.2,
+            what=f"Waiting for another command that is busy with the local server ({path}) ...",
+        ):
             raise StorageError(
                 f"Another command has been busy with the local server for {patience_s:.0f} s "
                 f"({path}).",

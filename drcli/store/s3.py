@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
+from drcli import waits
 from drcli.errors import StorageError
 from drcli.store.backoff import delays_s
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
@@ -170,14 +171,19 @@ class S3Bucket:
 
         started_s = self._clock()
         delays = delays_s()
+        shown = False
         while True:
             try:
                 return call()
             except (BotoCoreError, ClientError, Boto3Error, ConnectionError) as e:
                 patience_s = self._patience_s * patience_share(e)
-                left_s = started_s + patience_s - self._clock()
+                waited_s = self._clock() - started_s
+                left_s = patience_s - waited_s
                 if left_s <= 0:
                     raise explain(e, attempt) from e
+                if not shown and waited_s > waits.QUIET_S:
+                    shown = True
+                    waits.show(f"Waiting for {self._endpoint.place} to answer ...")
                 self._pause(min(next(delays), left_s))
 
     def _get(self, key: str, watch: Watch | None) -> bytes:

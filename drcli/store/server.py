@@ -162,6 +162,7 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
         patience_s=launch.start_s,
         first_s=0.02,
         last_s=0.2,
+        what=f"Waiting for the local S3 server ({state.engine}) to start ...",
     )
     if process.is_running(pid, started.mark) and probe.accepts_keys():
         return started
@@ -181,7 +182,11 @@ def _answers(state: ServerState, config: StorageConfig) -> bool:
         return True
     if state.pid is None or not process.is_running(state.pid, state.mark):
         return False
-    return wait_until(probe.accepts_keys, patience_s=_REVIVAL_PATIENCE_S)
+    return wait_until(
+        probe.accepts_keys,
+        patience_s=_REVIVAL_PATIENCE_S,
+        what=f"Waiting for the local S3 server (process {state.pid}) to answer ...",
+    )
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from drcli.store.scores import read_scores
 from drcli.transfer.companions import SHAPING
 from drcli.transfer.custom_files import write_file
 from drcli.transfer.delivery import POINTERS, Delivery
-from drcli.transfer.fetching import Fetcher, Source, list_whole
+from drcli.transfer.fetching import Fetcher, Source, check_weights, list_whole
 from drcli.transfer.places import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
@@ -130,6 +130,8 @@ def download(
     )
     if options.dry_run:
         return _rehearsed(report, delivery, source, listed, options)
+    if planned.used:
+        check_weights(source)
     with progress("Downloading model", sum(info.size_bytes for info in listed)) as watch:
         delivery.withdraw()
         fetcher = Fetcher(source, here, options.prefix, watch)

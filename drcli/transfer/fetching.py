@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drcli.errors import SettingsError, StorageError
@@ -100,6 +101,19 @@ def list_whole(source: Source) -> Listing:
     raise _incomplete(source, missing[0])
 
 
+def check_weights(source: Source) -> None:
+    """Read the checkpoints that the pointers name, before something else is given up for them.
+
+    Raises:
+        ObjectDamaged: One is not what was written.
+    """
+    store = CheckpointStore(source.bucket, source.prefix)
+    for name in sorted(_named(_pointers(source), source.url)):
+        # A training that runs there may just have deleted it; fetching looks again.
+        with suppress(ObjectMissing):
+            _load(store, name, source.url)
+
+
 class Fetcher:
     """Brings the objects of one model to another bucket."""
 
@@ -171,17 +185,18 @@ class Fetcher:
             missing += missing_parts(listed, self._target, name)
             record = keys.checkpoint_record(self._target, name)
             if not missing and any(info.key == record for info in listed):
-                self._check(name)
+                _load(CheckpointStore(self._here, self._target), name, self._source.url)
         return missing
 
-    def _check(self, name: str) -> None:
-        try:
-            CheckpointStore(self._here, self._target).load(name)
-        except ObjectDamaged as e:
-            raise ObjectDamaged(
-                f"Checkpoint {name} of {self._source.url} is damaged there. {e}",
-                remedy="Restore it there, or fetch another model.",
-            ) from e
+
+def _load(store: CheckpointStore, name: str, source: str) -> None:
+    try:
+        store.load(name)
+    except ObjectDamaged as e:
+        raise ObjectDamaged(
+            f"Checkpoint {name} of {source} is damaged there. {e}",
+            remedy="Restore it there, or fetch another model.",
+        ) from e
 
 
 def _pointers(source: Source) -> list[Item]:

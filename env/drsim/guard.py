@@ -1,10 +1,12 @@
 """Carries out a user's code with a deadline, and in this process only."""
 
 import contextlib
+import faulthandler
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from functools import cache
 from time import monotonic  # which users' code may put elsewhere in time
 from types import FrameType
 
@@ -13,6 +15,15 @@ REPEAT_S = 0.25
 
 PATIENCE_S = 5.0
 """How long they are raised in vain before the process has to end."""
+
+STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
+"""What ends a process whose user's code is in one operation that lasts too long: Python raises
+nothing before the operation ends. The stacks of all threads go to the standard error first."""
+
+_STUCK_FACTOR = 2.0
+"""Processor seconds of a process for one of the clock; other threads may compute beside."""
+
+_STDERR = 2
 
 _LEAST_S = 1e-3
 """What is left of a time that is over: 0 would stop the timer."""
@@ -37,6 +48,7 @@ class Alarm:
         self._in_vain = in_vain
         self._begun_s = 0.0
         self._rings = 0
+        self._last_s = _STUCK_FACTOR * (deadline_s + PATIENCE_S) if _may_end_stuck() else 0.0
 
     def begin(self) -> None:
         """A call begins. The timer is left as it is: to wind it would cost more than most calls."""
@@ -45,7 +57,12 @@ class Alarm:
         self.armed = True
 
     def wind(self) -> None:
-        """Have the timer ring when the call has had its time, or the next one could have."""
+        """Have the timer ring when the call has had its time, or the next one could have.
+
+        Where that is not heard, because Python is inside one operation, a second timer ends it all.
+        """
+        if self._last_s:
+            signal.setitimer(signal.ITIMER_PROF, self._last_s)
         left_s = self._left_s() if self.armed else self._deadline_s
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
 
@@ -54,6 +71,8 @@ class Alarm:
         self.armed = False
         self._over = True
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+        if self._last_s:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
         """The timer has rung, perhaps for an earlier call than the one that goes on."""
@@ -101,6 +120,22 @@ def alarm(deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> I
         if left_s:  # somebody else's timer ran before: it goes on, less the time we took
             rest_s = max(left_s - (monotonic() - since_s), _LEAST_S)
             signal.setitimer(signal.ITIMER_REAL, rest_s, interval_s)
+
+
+def _may_end_stuck() -> bool:
+    """Whether the second timer is free: a profiler may use it, and its signal."""
+    if STUCK is None or signal.getitimer(signal.ITIMER_PROF)[0]:
+        return False
+    if signal.getsignal(STUCK) is not signal.SIG_DFL:
+        return False
+    _show_stacks(STUCK)
+    return True
+
+
+@cache
+def _show_stacks(number: signal.Signals) -> None:
+    """Have a signal show where Python is before it ends the process."""
+    faulthandler.register(number, file=_STDERR, chain=True)
 
 
 def end_copy_of(process: int) -> None:

@@ -85,6 +85,7 @@ def checked_rewards(
     The deadline rests on a timer signal, so it exists only in the main thread and only where the
     system has such timers; elsewhere the calls are made without it. A function that swallows what
     is raised in it then and goes on for seconds ends the process: `sys.excepthook` is told why.
+    So does an operation that Python cannot interrupt, by the signal `guard.STUCK`.
 
     Args:
         functions: The user's function, or one for each call.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drsim.errors import RewardError
-from drsim.guard import alarm
+from drsim.guard import STUCK, alarm
 from drsim.reward import (
     REWARD_LIMIT,
     centre_line_reward,
@@ -323,6 +323,50 @@ def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(writ
     assert done.returncode == 1
     assert f"The reward function in {path}, line 5, failed: " in done.stderr
     assert what in done.stderr
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def reward_function(params):\n    pass\n    return float(sum(range(10**12)))",
+        "total = 0\n\ntotal = sum(range(10**12))\ndef reward_function(params):\n    return 1.0",
+    ],
+    ids=["called", "imported"],
+)
+def test_an_operation_that_python_cannot_interrupt_ends_the_process_and_shows_its_line(write, text):
+    path = write(text)
+    script = (
+        "import sys, drsim.guard, drsim.reward\n"
+        "from pathlib import Path\n"
+        "drsim.guard.PATIENCE_S = 0.05\n"
+        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
+        "drsim.reward.checked_reward(function, {}, 0.1)\n"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
+    )
+
+    assert done.returncode == -STUCK
+    assert f'File "{path}", line 3 in ' in done.stderr
+
+
+def test_a_profiler_keeps_its_timer(write):
+    heard = []
+    before = signal.signal(signal.SIGPROF, lambda *_: heard.append("profiler"))
+    try:
+        signal.setitimer(signal.ITIMER_PROF, 50.0, 50.0)
+        checked_reward(returning(write, "1.0"), PARAMS)
+        remaining_s, interval_s = signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.raise_signal(signal.SIGPROF)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+    assert heard == ["profiler"]
+    assert remaining_s > 40.0
+    assert interval_s == pytest.approx(50.0, abs=0.1)
 
 
 def test_the_timer_and_handler_of_others_survive(write):

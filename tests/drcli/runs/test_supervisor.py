@@ -5,17 +5,37 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from drcli.config import load_settings
 from drcli.job import Job, LastWords
 from drcli.runs import supervisor
+from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord
 from drcli.runs.supervisor import Supervisor
 from drcli.store.memory import MemoryBucket
 
 ENDS, STAYS = "pass", "import time; time.sleep(60)"
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """An end inside an operation of the reward function that Python cannot interrupt."""
+
+    copy: Path
+
+    def leave(self, log: Path) -> None:
+        """Write the stacks that are in the log then."""
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_text(
+            "Current thread 0x00007f8ac224ab80 (most recent call first):\n"
+            f'  File "{self.copy}", line 2 in slow\n'
+            f'  File "{self.copy}", line 5 in reward_function\n'
+            '  File "drsim/reward.py", line 109 in checked_rewards\n'
+        )
 
 
 class Stage:
@@ -39,6 +59,9 @@ class Stage:
 
     def start_process(self, job, name, module, *arguments, gpus=""):
         script = self.scripts[name].pop(0)
+        if isinstance(script, Stuck):
+            script.leave(log_file(job.settings, job.directory, name))
+            script = "import os, signal; os.kill(os.getpid(), signal.SIGPROF)"
         if isinstance(script, LastWords):
             script.leave(job.folder, name)
             script = f"raise SystemExit({script.code})"
@@ -102,6 +125,20 @@ def test_a_worker_that_dies_again_and_again_ends_the_run(stage):
     stage.scripts["trainer"] = [LastWords("A bug.", "Report it.", 1)] * 4
 
     assert stage.run() == 5
+
+
+def test_a_reward_function_that_cannot_be_interrupted_is_named_with_its_line(stage, tmp_path):
+    copy = tmp_path / "sim-0" / "reward_function.py"
+    copy.parent.mkdir()
+    copy.write_text("def slow():\n    return sum(range(10**12))\n")
+    stage.scripts = {"trainer": [STAYS], "sim-0": [Stuck(copy)]}
+
+    assert stage.run() == 3
+
+    record = RunRecord.read(stage.job.folder)
+    assert "reward_function.py, line 2, failed: one operation does not end" in record.message
+    assert record.message.endswith("\n  return sum(range(10**12))")
+    assert "--resume" in record.remedy
 
 
 def test_what_would_only_repeat_ends_the_run_at_once(stage):

@@ -4,6 +4,7 @@ from itertools import islice
 
 import pytest
 
+from drcli import waits
 from drcli.store.backoff import SLOW_GROWTH, delays_s, wait_until
 
 
@@ -34,3 +35,22 @@ def test_the_last_look_is_taken_exactly_when_the_patience_ends():
 
     assert not wait_until(lambda: False, patience_s=0.4, clock=lambda: now_s, pause=pause)
     assert now_s == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(("takes_s", "shown"), [(0.9, []), (30.0, ["Waiting for tea ..."])])
+def test_the_user_is_told_once_what_takes_long(monkeypatch, takes_s, shown):
+    now_s, said = 0.0, []
+    monkeypatch.setattr(waits, "show", said.append)
+
+    def pause(seconds: float) -> None:
+        nonlocal now_s
+        now_s += seconds
+
+    assert wait_until(
+        lambda: now_s >= takes_s,
+        patience_s=60.0,
+        what="Waiting for tea ...",
+        clock=lambda: now_s,
+        pause=pause,
+    )
+    assert said == shown

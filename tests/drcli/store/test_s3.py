@@ -8,6 +8,7 @@ import pytest
 from botocore.exceptions import ClientError, EndpointConnectionError
 from botocore.response import StreamingBody
 
+from drcli import waits
 from drcli.errors import StorageError
 from drcli.store import failures, profiles, s3
 from drcli.store.bucket import ObjectMissing
@@ -79,13 +80,16 @@ def test_a_read_during_an_overwrite_is_repeated(scripted):
     assert bucket.get("k") == b"data"
 
 
-def test_a_silent_server_is_given_up_after_the_patience(scripted, clock):
+def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeypatch):
+    said = []
+    monkeypatch.setattr(waits, "show", said.append)
     bucket = scripted(SILENT, endpoint=REMOTE, repeat=True)
 
     with pytest.raises(StorageError, match=r"nothing answers") as failure:
         bucket.get("m/k")
 
     assert clock.now_s == pytest.approx(60)
+    assert said == ["Waiting for http://127.0.0.1:1 to answer ..."]
     assert max(clock.pauses_s) == 1.0
     assert "bucket/m/k at http://127.0.0.1:1 (DR_REMOTE_MINIO_URL)" in str(failure.value)
     assert "DR_REMOTE_MINIO_URL" in failure.value.remedy

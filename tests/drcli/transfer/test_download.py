@@ -280,6 +280,17 @@ def test_weights_that_are_damaged_at_the_source_are_found_out(mover, theirs):
     assert driven(mover.here, "mine") is None
 
 
+@pytest.mark.parametrize("data", [b"", b"as many but other bytes"])
+def test_damaged_weights_do_not_replace_a_whole_model(mover, theirs, data):
+    put_model(mover.here, "mine", design="b")
+    theirs.put(keys.checkpoint_tensors("theirs/fast", "8_Step-800.ckpt"), data)
+
+    with pytest.raises(StorageError, match="damaged"):
+        mover.download(URL, "mine", wipe=True)
+
+    assert driven(mover.here, "mine") == "weights 3 of design b"
+
+
 def test_a_model_that_trains_on_while_it_is_fetched_comes_with_its_newest_checkpoint(mover):
     class Training(MemoryBucket):
         steps = 4
