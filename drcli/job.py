@@ -24,6 +24,8 @@ PROCESS_TUNING = {
     "MALLOC_MMAP_THRESHOLD_": str(1 << 30),
     "MALLOC_TRIM_THRESHOLD_": str(1 << 28),
     "THP_MEM_ALLOC_ENABLE": "1",
+    # Cameras here draw by themselves; without this, to load MuJoCo looks for OpenGL: 0.2 s.
+    "MUJOCO_GL": "disable",
 }
 """Environment of the worker processes, unless the user's own says otherwise."""
 

@@ -75,10 +75,11 @@ def _install(wheel: Path, folder: Path) -> Path:
     gigabyte again would prove nothing about the wheel. An editable install of this checkout is
     left behind, because its path file is not read from there.
     """
-    venv.create(folder, with_pip=True)
+    venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python)]
     subprocess.run(
-        [str(python), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel)],
+        [*pip, "install", "--quiet", "--no-deps", str(wheel)],
         check=True,
         timeout=120,
     )
