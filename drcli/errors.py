@@ -35,6 +35,10 @@ class StorageError(DrError):
     code = 4
 
 
+class NoAnswer(StorageError):
+    """The server of the bucket is silent: it is down, or stuck with what it was asked for."""
+
+
 class DiskFull(StorageError):
     """The bucket is reached, and has no room left."""
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.config import Settings
-from drcli.errors import DrError
+from drcli.errors import DrError, NoAnswer
 from drcli.rewriting import read_json, write_json
 
 VARIABLE = "DRCLI_JOB"
@@ -87,17 +87,20 @@ class LastWords:
         remedy: What to do about it.
         code: The exit code that the command should end with.
         final: Whether another process would end the same way.
+        silent: Whether the bucket's server did not answer.
     """
 
     message: str
     remedy: str
     code: int
     final: bool = False
+    silent: bool = False
 
     @staticmethod
     def of(error: DrError) -> "LastWords":
         """What an explained failure has to say."""
-        return LastWords(str(error), error.remedy, error.code, error.final)
+        silent = isinstance(error, NoAnswer)
+        return LastWords(str(error), error.remedy, error.code, error.final, silent)
 
     def leave(self, folder: Path, name: str) -> None:
         """Write them down for the supervisor.

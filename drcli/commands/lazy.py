@@ -120,7 +120,8 @@ class _AsItIs:
 
 def _spare(parameter: Any) -> Any:
     """The parameter, which does without pydantic where it can."""
-    if hasattr(parameter, "get_runtime_param"):  # older versions of Typer use no pydantic
+    # Older versions of Typer use no pydantic.
+    if hasattr(parameter, "get_runtime_param") and hasattr(parameter, "type_descriptor"):
         plain = _AsItIs(parameter.get_runtime_param)
         parameter.get_runtime_param = lambda: plain
     return parameter

@@ -39,7 +39,7 @@ def stop_training(as_json: AsJson = False) -> None:
     if not is_running(loaded, folder):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
-    with console.waiting("Stopping the training; its workers save what they have ..."):
+    with console.waiting("Stopping the training; its workers are leaving ..."):
         report = stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
     if is_running(loaded, folder):

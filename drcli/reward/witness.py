@@ -7,6 +7,7 @@ there last, so that a missing one tells that it came to that.
 import faulthandler
 import os
 import resource
+import signal
 import sys
 from pathlib import Path
 from typing import NoReturn
@@ -29,6 +30,8 @@ def _main(folder: Path) -> None:
         ends_at_once(status)
 
     os._exit = tell_and_end
+    # The switch of the guard would end this process before its own, which tells more.
+    signal.signal(signal.SIGPROF, signal.SIG_IGN)
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = _MEMORY_BYTES if hard == resource.RLIM_INFINITY else min(_MEMORY_BYTES, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))

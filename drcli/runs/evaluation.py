@@ -173,6 +173,7 @@ def _run(plan: EvaluationPlan) -> None:
     path = log_file(job.settings, job.directory, "evaluation")
     if path.exists():
         os.truncate(path, 0)
+    LastWords.forget(job.folder, "evaluation")
     process = start_process(
         job, "evaluation", "drcli.worker.evaluate", plan.stamp, *plan.checkpoints
     )
@@ -184,7 +185,9 @@ def _run(plan: EvaluationPlan) -> None:
         raise
     if code == 0:
         return
-    words = LastWords.find(job.folder, "evaluation") or words_of_stuck(code, path)
+    words = LastWords.find(job.folder, "evaluation") or words_of_stuck(
+        code, path, remedy="Train the model on with a corrected reward_function.py."
+    )
     if words is None:
         raise WorkerDied(
             f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."

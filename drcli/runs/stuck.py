@@ -1,6 +1,6 @@
-"""Explains a worker that the guard of the reward function has ended from outside Python.
+"""Explains a process that the guard of the reward function has ended from outside Python.
 
-It left no last words: it was inside one operation. The stacks of its threads are in its log.
+It left no last words: it was inside one operation. The stacks of its threads are in what it wrote.
 """
 
 import re
@@ -11,43 +11,49 @@ from drcli.errors import SettingsError
 from drcli.job import LastWords
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
+WHY = "one operation took far longer than a call may, and Python cannot interrupt it"
+
 _TAIL_BYTES = 20_000
 _THREAD = re.compile(r"^(?:Current thread|Thread) 0x", re.MULTILINE)
 _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) in')
 
 
-def words_of_stuck(code: int, log: Path) -> LastWords | None:
-    """What a worker would have said, None where something else ended it.
-
-    Args:
-        code: How its process ended, as subprocess tells it.
-        log: What it wrote.
-    """
-    if code != -getattr(signal, "SIGPROF", 0) or code == 0:
-        return None
-    path, line = _place(log)
-    where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
-    return LastWords(
-        f"Reward function error: The reward function{where} failed: one operation does not end, "
-        f"and Python cannot interrupt it.{_quoted(path, line)}",
-        f"Correct {REWARD_FUNCTION_FILE}, then go on with `dr-start-training --resume`, or start "
-        "over with `-w`.",
-        SettingsError.code,
-        final=True,
-    )
+def is_stuck(code: int) -> bool:
+    """Whether a process ended so, by its code as subprocess tells it."""
+    return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
-def _place(log: Path) -> tuple[Path | None, int]:
-    """File and line of the reward function that the last stacks in a log show."""
-    try:
-        text = log.read_bytes()[-_TAIL_BYTES:].decode("utf-8", "replace")
-    except OSError:
-        return None, 0
+def stuck_place(text: str) -> tuple[Path | None, int]:
+    """File and line of the reward function that the last stacks in a text show; None and 0."""
     for stack in reversed(_THREAD.split(text)):
         found = _PLACE.search(stack)
         if found:
             return Path(found[1]), int(found[2])
     return None, 0
+
+
+def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
+    """What a worker would have said, None where something else ended it.
+
+    Args:
+        code: How its process ended, as subprocess tells it.
+        log: What it wrote.
+        remedy: What to do about it.
+    """
+    if not is_stuck(code):
+        return None
+    try:
+        text = log.read_bytes()[-_TAIL_BYTES:].decode("utf-8", "replace")
+    except OSError:
+        text = ""
+    path, line = stuck_place(text)
+    where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
+    return LastWords(
+        f"Reward function error: The reward function{where} failed: {WHY}.{_quoted(path, line)}",
+        remedy,
+        SettingsError.code,
+        final=True,
+    )
 
 
 def _quoted(path: Path | None, line: int) -> str:

@@ -105,6 +105,7 @@ class Supervisor:
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
         self._clocks: dict[str, float] = {}
+        self._server_began = 0.0
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -134,6 +135,7 @@ class Supervisor:
         self._signal = number
 
     def _start(self, child: Child) -> None:
+        LastWords.forget(self._job.folder, child.name)  # those of an earlier run explain nothing
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
@@ -166,7 +168,10 @@ class Supervisor:
         assert child.process is not None
         code = child.process.returncode
         words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
-            code, log_file(self._job.settings, self._job.directory, child.name)
+            code,
+            log_file(self._job.settings, self._job.directory, child.name),
+            remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, or "
+            "start over with `-w`.",
         )
         if code == 0 and child.name == "trainer":
             return Outcome(0, words.message if words else "Training is complete.")
@@ -190,9 +195,10 @@ class Supervisor:
             )
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
         self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
-        if words is not None and words.code == StorageError.code:
+        if words is not None and words.silent and self._server_began < child.started:
             # A server may answer whoever asks how it is, and still be stuck with some objects.
             self._attempt(self._restart_server)
+            self._server_began = time.monotonic()
         child.restarts += 1
         self._start(child)
         self._publish("running")

@@ -146,6 +146,23 @@ class CheckpointStore:
         best = last if known is None else known.best_checkpoint
         write_scores(self._bucket, self._prefix, Scores(best, last))
 
+    def mend_pointer(self, name: CheckpointName) -> bool:
+        """Write the pointer again where it is gone, damaged, or names an older checkpoint.
+
+        One that names a newer checkpoint is somebody else's, who went on from this one.
+
+        Returns:
+            Whether it was written.
+        """
+        try:
+            pointed = CheckpointName.parse(self.latest_name() or "")
+        except ObjectDamaged:
+            pointed = None
+        if pointed is not None and pointed.number >= name.number:
+            return False
+        self.point_to(self.record(str(name)))
+        return True
+
     def latest_name(self) -> str | None:
         """The checkpoint that the pointer names, None before the first; cheap enough to poll.
 

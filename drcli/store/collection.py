@@ -169,6 +169,11 @@ class RolloutReader:
                 doomed.append(info.key)
         self._bucket.delete(doomed)
 
+    def reject(self, iteration: int, workers: Iterable[int]) -> None:
+        """Delete what makes some workers' rollouts of an iteration count."""
+        self._forget()
+        self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
+
     def close(self) -> None:
         """End the background downloads."""
         self._forget()

@@ -8,7 +8,7 @@ from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames, StorageConfig
 from drcli.store.look import storage_config
 from drcli.store.profiles import read_profile
 from drcli.store.s3 import S3Bucket
-from drcli.store.server import connect, ensure_running, last_known, stop
+from drcli.store.server import connect, ensure_running, last_known, restart, stop
 
 
 def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0) -> S3Bucket:
@@ -80,8 +80,7 @@ def ensure_storage(settings: Settings, directory: Path) -> None:
 
 def restart_storage(settings: Settings, directory: Path) -> None:
     """Start the local server anew, whatever it says; objects stay."""
-    stop_storage(settings, directory)
-    ensure_storage(settings, directory)
+    restart(storage_config(settings, directory))
 
 
 def stop_storage(settings: Settings, directory: Path) -> bool:

@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import dataclass
 
-from drcli.errors import DiskFull, StorageError
+from drcli.errors import DiskFull, NoAnswer, StorageError
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 
@@ -88,7 +88,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
         )
     if patience_share(error) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
-    return StorageError(
+    return NoAnswer(
         f"Cannot {attempt} ({attempt.endpoint.setting}): nothing answers there.",
         remedy=_wake_up(attempt.endpoint),
     )

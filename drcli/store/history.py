@@ -1,6 +1,7 @@
 """The learning curve of a run: one record an iteration, in one object beside the metrics."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -60,6 +61,14 @@ class IterationRecord:
     evaluation_lap_s: list[float] = field(default_factory=list)
 
 
+def fields_of(record: IterationRecord) -> dict[str, Any]:
+    """A record as a checkpoint carries it: strict JSON has no word for what is no number."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in asdict(record).items()
+    }
+
+
 class History:
     """All iterations of a run. The trainer writes it, everybody may read it."""
 
@@ -79,7 +88,11 @@ class History:
         """
         self.records = [r for r in self.records if r.iteration < iteration]
         if last is not None and last["iteration"] not in {r.iteration for r in self.records}:
-            self.add(IterationRecord(**last))
+            known: dict[str, Any] = {
+                name: math.nan if value is None else value for name, value in last.items()
+            }
+            known["best_lap_s"] = last["best_lap_s"]  # which may be missing
+            self.add(IterationRecord(**known))
 
     def add(self, record: IterationRecord) -> None:
         """Append an iteration and publish."""

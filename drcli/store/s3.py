@@ -183,7 +183,7 @@ class S3Bucket:
                     raise explain(e, attempt) from e
                 if not shown and waited_s > waits.QUIET_S:
                     shown = True
-                    waits.show(f"Waiting for {self._endpoint.place} to answer ...")
+                    waits.show(f"No good answer from {self._endpoint.place} yet; trying again ...")
                 self._pause(min(next(delays), left_s))
 
     def _get(self, key: str, watch: Watch | None) -> bytes:

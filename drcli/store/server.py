@@ -4,6 +4,7 @@ import errno
 import os
 import secrets
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -21,7 +22,7 @@ _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
 """How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
 
-_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 20.0
+_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
 """How long an answer may stall before it is asked for again. No network holds up the local one."""
 
 _RELEASE_PATIENCE_S = 5.0
@@ -63,10 +64,15 @@ def ensure_running(config: StorageConfig) -> Endpoint:
         return Endpoint(None, profile=config.profile, region=config.region)
     if config.cloud != "local":
         return _remote(config)
+    return _locked(config, lambda: _ensure_local(config))
+
+
+def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
+    """Call while nobody else starts or ends the local server."""
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
         with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
-            return _ensure_local(config)
+            return call()
     except OSError as e:
         full = e.errno in (errno.ENOSPC, errno.EDQUOT)
         first = "Make room on its disk" if full else "Check that you may write there"
@@ -74,6 +80,19 @@ def ensure_running(config: StorageConfig) -> Endpoint:
             f"The local bucket cannot be kept in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
         ) from e
+
+
+def restart(config: StorageConfig) -> Endpoint:
+    """Start the local server anew on its port, whatever it says, over the same files.
+
+    One that keeps objects in its memory alone (moto) is left as it is.
+
+    Raises:
+        StorageError: As in `ensure_running`.
+    """
+    if config.cloud == "local" and config.engine != "moto":
+        return _locked(config, lambda: _restart_local(config))
+    return ensure_running(config)
 
 
 def find_running(config: StorageConfig) -> Endpoint | None:
@@ -112,6 +131,13 @@ def stop(config: StorageConfig) -> bool:
         with suppress(OSError):  # a full disk; that no such process lives is seen anyway
             replace(state, pid=None).write(path)
     return was_running
+
+
+def _restart_local(config: StorageConfig) -> Endpoint:
+    state = ServerState.read(own_file(config, "json"))
+    if state is not None and state.pid is not None:
+        process.end(state.pid, state.mark)  # its id stays in the note: its port is waited for
+    return _ensure_local(config)
 
 
 def _ensure_local(config: StorageConfig) -> Endpoint:

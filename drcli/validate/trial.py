@@ -11,6 +11,7 @@ from threading import Event
 
 from drcli.job import Job
 from drcli.runs.inputs import InputFile
+from drcli.runs.stuck import WHY, is_stuck, stuck_place
 from drcli.store import keys
 from drcli.validate.report import Violation, find_tried, forget_tried
 
@@ -52,6 +53,10 @@ def try_inputs(job: Job, reward: InputFile | None, given_up: Event) -> list[Viol
     if code is None:
         what = f"Trying the reward function took longer than {TIMEOUT_S:.0f} seconds."
         return [_lost(reward, what, "Look for an endless loop in it.")]
+    if is_stuck(code):
+        _, line = stuck_place(words)
+        what = f"The reward function{f', line {line},' if line else ''} does not return: {WHY}."
+        return [_lost(reward, what, "Let that line compute less.")]
     found = try_inputs(job, None, given_up)  # raises where the reward function is not to blame
     if "Traceback" in words:
         why = words.splitlines()[-1]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drcli.learn.buffer import Rollout
+from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.collection import RolloutReader, Waiting
 from drcli.store.episodes import Episodes
 from drcli.store.keys import CheckpointName
@@ -74,7 +75,8 @@ class Collector:
             should_stop: Asked at every look.
 
         Returns:
-            None when `should_stop` ended the wait.
+            None when `should_stop` ended the wait, and where parts are gone or damaged: the workers
+            drive the iteration once more then.
         """
         everybody = set(range(self._workers))
         manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
@@ -92,7 +94,13 @@ class Collector:
         self._absent = everybody - manifests.keys()
         if self._absent:
             print(f"Training> Going on without simulation worker {sorted(self._absent)}.")
-        return self._read(list(manifests.values()))
+        try:
+            return self._read(list(manifests.values()))
+        except (ObjectMissing, ObjectDamaged) as error:
+            # Workers that wait for the trainer look after their manifests.
+            print(f"Training> {error} Iteration {iteration} is driven again.")
+            self._reader.reject(iteration, manifests)
+            return None
 
     def recall(self, iteration: int) -> Rollout | None:
         """What is still there of an older iteration, whoever drove it; None if nothing."""

@@ -159,6 +159,7 @@ class SimWorker:
         self._lag = int(overlaps(s))
         self._newest = -1
         self._evaluated = -1
+        self._drives = 0
         self._warm = False
         self._driven_steps = 0
         self._handed_in_s = time.monotonic()
@@ -189,7 +190,9 @@ class SimWorker:
                 print("Received termination signal from trainer. Goodbye.")
                 return
             if name.number < iteration - self._lag:
-                iteration = 0  # the trainer went back to an older checkpoint, or rollouts are lost
+                # The trainer went back to an older checkpoint, or rollouts are lost.
+                iteration = 0
+                self._evaluated = -1
             self._newest = name.number
             iteration = max(iteration, name.number)
             self._total_steps = name.steps
@@ -206,13 +209,14 @@ class SimWorker:
         training: list[Driven] = []
         evaluation: list[Driven] = []
         self._driven_steps = 0
+        self._drives += 1  # one that is driven again must not write over what may be being read
         writer = RolloutWriter(
             self._bucket,
             self._prefix,
             iteration=iteration,
             worker=self._share.worker,
             checkpoint=str(name),
-            session=f"{self._job.session}-{os.getpid()}",
+            session=f"{self._job.session}-{os.getpid()}-{self._drives}",
         )
         shard: list[Driven] = []
         evaluates = self._evaluates(name)

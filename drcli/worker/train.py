@@ -6,7 +6,6 @@ Run by the supervisor as `python -m drcli.worker.train`.
 import json
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -24,7 +23,7 @@ from drcli.store.bucket import ObjectMissing, get_json
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.collection import RolloutReader
 from drcli.store.connect import open_bucket
-from drcli.store.history import History, IterationRecord
+from drcli.store.history import History, IterationRecord, fields_of
 from drcli.store.scores import UNFINISHED_MS, tie_break_of
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
@@ -172,10 +171,8 @@ class Trainer:
         if time.monotonic() < self._doubted + DOUBT_S:
             return
         self._doubted = time.monotonic()
-        newest = str(self._newest())
-        if self._checkpoints.latest_name() != newest:
-            print(f"Checkpoint> The pointer to {newest} is lost; it is written again.")
-            self._checkpoints.point_to(self._checkpoints.record(newest))
+        if self._checkpoints.mend_pointer(self._newest()):
+            print(f"Checkpoint> The pointer to {self._newest()} was lost; it is written again.")
 
     def _newest(self) -> keys.CheckpointName:
         return keys.CheckpointName(self._number, self._steps)
@@ -277,7 +274,7 @@ class Trainer:
             counters={
                 "episodes": self._episodes,
                 "elapsed_s": self._elapsed_s(),
-                "learned": None if learned is None else asdict(learned),
+                "learned": None if learned is None else fields_of(learned),
             },
         )
         print(f"Checkpoint> Saving in path=['{record.name}']")

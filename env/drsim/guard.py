@@ -20,8 +20,8 @@ STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
 """What ends a process whose user's code is in one operation that lasts too long: Python raises
 nothing before the operation ends. The stacks of all threads go to the standard error first."""
 
-_STUCK_FACTOR = 2.0
-"""Processor seconds of a process for one of the clock; other threads may compute beside."""
+_STUCK_FACTOR = float(max(2, os.cpu_count() or 1))
+"""Processor seconds of a process for one of the clock: other threads may compute beside."""
 
 _STDERR = 2
 
@@ -62,6 +62,7 @@ class Alarm:
         Where that is not heard, because Python is inside one operation, a second timer ends it all.
         """
         if self._last_s:
+            _switch.is_on = True
             signal.setitimer(signal.ITIMER_PROF, self._last_s)
         left_s = self._left_s() if self.armed else self._deadline_s
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
@@ -70,9 +71,10 @@ class Alarm:
         """No call follows. A ring that came before and is heard only now winds nothing any more."""
         self.armed = False
         self._over = True
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
         if self._last_s:
             signal.setitimer(signal.ITIMER_PROF, 0.0)
+            _switch.is_on = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
         """The timer has rung, perhaps for an earlier call than the one that goes on."""
@@ -111,8 +113,8 @@ def alarm(deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> I
     handler_before = signal.signal(signal.SIGALRM, clock.ring)
     since_s = monotonic()
     left_s, interval_s = signal.getitimer(signal.ITIMER_REAL)
-    clock.wind()
     try:
+        clock.wind()
         yield clock
     finally:
         clock.stop()
@@ -122,9 +124,21 @@ def alarm(deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> I
             signal.setitimer(signal.ITIMER_REAL, rest_s, interval_s)
 
 
+class _Switch:
+    """Whether it is we who have set the second timer of this process."""
+
+    is_on = False
+
+
+_switch = _Switch()
+
+
 def _may_end_stuck() -> bool:
-    """Whether the second timer is free: a profiler may use it, and its signal."""
-    if STUCK is None or signal.getitimer(signal.ITIMER_PROF)[0]:
+    """Whether the second timer is free: a profiler may use it, and its signal.
+
+    One that Ctrl-C kept us from stopping is ours, too.
+    """
+    if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not _switch.is_on):
         return False
     if signal.getsignal(STUCK) is not signal.SIG_DFL:
         return False

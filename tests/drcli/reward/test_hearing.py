@@ -68,6 +68,15 @@ def test_code_that_ends_crashes_or_hangs_is_found_out_with_its_line(begin):
     assert "exit code 3" in failures[0][0].what
 
 
+def test_the_timer_that_ends_workers_leaves_a_hearing_alone(begin):
+    """A hearing has a switch of its own, which tells the line."""
+    text = "import signal\ndef reward_function(params):\n"
+    statement = begin(f"{text}    return signal.getitimer(signal.ITIMER_PROF)[0]\n").statement()
+
+    assert statement.failures == []
+    assert {value for values in statement.values for value in values} == {0.0}
+
+
 @pytest.mark.parametrize(("text", "words"), [(KILLS, "(SIGKILL)"), (INTERRUPTS, "(SIGINT)")])
 def test_code_that_has_its_process_ended_is_told_by_the_signal(begin, text, words):
     [failure] = begin(text).statement().failures

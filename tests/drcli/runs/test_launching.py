@@ -83,11 +83,12 @@ def test_a_process_that_does_not_leave_is_killed():
     [SettingsError, StorageError, TrainingFailed, WorkerDied],
     ids=lambda kind: kind.__name__,
 )
-def test_an_evaluation_fails_as_its_worker_failed(job, started, failure):
-    started("raise SystemExit(1)")
+def test_an_evaluation_fails_as_its_worker_failed(job, started, failure, tmp_path):
     LastWords.of(failure("Nothing answers.", remedy="Start the bucket.")).leave(
-        job.folder, "evaluation"
+        tmp_path, "evaluation"
     )
+    [words] = tmp_path.glob("evaluation.*")
+    started(f"import shutil; shutil.copy('{words}', '{job.folder}'); raise SystemExit(1)")
 
     with pytest.raises(failure, match="Nothing answers") as raised:
         evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))

@@ -18,7 +18,7 @@ from drcli.runs.record import RunRecord
 from drcli.runs.supervisor import Supervisor
 from drcli.store.memory import MemoryBucket
 
-ENDS, STAYS = "pass", "import time; time.sleep(60)"
+ENDS, LATE, STAYS = "pass", "import time; time.sleep(1)", "import time; time.sleep(60)"
 
 
 @dataclass(frozen=True)
@@ -108,17 +108,33 @@ def test_the_run_ends_with_its_trainer(stage):
 
 
 def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
-    stage.scripts["trainer"] = [LastWords("Nothing answers there.", "Wait.", 4), ENDS]
+    stage.scripts["trainer"] = [LastWords("Nothing answers there.", "Wait.", 4, silent=True), ENDS]
 
     assert stage.run() == 0
     assert stage.server_restarts == 1
 
 
-def test_a_worker_that_failed_by_itself_does_not(stage):
-    stage.scripts["trainer"] = [LastWords("A bug.", "Report it.", 1), ENDS]
+def test_a_server_is_not_restarted_again_for_what_failed_before_its_restart(stage):
+    silent = LastWords("Nothing answers there.", "Wait.", 4, silent=True)
+    stage.scripts = {"trainer": [silent, LATE], "sim-0": [silent, STAYS]}
+
+    assert stage.run() == 0
+    assert stage.server_restarts == 1
+
+
+@pytest.mark.parametrize("code", [1, 4])
+def test_a_worker_that_failed_otherwise_does_not(stage, code):
+    stage.scripts["trainer"] = [LastWords("A bug, or damage.", "Report it.", code), ENDS]
 
     assert stage.run() == 0
     assert stage.server_restarts == 0
+
+
+def test_last_words_of_an_earlier_run_explain_nothing(stage):
+    LastWords("NaN detected.", "Lower lr.", 6, final=True).leave(stage.job.folder, "trainer")
+    stage.scripts["trainer"] = ["import os; os.kill(os.getpid(), 9)", ENDS]
+
+    assert stage.run() == 0
 
 
 def test_a_worker_that_dies_again_and_again_ends_the_run(stage):
@@ -136,7 +152,7 @@ def test_a_reward_function_that_cannot_be_interrupted_is_named_with_its_line(sta
     assert stage.run() == 3
 
     record = RunRecord.read(stage.job.folder)
-    assert "reward_function.py, line 2, failed: one operation does not end" in record.message
+    assert "reward_function.py, line 2, failed: one operation took far longer" in record.message
     assert record.message.endswith("\n  return sum(range(10**12))")
     assert "--resume" in record.remedy
 

@@ -375,6 +375,28 @@ def test_loading_a_checkpoint_that_does_not_exist_names_it(store):
         store.load("5_Step-5.ckpt")
 
 
+@pytest.mark.parametrize("lost", [None, b"", b"{}", b"0_Step-0.ckpt"])
+def test_a_trainer_mends_a_pointer_that_its_workers_cannot_follow(store, memory, lost):
+    store.save(0, 0, b"weights")
+    newest = CheckpointName.parse(store.save(1, 100, b"weights").name)
+    key = keys.coach_checkpoint(PREFIX)
+    memory.delete([key])
+    if lost is not None:
+        memory.put(key, lost)
+
+    assert store.mend_pointer(newest)
+    assert store.latest_name() == str(newest)
+    assert not store.mend_pointer(newest)
+
+
+def test_a_pointer_that_somebody_else_has_moved_on_is_left_alone(store):
+    old = CheckpointName.parse(store.save(0, 0, b"weights").name)
+    newest = store.save(1, 100, b"weights")
+
+    assert not store.mend_pointer(old)
+    assert store.latest_name() == newest.name
+
+
 def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):
     store = CheckpointStore(memory, "model")
     for number in range(3):

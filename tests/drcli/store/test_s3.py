@@ -89,7 +89,7 @@ def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeyp
         bucket.get("m/k")
 
     assert clock.now_s == pytest.approx(60)
-    assert said == ["Waiting for http://127.0.0.1:1 to answer ..."]
+    assert said == ["No good answer from http://127.0.0.1:1 yet; trying again ..."]
     assert max(clock.pauses_s) == 1.0
     assert "bucket/m/k at http://127.0.0.1:1 (DR_REMOTE_MINIO_URL)" in str(failure.value)
     assert "DR_REMOTE_MINIO_URL" in failure.value.remedy

@@ -202,6 +202,33 @@ def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
         assert server.ensure_running(local).url == endpoint.url
 
 
+def test_a_restarted_server_is_another_one_on_the_same_port_over_the_same_objects(
+    local, monkeypatch
+):
+    endpoint = server.ensure_running(local)
+    with closing(S3Bucket(endpoint, "bucket")) as bucket:
+        bucket.put("k", b"data")
+        is_free, looks = server._is_free, []
+
+        def look(port: int) -> bool:
+            looks.append(port)
+            return len(looks) > 1 and is_free(port)  # at first the dead one's socket is there
+
+        monkeypatch.setattr(server, "_is_free", look)
+        again = server.restart(local)
+
+        assert again.pid != endpoint.pid
+        assert again.url == endpoint.url
+        assert bucket.get("k") == b"data"
+
+
+def test_a_server_that_would_forget_everything_is_not_restarted(local):
+    forgetful = replace(local, engine="moto")
+    endpoint = server.ensure_running(forgetful)
+
+    assert server.restart(forgetful).pid == endpoint.pid
+
+
 def test_a_remembered_port_that_was_taken_meanwhile_is_replaced(local):
     first = server.ensure_running(local)
     server.stop(local)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from drcli.store import keys
 from drcli.store.collection import RolloutReader
 from drcli.store.episodes import Episodes
 from drcli.store.memory import MemoryBucket
-from drcli.store.rollouts import RolloutWriter
+from drcli.store.rollouts import RolloutWriter, find_manifest
 from drcli.worker.collecting import LEAST_PATIENCE_S, Collector
 
 PREFIX = "model"
@@ -97,6 +98,22 @@ def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock
 
     assert first_s == pytest.approx(LEAST_PATIENCE_S)
     assert clock.now_s == first_s
+
+
+@pytest.mark.parametrize("data", [None, b"damaged"])
+def test_an_iteration_with_lost_parts_is_handed_back_to_its_workers(bucket, reader, data):
+    hand_in(bucket, 0)
+    [part] = [o.key for o in bucket.list(keys.rollouts_folder(PREFIX)) if "manifest" not in o.key]
+    bucket.delete([part])
+    if data is not None:
+        bucket.put(part, data)
+    collector = Collector(reader, 1, 1_000)
+
+    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is None
+    assert find_manifest(bucket, PREFIX, 0, 0) is None
+
+    hand_in(bucket, 0)
+    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is not None
 
 
 def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
