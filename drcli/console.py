@@ -130,10 +130,16 @@ def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator
 
 
 @contextmanager
-def waiting(what: str) -> Iterator[None]:
-    """Say what is waited for: a spinner on a terminal, one line elsewhere."""
+def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
+    """Say what is waited for: a spinner on a terminal, one line elsewhere.
+
+    Args:
+        what: As "Checking the model ...".
+        only_live: Nothing elsewhere: for commands whose first line scripts look at.
+    """
     if not is_live():
-        say(what)
+        if not only_live:
+            say(what)
         yield
         return
     with err.status(escape(what)):

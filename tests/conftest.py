@@ -2,6 +2,7 @@
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Torch reads it when it is loaded. Its threads spin while they wait, so on a busy machine a test
@@ -17,3 +18,8 @@ settings.register_profile(
     "drcli", deadline=None, derandomize=True, suppress_health_check=SUPPRESSED
 )
 settings.load_profile("drcli")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes long comes first, so that no process works alone in the end."""
+    items.sort(key=lambda item: item.path.parent.name != "e2e")

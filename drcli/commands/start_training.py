@@ -77,7 +77,8 @@ def start_training(
     loaded, folder = settings(), working_folder()
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
-    planned = plan.prepare(loaded, options, folder)
+    with console.waiting("Checking settings, files and reward function ...", only_live=True):
+        planned = plan.prepare(loaded, options, folder)
     if not quiet:
         for warning in planned.warnings:
             console.warn(warning)
@@ -97,7 +98,8 @@ def start_training(
             training.supervise_job(planned.job)
         code = _end(inspect(loaded, folder), as_json=as_json)
     else:
-        pid = training.launch(planned)
+        with console.waiting("Starting the workers ...", only_live=True):
+            pid = training.launch(planned)
         if inspect(loaded, folder).pid != pid:
             raise WorkerDied(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
