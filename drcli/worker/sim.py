@@ -8,7 +8,6 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -31,6 +30,7 @@ from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
+from drcli.worker.share import EvaluationBudget, Share
 from drcli.worker.trace import csv_text, log_lines, schedule
 from drcli.worker.waiting import CheckpointWaiter
 from drcli.worker.world import (
@@ -54,52 +54,6 @@ SHARD_STEPS = 256
 
 SEED_STRIDE = 7_919
 """Keeps the random numbers of one worker apart from those of the next."""
-
-
-@dataclass(frozen=True)
-class Share:
-    """Which training episodes of an iteration this worker drives.
-
-    Attributes:
-        worker: Index from 0.
-        workers: Number of workers.
-        episodes: Training episodes of an iteration over all workers.
-    """
-
-    worker: int
-    workers: int
-    episodes: int
-
-    @property
-    def count(self) -> int:
-        """Episodes of this worker in every iteration."""
-        return self.episodes // self.workers + (self.worker < self.episodes % self.workers)
-
-    def numbers(self, iteration: int) -> range:
-        """Numbers of this worker's episodes in one iteration, counted from 0 for its whole life."""
-        return range(iteration * self.count, (iteration + 1) * self.count)
-
-    def position(self, number: int) -> int:
-        """Place of an episode in the order of all workers' episodes; decides where it starts."""
-        return number * self.workers + self.worker
-
-
-class EvaluationBudget:
-    """Sees to it that evaluations take no more than a share of a training's time."""
-
-    def __init__(self, share: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._share = share
-        self._clock = clock
-        self._began_s = clock()
-        self._spent_s = 0.0
-
-    def allows_another(self) -> bool:
-        """Whether the evaluations so far took less than their share; true before the first."""
-        return self._spent_s <= self._share * (self._clock() - self._began_s)
-
-    def spend(self, seconds: float) -> None:
-        """Note how long an evaluation took."""
-        self._spent_s += seconds
 
 
 class SimWorker:

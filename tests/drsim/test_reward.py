@@ -297,6 +297,21 @@ LOOP = """while True:
 """
 
 
+def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
+    """A process of its own that loads a reward function and calls it once, with little patience."""
+    script = (
+        "import sys, drsim.guard, drsim.reward\n"
+        "from pathlib import Path\n"
+        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
+        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
+        "drsim.reward.checked_reward(function, {}, 0.1)\n"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -307,18 +322,8 @@ LOOP = """while True:
 )
 def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(write, text, what):
     path = write(text)
-    script = (
-        "import sys, drsim.guard, drsim.reward\n"
-        "from pathlib import Path\n"
-        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
-        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
-        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
-        "drsim.reward.checked_reward(function, {}, 0.1)\n"
-    )
 
-    done = subprocess.run(
-        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
-    )
+    done = called_elsewhere(path)
 
     assert done.returncode == 1
     assert f"The reward function in {path}, line 5, failed: " in done.stderr
@@ -335,18 +340,8 @@ def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(writ
 )
 def test_an_operation_that_python_cannot_interrupt_ends_the_process_and_shows_its_line(write, text):
     path = write(text)
-    script = (
-        "import sys, drsim.guard, drsim.reward\n"
-        "from pathlib import Path\n"
-        "drsim.guard.PATIENCE_S = 0.05\n"
-        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
-        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
-        "drsim.reward.checked_reward(function, {}, 0.1)\n"
-    )
 
-    done = subprocess.run(
-        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
-    )
+    done = called_elsewhere(path)
 
     assert done.returncode == -STUCK
     assert f'File "{path}", line 3 in ' in done.stderr

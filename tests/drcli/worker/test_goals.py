@@ -11,7 +11,7 @@ from drcli.job import Job
 from drcli.store import health
 from drcli.store.history import IterationRecord
 from drcli.worker.goals import Goals, mean_score
-from drcli.worker.sim import EvaluationBudget
+from drcli.worker.share import EvaluationBudget
 
 
 def record(iteration: int = 0, **changes) -> IterationRecord:
