@@ -37,7 +37,7 @@ def logs(
     Example: dr-logs trainer -f
     """
     from drcli import console
-    from drcli.commands.tail import Tail
+    from drcli.commands.tail import Tail, older
     from drcli.runs.logs import log_file
 
     loaded, name = settings(), _name(worker, number)
@@ -48,6 +48,8 @@ def logs(
         console.say(f"Waiting for {path} ...")
     tail = Tail(path, None if whole else TAIL_LINES)
     try:
+        for piece in older(path) if whole else ():
+            console.write(piece)
         console.write(tail.read(unfinished=not follow))
         while follow:
             time.sleep(POLL_S)
