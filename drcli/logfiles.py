@@ -22,7 +22,7 @@ EARLIER_TRAININGS = 3
 
 _WORKER = r"(?:trainer|supervisor|sim-\d+)\.log"
 _LOG = re.compile(rf"({_WORKER})(\.part-\d+)?")
-_EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}}(?:-\d+)?)(?:\.part-\d+)?")
+_EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
 
 def part_bytes(max_bytes: int) -> int:
@@ -85,7 +85,7 @@ def set_aside(folders: list[Path], max_bytes: int) -> None:
         max_bytes: How large the logs of one worker may become together. The earlier ones in a
             folder may have as much for each worker; the newest of them stays in any case.
     """
-    stamp = _free_stamp(folders)
+    stamp = _stamp(folders)
     for folder in folders:
         workers = set()
         for path in _files(folder):
@@ -113,14 +113,17 @@ def _forget_earlier(folder: Path, max_bytes: int) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _free_stamp(folders: list[Path]) -> str:
-    """When a training was set aside; a second one in the same second gets a number more."""
-    now = time.strftime("%Y%m%d-%H%M%S", time.gmtime())
-    stamp, k = now, 1
-    while any(path for folder in folders for path in folder.glob(f"*.log.{stamp}*")):
-        k += 1
-        stamp = f"{now}-{k}"
-    return stamp
+def _stamp(folders: list[Path]) -> str:
+    """When a training is set aside, in UTC; a moment later where another one was in that second."""
+    found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
+    newest = max((match[1] for match in found if match), default="")
+    now = int(time.time())
+    stamps = [_utc(now + later_s) for later_s in range(60)]
+    return next((stamp for stamp in stamps if stamp > newest), stamps[0])
+
+
+def _utc(seconds: int) -> str:
+    return time.strftime("%Y%m%d-%H%M%S", time.gmtime(seconds))
 
 
 def _files(folder: Path) -> list[Path]:

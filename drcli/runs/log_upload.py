@@ -81,10 +81,10 @@ class LogCopy:
         if hurried and self.left_bytes() > PART_BYTES:
             self._bucket.put(self._key, _end_of(self._log))
         while not over():
-            at = self._position
             path, data = self._next_bytes()
             if path is None:
                 continue
+            at = self._position
             complete = path != self._log
             if complete and not data:
                 self._position = _Position(at.number + 1)
@@ -139,7 +139,10 @@ class LogCopy:
             if number == at.number:
                 return part, _read(part, at.offset)
         data = _read(self._log, at.offset)
-        return (self._log if logfiles.current_number(self._log) == at.number else None), data
+        current = logfiles.current_number(self._log)
+        if current < at.number:  # somebody has deleted the older parts
+            self._position = _Position(current)
+        return (self._log if current == at.number else None), data
 
     def _put_part(self, data: bytes, *, whole: bool = False) -> int:
         """Write a part that ends with a line; its size."""
