@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 from drcli import logfiles
 
-LOOK_S = 0.5
+LOOK_S = 0.1
 """How often it is looked how large the log is."""
 
 PATIENCE_LOOKS = 4
