@@ -50,7 +50,8 @@ def logs(
     try:
         for piece in older(path) if whole else ():
             console.write(piece)
-        console.write(tail.read(unfinished=not follow))
+        while text := tail.read(unfinished=not follow):
+            console.write(text)
         while follow:
             time.sleep(POLL_S)
             console.write(tail.read())

@@ -176,7 +176,8 @@ def _follow(
             console.write(tail.read())
             time.sleep(POLL_S)
             found = look()
-        console.write(tail.read(unfinished=True))
+        while text := tail.read(unfinished=True):
+            console.write(text)
     except KeyboardInterrupt:  # the way to end it is no failure
         return
 

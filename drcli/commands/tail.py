@@ -10,6 +10,9 @@ from drcli import logfiles
 
 _BLOCK_BYTES = 1 << 20
 
+_MOST_BYTES = 16 << 20
+"""How much is read at once: a log may be larger than the memory that is free."""
+
 
 class Tail:
     """A log file from near its end on. It may come late, be replaced, rotated or emptied.
@@ -27,13 +30,17 @@ class Tail:
         self._unfinished = b""
 
     def read(self, *, unfinished: bool = False) -> str:
-        """Lines that were added since the last call.
+        """Lines that were added since the last call, of many the first; empty where none were.
 
         Args:
             unfinished: Whether a last line counts that has no end yet.
         """
         data = self._added()
-        end = len(data) if unfinished else data.rfind(b"\n") + 1
+        end = data.rfind(b"\n") + 1
+        if len(data) < _MOST_BYTES:
+            end = len(data) if unfinished else end
+        elif end == 0:  # a line that has no end
+            end = len(data)
         self._unfinished = data[end:]
         return data[:end].decode("utf-8", "replace")
 
@@ -48,8 +55,10 @@ class Tail:
             return self._begin()
         if os.fstat(self._file.fileno()).st_size < self._file.tell():
             self._file.seek(0)
-            return self._file.read()
-        data = self._unfinished + self._file.read()
+            return self._file.read(_MOST_BYTES)
+        data = self._unfinished + self._file.read(_MOST_BYTES)
+        if len(data) >= _MOST_BYTES:
+            return data
         try:
             if os.path.samestat(self._path.stat(), os.fstat(self._file.fileno())):
                 return data
@@ -68,7 +77,7 @@ class Tail:
             self._last_lines = None
             return b""
         if self._last_lines is None:
-            return self._file.read()
+            return self._file.read(_MOST_BYTES)
         _seek_last_lines(self._file, self._last_lines)
         return b"".join(deque(self._file, self._last_lines))
 

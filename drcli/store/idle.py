@@ -15,6 +15,7 @@ import select
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from drcli.errors import StorageError
@@ -29,8 +30,11 @@ NOISE_BYTES = 100
 """What the server reads and writes between two looks when nobody asks: measured, 1 byte in ten
 seconds. The shortest request and its answer have 200."""
 
-STATE, LOCK, USERS = ".server.json", ".server.lock", ".server.users"
-"""Files beside the buckets: the server's state, the lock on it, and what its users hold."""
+STATE, LOCK, USERS, LOG = ".server.json", ".server.lock", ".server.users", ".server.log"
+"""Files beside the buckets: the server's state, the lock on it, what its users hold, its log."""
+
+LOG_BYTES = 1_000_000
+"""What the server has to say may grow so large; it repeats itself for months."""
 
 _held: dict[Path, int] = {}
 
@@ -94,6 +98,7 @@ class Watch:
         """
         if not process.is_running(self._pid, self._mark):
             return True
+        self._keep_log_small()
         idle_s = self._idle_s()
         if idle_s == 0.0 or self._traffic is None:
             return True
@@ -109,6 +114,12 @@ class Watch:
             return True
         except StorageError:  # a command is just looking for the server
             return False
+
+    def _keep_log_small(self) -> None:
+        log = self._folder / LOG
+        with suppress(OSError):
+            if log.stat().st_size > LOG_BYTES:
+                os.truncate(log, 0)  # the server appends, so it goes on at the beginning
 
     def _idle_s(self) -> float:
         """How long nobody must have used it; as the last command had it in its settings."""

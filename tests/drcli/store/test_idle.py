@@ -183,6 +183,15 @@ def test_a_damaged_state_does_not_keep_it(served):
     (served.config.data_dir / ".server.json").unlink()
 
 
+def test_the_log_of_a_server_that_runs_for_months_stays_small(served):
+    log = served.config.data_dir / ".server.log"
+    log.write_text("x" * (idle.LOG_BYTES + 1))
+
+    served.pass_minutes(1)
+
+    assert log.stat().st_size == 0
+
+
 def test_a_watch_is_over_once_its_server_has_ended(served):
     server.stop(served.config)
 
