@@ -79,7 +79,8 @@ class LogCopy:
         if not self._known:
             self._look()
         if hurried and self.left_bytes() > PART_BYTES:
-            self._bucket.put(self._key, _end_of(self._log))
+            ends = [_end_of(path) for path in (*logfiles.older_parts(self._log)[-1:], self._log)]
+            self._bucket.put(self._key, b"".join(ends)[-PART_BYTES:])
         while not over():
             path, data = self._next_bytes()
             if path is None:
@@ -260,7 +261,5 @@ def _read(path: Path, offset: int) -> bytes:
 
 
 def _end_of(path: Path) -> bytes:
-    """The last lines of a file."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - PART_BYTES))
-        return file.read(PART_BYTES).partition(b"\n")[2]
+    """At most as much as a part may have."""
+    return _read(path, max(0, path.stat().st_size - PART_BYTES))

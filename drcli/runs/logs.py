@@ -4,6 +4,7 @@ from pathlib import Path
 
 from drcli import logfiles
 from drcli.config import Settings
+from drcli.errors import SettingsError
 
 _FOLDERS = ("robomaker", "sagemaker")
 
@@ -33,9 +34,19 @@ def begin_logs(settings: Settings, directory: Path) -> None:
     Args:
         settings: Name the model prefix.
         directory: The racer's working folder.
+
+    Raises:
+        SettingsError: They may not be renamed.
     """
     folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
-    logfiles.set_aside(folders, settings.log_max_mb << 20)
+    try:
+        logfiles.set_aside(folders, settings.log_max_mb << 20)
+    except OSError as e:
+        raise SettingsError(
+            f"{e.filename}: the log of the training before cannot be renamed ({e.strerror or e}).",
+            remedy=f"Check that you may write to {directory / 'data' / 'logs'}, or move that "
+            "folder away.",
+        ) from e
 
 
 def _folder(settings: Settings, directory: Path, kind: str) -> Path:

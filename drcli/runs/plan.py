@@ -143,8 +143,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
-    if not options.resume:
-        begin_logs(settings, directory)
+        if not options.resume:
+            begin_logs(settings, directory)
     resumes = str(newest) if options.resume else None
     return RunPlan(job, inputs, warnings, resumes, source, wiping)
 

@@ -168,6 +168,8 @@ class _Stream:
             self.write(line)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # a copy asks for these before it has them itself
+            raise AttributeError(name)
         return getattr(self._inner, name)
 
 

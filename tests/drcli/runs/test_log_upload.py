@@ -213,6 +213,16 @@ def test_where_time_is_short_the_end_of_a_log_goes_first(bucket, log):
     assert copy.left_bytes() > 0
 
 
+def test_the_end_of_a_log_that_was_just_rotated_is_in_its_older_part(bucket, log):
+    add(log, lines(0, 1000))
+    rotate(log)
+    add(log, "newest\n")
+
+    LogCopy(bucket, KEY, log, MAX_BYTES).update(lambda: True, hurried=True)
+
+    assert bucket.get(KEY).decode().endswith(lines(950, 1000) + "newest\n")
+
+
 class Stage:
     """An upload of two logs, and what it says."""
 
