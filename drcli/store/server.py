@@ -132,8 +132,10 @@ def stop(config: StorageConfig) -> bool:
             return False
         was_running = process.is_running(state.pid, state.mark)
         process.end(state.pid, state.mark)
+        if state.watcher is not None:
+            process.end(state.watcher, idle.__name__)
         with suppress(OSError):  # a full disk; that no such process lives is seen anyway
-            replace(state, pid=None).write(path)
+            replace(state, pid=None, watcher=None).write(path)
     return was_running
 
 
