@@ -28,7 +28,7 @@ MARKER = "DRCLI_TEST_RUN"
 os.environ.setdefault(MARKER, secrets.token_hex(8))
 """In the environment of all processes that a test run starts, those of its own workers too."""
 
-FAREWELL_S = 15.0
+LEAVE_S = 15.0
 """How long a process may take to leave that was told to by the last test."""
 
 
@@ -43,7 +43,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput"):
         return  # the process that gave out the tests looks once, when all are done
     folder = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
-    _, left = psutil.wait_procs(left_over(os.environ[MARKER], folder), timeout=FAREWELL_S)
+    _, left = psutil.wait_procs(left_over(os.environ[MARKER], folder), timeout=LEAVE_S)
     for process in left:
         with suppress(psutil.Error):
             print(f"\nA test has left process {process.pid}: {' '.join(process.cmdline())}")

@@ -27,7 +27,7 @@ def test_that_leaves_a_process_elsewhere():
 
 def test_a_run_that_leaves_processes_fails_and_ends_them(tmp_path):
     conftest = (Path(__file__).parent / "conftest.py").read_text()
-    (tmp_path / "conftest.py").write_text(conftest.replace("FAREWELL_S = 15.0", "FAREWELL_S = 0.5"))
+    (tmp_path / "conftest.py").write_text(conftest.replace("LEAVE_S = 15.0", "LEAVE_S = 0.5"))
     (tmp_path / "test_forgetful.py").write_text(FORGETFUL)
 
     done = subprocess.run(

@@ -203,7 +203,7 @@ class Driver:
         if not free:
             return
         plans = [waiting.popleft() for _ in free]
-        with output.of_racer():
+        with output.limited_prints():
             first = self._simulation.reset(
                 np.array(free),
                 np.array([plan.start_fraction for plan in plans]),
@@ -227,7 +227,7 @@ class Driver:
             seats = [(car, lane) for car, lane in driving if lane.plan.racer == racer]
             if seats:
                 chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
-        with output.of_racer():
+        with output.limited_prints():
             columns = _Columns.of(self._simulation.step(steering, speed))
         for pilot, seats, observed, decision in chosen:
             _record(pilot, seats, observed, decision, (steering, speed), columns)

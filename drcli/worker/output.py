@@ -9,10 +9,10 @@ import io
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from time import monotonic, sleep  # which the racer's code may replace in `time`
 from typing import Any, TextIO
 
 from drcli import logfiles
@@ -33,14 +33,14 @@ TEXT_CHARACTERS = 16 << 10
 """Longest text of a reward function that is printed whole."""
 
 
-class Allowance:
+class PrintLimit:
     """How much the racer's code may still print; what is more is left out, and that is said.
 
     Args:
         clock: Monotonic seconds, for tests.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
         self._left = float(BURST_CHARACTERS)
         self._filled_s = clock()
@@ -94,12 +94,12 @@ class Output:
     """Standard output and error of a worker process.
 
     Args:
-        allowance: For what the racer's code prints.
+        limit: For what the racer's code prints.
     """
 
-    def __init__(self, allowance: Allowance) -> None:
-        self.racer_speaks = False
-        self._allowance = allowance
+    def __init__(self, limit: PrintLimit) -> None:
+        self.limited = False
+        self._limit = limit
         self._inner: list[TextIO] = []
         # One thread may come back to it: an alarm may interrupt the racer's code in a print.
         self._lock = threading.RLock()
@@ -114,16 +114,16 @@ class Output:
     def write(self, inner: TextIO, text: str) -> None:
         """Print a text, or what is admitted of it."""
         with self._lock:
-            admitted = self._allowance.admit(text) if self.racer_speaks else text
+            admitted = self._limit.admit(text) if self.limited else text
             if admitted:
                 inner.write(admitted)
                 self._ended_line = admitted.endswith("\n")
 
-    def own_words(self) -> None:
-        """Take what follows for ours, and say first what of the racer's was left out."""
+    def end_limit(self) -> None:
+        """Print all that follows, after a line about what was left out until now."""
         with self._lock:
-            self.racer_speaks = False
-            summary = self._allowance.summary()
+            self.limited = False
+            summary = self._limit.summary()
             if summary:
                 self.write(self._inner[0], summary)
 
@@ -173,7 +173,7 @@ class _Stream:
         return getattr(self._inner, name)
 
 
-_output = Output(Allowance())
+_output = Output(PrintLimit())
 
 
 def install(max_bytes: int) -> None:
@@ -193,23 +193,23 @@ def install(max_bytes: int) -> None:
 
 
 @contextmanager
-def of_racer() -> Iterator[None]:
-    """What is printed inside is the racer's, and counted."""
-    _output.racer_speaks = True
+def limited_prints() -> Iterator[None]:
+    """Limit what is printed inside: the racer's code runs there."""
+    _output.limited = True
     try:
         yield
     finally:
-        _output.racer_speaks = False
+        _output.limited = False
 
 
-def own_words() -> None:
-    """What is printed from now on is ours, wherever the racer's code may have stopped."""
-    _output.own_words()
+def end_limit() -> None:
+    """Print all that follows, also where the racer's code was interrupted and never returned."""
+    _output.end_limit()
 
 
 def _keep_small(log: Path, max_bytes: int) -> None:
     while True:
-        time.sleep(LOOK_S)
+        sleep(LOOK_S)
         with suppress(OSError):  # a full disk, or a folder that is gone: the next look may do
             _output.rotate_if_large(log, max_bytes)
 

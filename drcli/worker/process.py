@@ -84,7 +84,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         _log(name, error)
         raise SystemExit(words.code) from None
     finally:
-        output.own_words()
+        output.end_limit()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
@@ -113,7 +113,7 @@ def _words(name: str, error: BaseException) -> LastWords:
 
 
 def _log(name: str, error: BaseException) -> None:
-    output.own_words()
+    output.end_limit()
     if isinstance(error, DrError):
         print(f"{name}: {error} {error.remedy}", flush=True)
     else:

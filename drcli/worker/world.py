@@ -127,7 +127,7 @@ def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[Re
     path = folder / keys.REWARD_FUNCTION_FILE
     path.write_bytes(bucket.get(keys.reward_function(prefix)))
     try:
-        with output.of_racer():
+        with output.limited_prints():
             return [load_reward_function(path) for _ in range(cars)]
     except RewardError as error:
         raise reward_failure(error) from None

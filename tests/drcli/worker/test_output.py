@@ -12,8 +12,8 @@ from drcli.worker.output import (
     BURST_CHARACTERS,
     CHARACTERS_S,
     TEXT_CHARACTERS,
-    Allowance,
     Output,
+    PrintLimit,
 )
 
 STEP = "x" * 99 + "\n"
@@ -35,7 +35,7 @@ def clock():
 
 
 def test_what_people_print_at_each_step_goes_into_the_log_whole(clock):
-    allowance = Allowance(clock)
+    allowance = PrintLimit(clock)
 
     for _ in range(60):
         clock.now_s += 1.0
@@ -44,7 +44,7 @@ def test_what_people_print_at_each_step_goes_into_the_log_whole(clock):
 
 
 def test_a_flood_is_cut_and_the_log_says_how_much_is_missing(clock):
-    allowance = Allowance(clock)
+    allowance = PrintLimit(clock)
     printed = 0
     log = ""
 
@@ -68,13 +68,13 @@ def test_a_flood_is_cut_and_the_log_says_how_much_is_missing(clock):
 
 
 def test_a_single_long_text_keeps_its_beginning_and_the_end_of_its_line(clock):
-    text = Allowance(clock).admit("z" * (TEXT_CHARACTERS + 5) + "\n")
+    text = PrintLimit(clock).admit("z" * (TEXT_CHARACTERS + 5) + "\n")
 
     assert text == "z" * TEXT_CHARACTERS + " ... (6 more characters are left out)\n"
 
 
 def test_nothing_is_said_where_nothing_is_missing(clock):
-    allowance = Allowance(clock)
+    allowance = PrintLimit(clock)
 
     allowance.admit(STEP)
 
@@ -83,13 +83,13 @@ def test_nothing_is_said_where_nothing_is_missing(clock):
 
 def test_our_own_prints_have_no_limit_and_come_after_what_was_left_out(clock, tmp_path):
     path = tmp_path / "log"
-    output = Output(Allowance(clock))
+    output = Output(PrintLimit(clock))
     with path.open("w") as inner:
         stream = output.stream(inner)
-        output.racer_speaks = True
+        output.limited = True
         for _ in range(40_000):
             stream.write(STEP)
-        output.own_words()
+        output.end_limit()
         for _ in range(20_000):
             stream.write("own\n")
 
@@ -178,7 +178,7 @@ def test_a_line_without_end_written_past_python_is_rotated_as_well(tmp_path):
 def test_a_process_whose_output_is_elsewhere_rotates_nothing(tmp_path):
     log = tmp_path / "sim-0.log"
     log.write_text("somebody else's\n" * 100)
-    output = Output(Allowance())
+    output = Output(PrintLimit())
 
     assert not output.rotate_if_large(log, 10)
     assert logfiles.older_parts(log) == []
