@@ -85,6 +85,7 @@ def add(
         length_m=length,
         replace=force,
     )
+    _say_what_it_hides(facts.name)
     console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)
 
 
@@ -107,4 +108,17 @@ def fetch(
 
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
+    _say_what_it_hides(facts.name)
     console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)
+
+
+def _say_what_it_hides(name: str) -> None:
+    """Tell that a new file takes the place of a built-in track."""
+    from drcli import console
+    from drcli.settings.worlds import built_in
+
+    if name in built_in():
+        console.warn(
+            f"{name} is a built-in track too. From now on the name means your file; remove the "
+            "file to get the built-in track back."
+        )

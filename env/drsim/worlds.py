@@ -79,8 +79,8 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
             - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
               up in `tracks_dir` first, and means what it means without its ending where there is
               no such file at all;
-            - name of one of our own definitions, or of such a file in `tracks_dir`, without its
-              ending;
+            - name of such a file in `tracks_dir` without its ending, or else of one of our own
+              definitions;
             - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
               `reinvent_base` on other ground;
             - one of these names followed by `_cw` or `_ccw`: that world, driven clockwise or
@@ -192,10 +192,10 @@ def _base(world: str) -> str:
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:
-    """The file that defines each world, by name; our own win."""
+    """The file that defines each world, by name; the racer's win over ours."""
     folders = [(_DEFINITIONS, ".json")]
     if tracks_dir is not None:
-        folders += [(tracks_dir, suffix) for suffix in _ROUTE_FILES]
+        folders = [*((tracks_dir, suffix) for suffix in _ROUTE_FILES), *folders]
     return {
         name.removesuffix(suffix): folder / name
         for folder, suffix in reversed(folders)
