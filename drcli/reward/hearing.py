@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.errors import SettingsError
+from drcli.first_step import idle_conditions
 from drcli.reward.statement import (
     FAULTS_FILE,
     HANGS,
@@ -98,7 +99,10 @@ class Hearing:
         else:
             statement = self._ended(code)
         return statement.model_copy(
-            update={"failures": [self._renamed(failure) for failure in statement.failures]}
+            update={
+                "failures": [self._renamed(failure) for failure in statement.failures],
+                "idle": idle_conditions(self._copy.read_text("utf-8", "replace")),
+            }
         )
 
     def close(self) -> None:

@@ -188,6 +188,9 @@ def _habits(trial: Trial) -> Iterator[Remark]:
             "does not mind, for each call gets a fresh copy.",
             "Work on a copy, to be safe elsewhere.",
         )
+    for idle in statement.idle:
+        where = _where(trial, idle.line)
+        yield Remark("first-step", "warning", where, idle.message, idle.remedy)
     yield from _memory(trial)
     for name, line in statement.unknown.items():
         likely = closest(name, [*trial.course.drive.trips[0].calls[0], "waypoints"])

@@ -137,8 +137,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-24",
         "reward",
-        "no `else if`, and no `progress == 1`: progress runs from 0 to 100",
-        "error; warning",
+        "no `else if`; no `progress == 1`: progress runs from 0 to 100; no `steps == 0`, "
+        "`steps == 1` and the like: the first call of an episode has `steps` 2",
+        "error; warning; warning",
     ),
     Rule(
         "V-30",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drcli.first_step import idle_conditions
 from drcli.reward.lint import remarks
 from drcli.reward.statement import Effect, Failure, Growth, Place, Printed, Statement, Timing
 from drcli.reward.trial import Trial
@@ -98,6 +99,15 @@ def test_what_is_put_in_place_of_pythons_own_is_an_error(told):
 
     assert remark.severity == "error"
     assert "in place of math.sqrt, builtins.len." in remark.message
+
+
+def test_waiting_for_a_step_that_never_comes_is_told_with_its_line(told):
+    idle = idle_conditions("def reward_function(params):\n    return params['steps'] == 1\n")
+
+    remark = told(idle=idle)["first-step"]
+
+    assert (remark.severity, remark.where) == ("warning", "mine.py line 2")
+    assert "is never true" in remark.message
 
 
 def test_one_is_counted_as_one(told):

@@ -310,6 +310,13 @@ CASES = (
     ),
     Case(
         "V-24",
+        lambda f: f.reward(reward("return 9.0 if params['steps'] <= 2 else 1.0")),
+        lambda f: f.reward(reward("return 9.0 if params['steps'] == 1 else 1.0")),
+        "warning",
+        ("line 2", "`params['steps'] == 1` is never true", "steps <= 2"),
+    ),
+    Case(
+        "V-24",
         lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "return 1.0")),
         lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "else if True:", "    pass")),
         "error",
