@@ -1,6 +1,9 @@
 """Track geometry on random closed routes and on our own worlds, with shapely as the judge."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -244,3 +247,33 @@ def test_a_step_over_the_finish_line_is_as_short_along_the_line_as_elsewhere(tra
     before, after = track.locate(poses[:, :2]).distance_m
 
     assert (after - before) % track.length_m == pytest.approx(step_m, abs=1e-6)
+
+
+FIGURES = """
+import numpy as np
+from drsim.worlds import known_worlds, load_track
+for name in known_worlds():
+    track = load_track(name)
+    poses = track.pose_at(np.linspace(0.0, track.length_m, 500))
+    print(name, track.length_m.hex(), hash((track.center.tobytes(), poses.tobytes())))
+"""
+"""Prints a line for each of our worlds, which differs if a single bit of its figures does."""
+
+
+def test_our_worlds_are_the_same_numbers_on_a_processor_without_wide_instructions():
+    wide = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+    narrow = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide), "OPENBLAS_CORETYPE": "Nehalem"}
+
+    here, there = (
+        subprocess.run(
+            [sys.executable, "-c", FIGURES],
+            env={**os.environ, "PYTHONHASHSEED": "0", **without},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout.splitlines()
+        for without in ({}, narrow)
+    )
+
+    assert len(here) == len(known_worlds())
+    assert here == there
