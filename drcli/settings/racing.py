@@ -150,6 +150,11 @@ class TrainSettings(Group):
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS", 0, "Finish after so many updates of the policy; 0 never.", low=0
     )
+    train_stop_reward: float | None = setting(
+        "DR_TRAIN_STOP_REWARD",
+        None,
+        "Finish once the mean reward of the last 100 training episodes reaches this; empty never.",
+    )
     train_stop_progress: float = setting(
         "DR_TRAIN_STOP_PROGRESS",
         0.0,

@@ -23,7 +23,7 @@ METADATA = {
 
 def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(workspace):
     workspace.hyperparameters |= {
-        "term_cond_max_episodes": 8,
+        "term_cond_max_episodes": 2,
         "stack_size": 2,
         "exploration_type": "additive_noise",
         "sac_learning_starts": 20,
@@ -37,7 +37,7 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     )
 
     trained = workspace.run("start-training", "--json")
-    workspace.hyperparameters["term_cond_max_episodes"] = 12
+    workspace.hyperparameters["term_cond_max_episodes"] = 3
     (workspace.folder / "custom_files" / "hyperparameters.json").write_text(
         json.dumps(workspace.hyperparameters)
     )

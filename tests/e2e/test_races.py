@@ -15,7 +15,7 @@ REWARD = """    assert len(params["objects_location"]) == 3, params["objects_loc
 
 
 def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files(REWARD)
     obstacles = {
         "DR_RACE_TYPE": "OBJECT_AVOIDANCE",

@@ -48,7 +48,7 @@ def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> Non
 
 
 def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
     assert workspace.run("start-training").returncode == 0
 
