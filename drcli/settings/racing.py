@@ -197,6 +197,7 @@ class EvaluationSettings(Group):
         100,
         "How often a car that left the track is put back before its episode ends.",
         low=0,
+        old_names=("DR_EVAL_NUMBER_OF_RESETS",),
     )
     eval_off_track_penalty: float = setting(
         "DR_EVAL_OFF_TRACK_PENALTY",
