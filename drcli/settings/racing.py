@@ -150,6 +150,11 @@ class TrainSettings(Group):
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS", 0, "Finish after so many updates of the policy; 0 never.", low=0
     )
+    train_stop_reward: float | None = setting(
+        "DR_TRAIN_STOP_REWARD",
+        None,
+        "Finish once the mean reward of the last 100 training episodes reaches this; empty never.",
+    )
     train_stop_progress: float = setting(
         "DR_TRAIN_STOP_PROGRESS",
         0.0,
@@ -192,6 +197,7 @@ class EvaluationSettings(Group):
         100,
         "How often a car that left the track is put back before its episode ends.",
         low=0,
+        old_names=("DR_EVAL_NUMBER_OF_RESETS",),
     )
     eval_off_track_penalty: float = setting(
         "DR_EVAL_OFF_TRACK_PENALTY",

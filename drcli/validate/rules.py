@@ -216,7 +216,8 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-44",
         "hyperparameters",
-        "`term_cond_avg_score` 35000 to 100000, `term_cond_max_episodes` 10000 or more",
+        "`term_cond_max_episodes`, which counts iterations, is 100 or more; `term_cond_avg_score`, "
+        "which has no effect, is one of the usual values",
         "warning",
     ),
     Rule(

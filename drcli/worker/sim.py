@@ -31,7 +31,7 @@ from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.share import EvaluationBudget, Share
-from drcli.worker.trace import csv_text, log_lines, schedule
+from drcli.worker.trace import csv_text, schedule
 from drcli.worker.waiting import CheckpointWaiter
 from drcli.worker.world import (
     actions_of,
@@ -107,6 +107,9 @@ class SimWorker:
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
             s.train_best_model_metric,
+        )
+        self._log = announce.EpisodeLog(
+            worker, self._track.length_m, self._metrics.episodes, self._metrics.evaluated
         )
         self._total_steps = 0
         self._budget = EvaluationBudget(s.train_eval_share)
@@ -266,16 +269,12 @@ class SimWorker:
         schedule(episodes, self._metrics.clock_s)
         self._metrics.add(episodes)
         length_m = self._track.length_m
+        self._log.training(episodes, self._total_steps, iteration, wall_clock[1])
         trace = csv_text(episodes, length_m, wall_clock)
         key = keys.training_trace(
             self._prefix, iteration, worker=self._share.worker, workers=self._share.workers
         )
         self._bucket.put(key, trace.encode())
-        total = self._total_steps
-        for episode in episodes:
-            total += episode.steps
-            print(log_lines(episode, length_m, wall_clock[1]))
-            print(announce.training_line(episode, self._share.worker, total, iteration))
 
     def _publish_evaluation(
         self, name: keys.CheckpointName, episodes: list[Driven], last_episode: int
@@ -292,11 +291,7 @@ class SimWorker:
         self._bucket.put(
             keys.evaluation_result(self._prefix, name.number), json.dumps(result).encode()
         )
-        print(
-            announce.evaluation_lines(
-                list(episodes), self._share.worker, last_episode, self._total_steps, name.number
-            )
-        )
+        self._log.evaluation(episodes, last_episode, self._total_steps, name.number)
 
 
 def _evaluation_trials(job: Job) -> int:

@@ -227,7 +227,7 @@ class Trainer:
             exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
             elapsed_s=self._elapsed_s(),
         )
-        reason = self._goals.reached(self._episodes, [*self._history.records, record])
+        reason = self._goals.reached([*self._history.records, record])
         if reason is not None:
             self._mark_end(reason)
         self._publish(record)
@@ -319,7 +319,7 @@ class Trainer:
         return self._elapsed_before_s + time.monotonic() - self._started
 
     def _reason_to_end(self) -> str | None:
-        return self._goals.reached(self._episodes, self._history.records)
+        return self._goals.reached(self._history.records)
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers, wherever they run, to drive no further iteration."""

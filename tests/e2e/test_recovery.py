@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_killed_processes_are_replaced_and_the_training_ends_as_if_nothing_had_happened(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 40
+    workspace.hyperparameters["term_cond_max_episodes"] = 10
     workspace.write_custom_files()
     training = workspace.start("start-training", "--json")
 
@@ -76,14 +76,14 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
 
 
 def test_a_truncated_checkpoint_is_passed_over_and_said(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 8
+    workspace.hyperparameters["term_cond_max_episodes"] = 2
     workspace.write_custom_files()
     assert workspace.run("start-training").returncode == 0
     model = workspace.model / "model"
     newest = (model / ".coach_checkpoint").read_text()
     weights = model / f"{newest}.safetensors"
     weights.write_bytes(weights.read_bytes()[:1000])
-    workspace.hyperparameters["term_cond_max_episodes"] = 12
+    workspace.hyperparameters["term_cond_max_episodes"] = 3
     workspace.write_custom_files()
 
     resumed = workspace.run("start-training", "--resume", "--json")

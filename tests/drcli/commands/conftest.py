@@ -72,7 +72,7 @@ class PaperRun:
         job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
-        return RunPlan(job, Inputs(*files), self.warnings, None, wiped=self.wiped)
+        return RunPlan(job, Inputs(*files), self.warnings, None, "Ends some day.", wiped=self.wiped)
 
     def launch(self, plan: RunPlan) -> int:
         self.asked.append("launch")

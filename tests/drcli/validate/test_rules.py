@@ -482,10 +482,10 @@ CASES = (
     ),
     Case(
         "V-44",
-        lambda f: f.hyperparameters(term_cond_avg_score=35_000, term_cond_max_episodes=100_000),
-        lambda f: f.hyperparameters(term_cond_avg_score=350.0),
+        lambda f: f.hyperparameters(term_cond_avg_score=350.0, term_cond_max_episodes=1000),
+        lambda f: f.hyperparameters(term_cond_avg_score=500.0),
         "warning",
-        ("term_cond_avg_score=350", "Write 100000"),
+        ("term_cond_avg_score=500", "DR_TRAIN_STOP_REWARD"),
     ),
     Case(
         "V-45",
