@@ -107,6 +107,7 @@ class SimWorker:
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
             s.train_best_model_metric,
+            self._share,
         )
         self._log = announce.EpisodeLog(
             worker, self._track.length_m, self._metrics.episodes, self._metrics.evaluated
@@ -161,7 +162,7 @@ class SimWorker:
     def _iterate(self, iteration: int, name: keys.CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish everything about it."""
         numbers = self._share.numbers(iteration)
-        self._metrics.keep_before(numbers.start)
+        self._metrics.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         training: list[Driven] = []
         evaluation: list[Driven] = []
@@ -216,7 +217,7 @@ class SimWorker:
             if self._warm:  # the first iteration may have compiled, which is nobody's share
                 self._budget.spend(share * (time.time() - begin))
             evaluation.sort(key=lambda episode: episode.number)
-            self._publish_evaluation(name, evaluation, numbers.stop)
+            self._publish_evaluation(iteration, name, evaluation, numbers.stop)
         self._warm = True
 
     def _evaluates(self, name: keys.CheckpointName) -> bool:
@@ -267,7 +268,7 @@ class SimWorker:
     ) -> None:
         episodes.sort(key=lambda episode: episode.number)
         schedule(episodes, self._metrics.clock_s)
-        self._metrics.add(episodes)
+        self._metrics.add(iteration, episodes)
         length_m = self._track.length_m
         self._log.training(episodes, self._total_steps, iteration, wall_clock[1])
         trace = csv_text(episodes, length_m, wall_clock)
@@ -277,10 +278,14 @@ class SimWorker:
         self._bucket.put(key, trace.encode())
 
     def _publish_evaluation(
-        self, name: keys.CheckpointName, episodes: list[Driven], last_episode: int
+        self,
+        iteration: int,
+        name: keys.CheckpointName,
+        episodes: list[Driven],
+        last_episode: int,
     ) -> None:
         schedule(episodes, self._metrics.clock_s)
-        self._metrics.add([], episodes)
+        self._metrics.add(iteration, [], episodes)
         result = {
             "checkpoint": str(name),
             "progress": [float(e.progress) for e in episodes],

@@ -1,8 +1,8 @@
 """Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,19 @@ class Track:
         """Make the arrays read-only: every car of a simulation shares them."""
         for line in (self.center, self.inner, self.outer):
             line.flags.writeable = False
+
+    def __deepcopy__(self, _: dict[int, Any]) -> "Track":
+        """Itself: nothing can change it."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields; what follows from them is worked out again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the arrays read-only in a copy, too."""
+        self.__dict__.update(state)
+        self.__post_init__()
 
     @cached_property
     def length_m(self) -> float:

@@ -27,7 +27,12 @@ def traces(run: str) -> Path:
 
 
 def route(world: str):
-    return load_track(str(SHARED / "tracks" / f"{world}.npy"))
+    file = SHARED / "tracks" / f"{world}.npy"
+    if not file.is_file():
+        pytest.skip(
+            f"there is no folder of reference routes with {world}.npy beside the repository"
+        )
+    return load_track(str(file))
 
 
 @pytest.mark.parametrize(("run", "world"), RUNS)

@@ -95,22 +95,39 @@ def test_two_trainings_cannot_share_a_prefix(workspace):
     assert workspace.status()["state"] == "stopped"
 
 
-def test_two_workers_share_the_episodes(workspace, log_guru):
-    workspace.write_run_env(DR_WORKERS=2)
+def test_three_workers_share_episodes_that_do_not_divide_evenly(workspace, log_guru):
+    workspace.write_run_env(DR_WORKERS=3)
 
     trained = workspace.run("start-training", "--json")
 
     assert trained.returncode == 0, trained.stderr + workspace.logs()
     model = workspace.model
-    assert (model / "metrics" / "TrainingMetrics_1.json").exists()
-    for worker in (0, 1):
-        traces = model / str(worker) / "training-simtrace"
-        assert len(list(traces.glob("*-iteration.csv"))) == 3
     history = json.loads(trained.stdout.splitlines()[-1])["history"]
     assert [r["episodes"] for r in history] == [4, 4, 4]
-    logs = [log_guru(workspace.log(f"sim-{worker}")) for worker in (0, 1)]
-    assert [len(reading.episodes) for reading in logs] == [6, 6]
+    logs = [log_guru(workspace.log(f"sim-{worker}")) for worker in range(3)]
+    assert [len(reading.episodes) for reading in logs] == [6, 3, 3]
     assert [len(reading.evaluations) for reading in logs] == [
         sum(bool(r["evaluation_progress"]) for r in history),
         0,
+        0,
     ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from deepracer.logs import DeepRacerLog
+        from deepracer.logs.metrics import TrainingMetrics
+
+        log = DeepRacerLog(model_folder=str(model))
+        log.load()
+        traces = log.dataframe()
+        metrics = TrainingMetrics("none", region="us-east-1")
+        for worker, file in enumerate(
+            ["TrainingMetrics", "TrainingMetrics_1", "TrainingMetrics_2"]
+        ):
+            metrics.addRound("", fname=str(model / "metrics" / f"{file}.json"), worker=worker)
+    for worker, share in enumerate([2, 1, 1]):
+        mine = traces[traces["worker"] == worker]
+        assert [mine[mine["iteration"] == n]["episode"].nunique() for n in range(3)] == [share] * 3
+        records = metrics.getTraining()
+        records = records[records["worker"] == worker]
+        assert [(records["iteration"] == n).sum() for n in range(3)] == [share] * 3
+    assert sorted(traces["unique_episode"].unique()) == list(range(12))
