@@ -55,13 +55,13 @@ class Idle:
         return f"Write `steps <= {FIRST}` for the first call of an episode."
 
 
-def idle_conditions(text: str) -> list[Idle]:
+def idle_conditions(text: str | bytes) -> list[Idle]:
     """The comparisons of `steps` with a number that come out the same in every call, by line.
 
     Guards against a division by nothing, such as `steps > 0`, are none of them.
 
     Args:
-        text: A reward function; one that is no Python has no conditions.
+        text: A reward function, or the bytes of its file; what is no Python has no conditions.
     """
     try:
         with warnings.catch_warnings():

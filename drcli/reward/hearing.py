@@ -60,7 +60,7 @@ class Hearing:
         self._file = file
         self._questions = questions
         try:
-            content = file.read_bytes()
+            self._content = file.read_bytes()
         except OSError as error:
             raise SettingsError(
                 f"{file}: the reward function cannot be read: {error.strerror}.",
@@ -70,7 +70,7 @@ class Hearing:
         folder = Path(self._folder.name)
         # A training works on a copy too: a function finds the same beside its file.
         self._copy = folder / "reward_function.py"
-        self._copy.write_bytes(content)
+        self._copy.write_bytes(self._content)
         order = Order(
             file=str(self._copy),
             sequences=[[dict(call) for call in calls] for calls in questions.sequences],
@@ -101,7 +101,7 @@ class Hearing:
         return statement.model_copy(
             update={
                 "failures": [self._renamed(failure) for failure in statement.failures],
-                "idle": idle_conditions(self._copy.read_text("utf-8", "replace")),
+                "idle": idle_conditions(self._content),
             }
         )
 

@@ -154,6 +154,7 @@ def _facts(info: WorldInfo) -> TrackFacts:
         closed=info.direction != "open",
         direction=info.direction,
         waypoints=info.waypoints,
+        repeated=info.repeated,
         spacing_m=round(info.spacing_m, 3),
         line_family=info.line_family,
         source=info.source,

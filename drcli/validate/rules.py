@@ -117,7 +117,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-21",
         "reward",
-        "it works, within 5 s a call, on the road, on the start line, after half a lap, off "
+        "it works, within 5 s a call, on the start line, on the road, after half a lap, off "
         "the track and at the finish of your track, and at 155 places more",
         "error",
     ),

@@ -146,6 +146,17 @@ def test_what_is_no_python_or_too_deep_has_no_conditions(text):
     assert idle_conditions(text) == []
 
 
+@pytest.mark.parametrize(
+    ("mark", "encoding"), [("", "utf-8-sig"), ("# coding: latin-1\n# \u00fc\n", "latin-1")]
+)
+def test_files_are_read_in_the_encoding_that_python_takes_them_for(mark, encoding):
+    text = f"{mark}def reward_function(params):\n    return params['steps'] == 0\n"
+
+    assert [idle.text for idle in idle_conditions(text.encode(encoding))] == [
+        "params['steps'] == 0"
+    ]
+
+
 def test_no_example_waits_for_a_step_that_never_comes():
     files = sorted(DEFAULTS.rglob("reward_function.py"))
 

@@ -129,7 +129,8 @@ def reference_waypoints(rows: np.ndarray, points: np.ndarray) -> tuple[np.ndarra
     line = (shapely.LinearRing if closed else shapely.LineString)(rows[:, :2])
     at = [*shapely.line_locate_point(line, shapely.points(rows[:-1, :2]), normalized=True), 1.0]
     places = shapely.line_locate_point(line, shapely.points(points), normalized=True)
-    following = np.array([bisect.bisect_right(at, place) for place in places])
+    # At a waypoint itself the two projections may differ by rounding.
+    following = np.array([bisect.bisect_right(at, place + 1e-12) for place in places])
     previous, following = following - 1, following % len(at)
     to_previous_m, to_next_m = (
         np.hypot(*(rows[numbers, :2] - points).T) for numbers in (previous, following)

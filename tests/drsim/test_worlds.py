@@ -159,8 +159,17 @@ def test_a_route_file_is_described_by_its_numbers(tmp_path):
     assert info.length_m == 16.0
     assert info.width_m == pytest.approx(3 * (5**0.5,))  # between two corners
     assert (info.direction, info.waypoints, info.spacing_m) == ("clockwise", 5, 4.0)
+    assert info.repeated == []
     assert (info.line_family, info.source) == ("out", path)
     assert (info.difficulty, info.about) == (None, "")
+
+
+def test_waypoints_that_repeat_the_one_before_are_named(tmp_path):
+    saved(tmp_path, square_rows()[[0, 0, 1, 2, 2, 2, 3, 4]])
+
+    info = describe("mine", tmp_path)
+
+    assert (info.waypoints, info.repeated, info.spacing_m) == (8, [1, 4, 5], 4.0)
 
 
 def test_a_world_of_ours_is_described_in_words_too():

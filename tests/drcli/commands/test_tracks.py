@@ -139,7 +139,10 @@ def test_shown_and_listed_are_the_waypoints_of_the_file_repeated_ones_included(
 
     _, added, _ = run(capsys, "add", str(working_folder / "mine.npy"), "--json")
     _, shown, _ = run(capsys, "show", "mine", "--json")
+    _, words, _ = run(capsys, "show", "mine")
 
+    assert f"{len(rows) + 1} waypoints, 0.20 m apart; 8 repeats 7" in words
+    assert report(added)["repeated"] == [8]
     assert report(added)["waypoints"] == len(rows) + 1
     assert report(shown)["facts"]["waypoints"] == len(rows) + 1
     assert len(np.load(working_folder / "tracks" / "mine.npy")) == len(rows) + 1
