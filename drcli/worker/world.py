@@ -7,6 +7,7 @@ from typing import Literal
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.model_metadata import ModelMetadata
+from drcli.settings.worlds import remedy
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drsim.actions import Actions, ContinuousActions, DiscreteActions
@@ -36,8 +37,7 @@ def load_world(settings: Settings) -> Track:
         where = settings.source("DR_WORLD_NAME")
         raise SettingsError(
             f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
-            remedy="Correct the name; `dr-tracks list` tells what there is, `dr-tracks fetch` and "
-            "`dr-tracks add` bring more.",
+            remedy=remedy(settings),
         ) from None
 
 
