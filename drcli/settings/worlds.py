@@ -45,6 +45,10 @@ COMMUNITY = frozenset(
 """Worlds of the reference simulator, version 6, each with a route file of its name."""
 
 
+NOT_YET = "is a track of the community and not here yet"
+"""What is said of a track that can be fetched."""
+
+
 def built_in() -> list[str]:
     """Tracks that come with the simulation; none where it is not installed."""
     spec = find_spec("drsim")
@@ -81,7 +85,7 @@ def is_here(settings: "Settings") -> bool:
 def missing(settings: "Settings") -> Iterator[Finding]:
     """The tracks that are neither here nor the community's, each place that names one once."""
     for chosen in _absent(settings):
-        if _name(chosen) not in COMMUNITY:
+        if not can_be_fetched(chosen):
             yield Finding(
                 chosen.source("DR_WORLD_NAME"),
                 f"DR_WORLD_NAME={shown(chosen.world_name)} is no track that is here",
@@ -92,18 +96,24 @@ def missing(settings: "Settings") -> Iterator[Finding]:
 def fetchable(settings: "Settings") -> Iterator[Finding]:
     """The tracks of the community that are not here yet, each place that names one once."""
     for chosen in _absent(settings):
-        if _name(chosen) in COMMUNITY:
+        if can_be_fetched(chosen):
             yield Finding(
                 chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} is a track of the community and not here yet",
+                f"DR_WORLD_NAME={chosen.world_name} {NOT_YET}",
                 remedy(chosen),
             )
 
 
 def to_fetch(settings: "Settings") -> list[str]:
     """Names of the community's tracks that a start has to fetch first."""
-    names = [_name(chosen) for chosen in _absent(settings)]
-    return list(dict.fromkeys(name for name in names if name in COMMUNITY))
+    return list(
+        dict.fromkeys(_name(chosen) for chosen in _absent(settings) if can_be_fetched(chosen))
+    )
+
+
+def can_be_fetched(settings: "Settings") -> bool:
+    """Whether the track of some settings is the community's and not here."""
+    return _name(settings) in COMMUNITY and not is_here(settings)
 
 
 def remedy(settings: "Settings") -> str:
