@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.worker.trace import Episode, Phase, training_record
+from drcli.worker.trace import Episode, training_record
 
 VERSION = 2.0
 """Version of the file's format. Source: the reference simulator."""
@@ -22,16 +22,6 @@ class TrainingMetrics:
         self._records: list[dict[str, Any]] = []
         with contextlib.suppress(ObjectMissing):
             self._records = json.loads(bucket.get(key))["metrics"]
-
-    @property
-    def episodes(self) -> int:
-        """Number of training episodes so far."""
-        return self._last("training")
-
-    @property
-    def evaluated(self) -> int:
-        """Number of training episodes that there were at the last evaluation."""
-        return self._last("evaluation")
 
     @property
     def clock_s(self) -> float:
@@ -67,6 +57,3 @@ class TrainingMetrics:
             "best_model_metric": self._best_model_metric,
         }
         self._bucket.put(self._key, json.dumps(file).encode())
-
-    def _last(self, phase: Phase) -> int:
-        return max((r["episode"] for r in self._records if r["phase"] == phase), default=0)
