@@ -41,6 +41,7 @@ OURS = {
         "drcli.job",
         "drcli.hyperparameters",
         "drcli.model_metadata",
+        "drcli.settings.worlds",
         "drcli.validate.report",
         "drsim",
     },
@@ -84,6 +85,7 @@ OURS = {
         "drcli.textfile",
         "drcli.settings.effects",
         "drcli.settings.inspection",
+        "drcli.settings.worlds",
     },
 }
 """Modules of ours that a package may import."""

@@ -45,13 +45,12 @@ def show(
     from drcli import console, views_tracks
     from drcli.errors import SettingsError
     from drcli.findings import shown
-    from drcli.settings.worlds import ROUTE_FILES, missing
+    from drcli.settings.worlds import ROUTE_FILES, is_here, remedy
     from drcli.tracks.folder import MAP_COLUMNS, show_track
 
     wanted = settings().replaced(world_name=name, overrides=())
-    fault = None if name.endswith(ROUTE_FILES) else next(missing(wanted), None)
-    if fault is not None:
-        raise SettingsError(f"There is no track {shown(name)} here.", remedy=fault.remedy)
+    if not name.endswith(ROUTE_FILES) and not is_here(wanted):
+        raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
     view = show_track(name, wanted.tracks_folder, png, columns=columns)
     console.emit(view, views_tracks.track(view), as_json=as_json)

@@ -14,7 +14,7 @@ from drcli.settings.former import FORMER
 from drcli.settings.layers import Layers
 from drcli.settings.model import Settings, catalogue
 from drcli.settings.secrets import hidden
-from drcli.settings.worlds import missing
+from drcli.settings.worlds import fetchable, missing
 
 
 @dataclass(frozen=True)
@@ -170,6 +170,7 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
         return Check(str(directory), error.findings, error.warnings)
     known = remainder(settings)  # told in full right here
     warnings = tuple(text for text in settings.warnings if text != known)
+    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
     return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
 
 

@@ -32,6 +32,11 @@ class RaceSettings(Group):
         "https://raw.githubusercontent.com/aws-deepracer-community/deepracer-simapp/HEAD/bundle/routes",
         "Where `dr-tracks fetch` gets route files from.",
     )
+    tracks_fetch: Literal["ask", "always", "never"] = setting(
+        "DR_TRACKS_FETCH",
+        "ask",
+        "Whether a start fetches a track of the community that is not here; ask needs a terminal.",
+    )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(
         "DR_CAR_BODY_SHELL_TYPE", "deepracer", "Body of the car.", ignored=_VIDEO

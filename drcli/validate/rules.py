@@ -52,7 +52,8 @@ RULES: tuple[Rule, ...] = (
         "V-05",
         "settings",
         "`DR_WORLD_NAME` is exactly the name of a track that is there",
-        "error with the closest names",
+        "error with the closest names; a track of the community that is not here yet: note, and a "
+        "start offers to fetch it (`DR_TRACKS_FETCH`)",
     ),
     Rule(
         "V-06",
@@ -78,7 +79,7 @@ RULES: tuple[Rule, ...] = (
         "bucket",
         "nothing lies under `DR_LOCAL_S3_MODEL_PREFIX`; a model whose name only begins alike "
         "is no matter",
-        "error",
+        "note; a start without `-w` or `--resume` refuses",
     ),
     Rule(
         "V-10",
@@ -260,8 +261,9 @@ DeepRacer on AWS as well.
 _TAIL = """
 ## Report
 
-Errors first, then warnings, each with its rule, place, value and remedy. Exit code 0 without
-errors, 3 with errors, 0 with `--force`. A training need not run; where the bucket is broken or
+Errors first, then warnings, then notes, each with its rule, place, value and remedy. A note is no
+fault: it says what a start has to be told. Exit code 0 without errors, 3 with errors, 0 with
+`--force`. A training need not run; where the bucket is broken or
 files are missing, that is reported and all other rules are tried. Your reward function runs in a
 process of its own.
 
@@ -269,10 +271,10 @@ process of its own.
 
 | key | value |
 | --- | --- |
-| `ok` | whether a training could start |
+| `ok` | whether nothing is wrong: a training could start, told what the notes ask for |
 | `directory` | the working folder; places inside it are named from there |
 | `console_compatible` | whether `--console-compatible` was given |
-| `errors`, `warnings` | lists of `{"rule", "severity", "where", "message", "remedy"}` |
+| `errors`, `warnings`, `notes` | lists of `{"rule", "severity", "where", "message", "remedy"}` |
 | `skipped` | list of `{"rules", "reason"}`: what could not be tried |
 """
 

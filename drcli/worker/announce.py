@@ -12,6 +12,9 @@ EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg T
 """What stands before the reward of an evaluation episode. The rate is 0.0 in the reference whatever
 the laps are, and log-guru knows the line with that number only."""
 
+OWN_LINE = ""
+"""Stands before lines that must begin one: a reward function may have printed half a line."""
+
 
 def start_lines(
     settings: Settings, metadata: ModelMetadata, hyperparameters: Hyperparameters, job_type: str
@@ -42,79 +45,67 @@ def start_lines(
     )
 
 
-class EpisodeLog:
-    """Prints what a simulation worker drove, so that log-guru reads each episode once.
+def training_lines(
+    episodes: Sequence[Episode],
+    worker: int,
+    track_length_m: float,
+    total_steps: int,
+    iteration: int,
+    wall_clock: float,
+) -> str:
+    """The training episodes of an iteration.
 
-    It stops at an episode number that it has seen before, and every evaluation begins another
-    iteration there. So what is driven again, after a stop or where rollouts were lost, is not
-    printed again.
+    log-guru stops at an episode number that it has seen before, so what is driven again, after a
+    stop or where rollouts were lost, must not be printed again.
 
     Args:
+        episodes: In the order of their numbers.
         worker: Number of the worker, from 0.
         track_length_m: Length of the centre line.
-        episodes: How many training episodes earlier processes of this training have printed.
-        evaluated: How many there were when the last evaluation was printed.
+        total_steps: Steps driven before them.
+        iteration: Number of the iteration.
+        wall_clock: Unix seconds when they were driven.
     """
+    lines = [OWN_LINE]
+    for episode in episodes:
+        total_steps += episode.steps
+        lines += [
+            log_lines(episode, track_length_m, wall_clock),
+            f"Training> Name=main_level/agent, Worker={worker}, Episode={episode.number + 1}, "
+            f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
+            f"Training iteration={iteration}",
+        ]
+    return "\n".join(lines)
 
-    def __init__(self, worker: int, track_length_m: float, episodes: int, evaluated: int) -> None:
-        self._worker = worker
-        self._track_length_m = track_length_m
-        self._episodes = episodes
-        self._evaluated = evaluated
 
-    def training(
-        self, episodes: Sequence[Episode], total_steps: int, iteration: int, wall_clock: float
-    ) -> None:
-        """Print the training episodes of an iteration.
+def evaluation_lines(
+    episodes: Sequence[Episode], worker: int, last_episode: int, total_steps: int, iteration: int
+) -> str:
+    """The evaluation of one checkpoint during training; each begins an iteration for log-guru.
 
-        Args:
-            episodes: In the order of their numbers.
-            total_steps: Steps driven before them.
-            iteration: Number of the iteration.
-            wall_clock: Unix seconds when they were driven.
-        """
-        print()  # a reward function may have printed something without ending its line
-        for episode in episodes:
-            total_steps += episode.steps
-            if episode.number < self._episodes:
-                continue
-            self._episodes = episode.number + 1
-            print(log_lines(episode, self._track_length_m, wall_clock))
-            print(
-                f"Training> Name=main_level/agent, Worker={self._worker}, "
-                f"Episode={episode.number + 1}, Total reward={episode.reward:.2f}, "
-                f"Steps={total_steps}, Training iteration={iteration}"
-            )
-
-    def evaluation(
-        self, episodes: Sequence[Episode], last_episode: int, total_steps: int, iteration: int
-    ) -> None:
-        """Print the evaluation of one checkpoint during training.
-
-        Args:
-            episodes: In the order of their numbers.
-            last_episode: Number of training episodes so far.
-            total_steps: Steps driven until then.
-            iteration: Number of the checkpoint.
-        """
-        if last_episode <= self._evaluated:
-            return
-        self._evaluated = last_episode
-        print("\n## agent: Starting evaluation phase")
-        for episode in episodes:
-            print(
-                f"Testing> Name=main_level/agent, Worker={self._worker}, Episode={last_episode}, "
-                f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
-                f"Training iteration={iteration}"
-            )
-            print(f"{EVALUATION_END}{episode.reward:.2f}")
-        progress = [float(episode.progress) for episode in episodes]
-        print(
-            f"[BestModelSelection] Number of evaluations: {len(progress)} "
-            f"Evaluation episode progress: {progress}"
-        )
-        mean = sum(progress) / len(progress)
-        print(f"[BestModelSelection] Evaluation episode progress mean: {mean}")
+    Args:
+        episodes: In the order of their numbers.
+        worker: Number of the worker, from 0.
+        last_episode: Number of training episodes so far.
+        total_steps: Steps driven until then.
+        iteration: Number of the checkpoint.
+    """
+    lines = [OWN_LINE, "## agent: Starting evaluation phase"]
+    for episode in episodes:
+        lines += [
+            f"Testing> Name=main_level/agent, Worker={worker}, Episode={last_episode}, "
+            f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
+            f"Training iteration={iteration}",
+            f"{EVALUATION_END}{episode.reward:.2f}",
+        ]
+    progress = [float(episode.progress) for episode in episodes]
+    mean = sum(progress) / len(progress)
+    lines += [
+        f"[BestModelSelection] Number of evaluations: {len(progress)} "
+        f"Evaluation episode progress: {progress}",
+        f"[BestModelSelection] Evaluation episode progress mean: {mean}",
+    ]
+    return "\n".join(lines)
 
 
 def epoch_line(surrogate: float, kl: float, entropy: float, epoch: int, lr: float) -> str:

@@ -44,17 +44,6 @@ class TrainingMetrics:
             record["episode"] = self._number(record["iteration"], record["trial"])
 
     @property
-    def episodes(self) -> int:
-        """Number of training episodes so far."""
-        return sum(r["phase"] == "training" for r in self._records)
-
-    @property
-    def evaluated(self) -> int:
-        """Number of training episodes that there were at the last evaluation."""
-        last = max((r["iteration"] for r in self._records if r["phase"] != "training"), default=-1)
-        return sum(r["phase"] == "training" and r["iteration"] <= last for r in self._records)
-
-    @property
     def clock_s(self) -> float:
         """Simulation clock after the last episode, seconds."""
         return max((r["metric_time"] for r in self._records), default=0) / 1000.0

@@ -109,9 +109,6 @@ class SimWorker:
             s.train_best_model_metric,
             self._share,
         )
-        self._log = announce.EpisodeLog(
-            worker, self._track.length_m, self._metrics.episodes, self._metrics.evaluated
-        )
         self._total_steps = 0
         self._budget = EvaluationBudget(s.train_eval_share)
         self._lag = int(overlaps(s))
@@ -120,6 +117,7 @@ class SimWorker:
         self._drives = 0
         self._warm = False
         self._driven_steps = 0
+        self._driven_before = False
         self._handed_in_s = time.monotonic()
         self._waiter = CheckpointWaiter(
             self._bucket,
@@ -270,11 +268,17 @@ class SimWorker:
         schedule(episodes, self._metrics.clock_s)
         self._metrics.add(iteration, episodes)
         length_m = self._track.length_m
-        self._log.training(episodes, self._total_steps, iteration, wall_clock[1])
         trace = csv_text(episodes, length_m, wall_clock)
         key = keys.training_trace(
             self._prefix, iteration, worker=self._share.worker, workers=self._share.workers
         )
+        self._driven_before = self._bucket.exists(key)
+        if not self._driven_before:  # else they are in the log already
+            worker, steps = self._share.worker, self._total_steps
+            lines = announce.training_lines(
+                episodes, worker, length_m, steps, iteration, wall_clock[1]
+            )
+            print(lines)
         self._bucket.put(key, trace.encode())
 
     def _publish_evaluation(
@@ -293,10 +297,11 @@ class SimWorker:
             "lap_s": [float(e.duration_s) for e in episodes if e.completed],
             "clock_s": self._metrics.clock_s,
         }
-        self._bucket.put(
-            keys.evaluation_result(self._prefix, name.number), json.dumps(result).encode()
-        )
-        self._log.evaluation(episodes, last_episode, self._total_steps, name.number)
+        key = keys.evaluation_result(self._prefix, name.number)
+        if not (self._driven_before and self._bucket.exists(key)):  # as above
+            worker, steps = self._share.worker, self._total_steps
+            print(announce.evaluation_lines(episodes, worker, last_episode, steps, name.number))
+        self._bucket.put(key, json.dumps(result).encode())
 
 
 def _evaluation_trials(job: Job) -> int:

@@ -75,7 +75,7 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     assert "optimizer starts afresh" not in elsewhere.log("trainer")
 
 
-def test_a_truncated_checkpoint_is_passed_over_and_said(workspace):
+def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, log_guru):
     workspace.hyperparameters["term_cond_max_episodes"] = 2
     workspace.write_custom_files()
     assert workspace.run("start-training").returncode == 0
@@ -91,6 +91,8 @@ def test_a_truncated_checkpoint_is_passed_over_and_said(workspace):
     assert resumed.returncode == 0, resumed.stderr
     assert f"Passed over {newest}" in workspace.log("trainer")
     assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 3
+    # The second iteration was driven twice, and log-guru stops at an episode that comes again.
+    assert len(log_guru(workspace.log("sim-0")).episodes) == 12
 
 
 def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):

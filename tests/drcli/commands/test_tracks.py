@@ -3,6 +3,7 @@
 import http.server
 import json
 import socket
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 
 from drcli.cli import main
+from drcli.commands.bringing import bring_tracks
+from drcli.config import load_settings
+from drcli.errors import Aborted, StorageError
 from drcli.tracks import fetch, folder
 from drsim.errors import TrackError
 from drsim.worlds import load_track
@@ -398,3 +402,102 @@ def test_a_server_that_does_not_speak_http_is_named(working_folder, capsys, monk
     assert code == 4
     assert "cannot be reached" in words
     assert "Traceback" not in words
+
+
+@pytest.fixture
+def needs(web, working_folder, monkeypatch):
+    """Settings that name a track of the community, which a server has."""
+    offers, address = web
+    track = load_track("reinvent_base")
+    save = working_folder / "route.npy"
+    np.save(save, np.hstack([track.center, track.inner, track.outer]))
+    offers["/routes/Spain_track.npy"] = save.read_bytes()
+
+    def load(fetches: str, world: str = "Spain_track"):
+        (working_folder / "run.env").write_text(
+            f"DR_WORLD_NAME={world}\nDR_TRACKS_URL={address}\nDR_TRACKS_FETCH={fetches}\n"
+        )
+        return load_settings(working_folder, environ={})
+
+    return load
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Somebody who sits there and answers."""
+
+    def answer(text: str) -> None:
+        monkeypatch.setattr("drcli.asking.may_ask", lambda: True)
+        monkeypatch.setattr(
+            sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: text)
+        )
+
+    return answer
+
+
+def test_a_start_fetches_a_track_of_the_community_where_the_setting_says_so(
+    needs, working_folder, capsys
+):
+    settings = needs("always")
+
+    bring_tracks(settings)
+    bring_tracks(settings)  # it is here now
+
+    assert (working_folder / "tracks" / "Spain_track.npy").exists()
+    assert capsys.readouterr().err.count("Fetched Spain_track: 17.") == 1
+
+
+def test_a_start_asks_on_a_terminal_before_it_fetches(needs, working_folder, terminal, capsys):
+    terminal("y\n")
+
+    bring_tracks(needs("ask"))
+
+    assert "Fetch it now? [y/N]" in capsys.readouterr().err
+    assert (working_folder / "tracks" / "Spain_track.npy").exists()
+
+
+def test_who_says_no_fetches_nothing(needs, working_folder, terminal):
+    terminal("\n")
+
+    with pytest.raises(Aborted):
+        bring_tracks(needs("ask"))
+
+    assert not (working_folder / "tracks").exists()
+
+
+@pytest.mark.parametrize("fetches", ["ask", "never"])
+def test_without_a_terminal_or_against_the_setting_nothing_is_fetched(
+    needs, working_folder, capsys, fetches
+):
+    bring_tracks(needs(fetches))
+
+    assert not (working_folder / "tracks").exists()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_start_that_reaches_no_server_names_the_command_that_fetches(
+    needs, working_folder, monkeypatch
+):
+    monkeypatch.setenv("no_proxy", "*")
+    settings = needs("always").replaced(tracks_url="http://127.0.0.1:9/routes")
+
+    with pytest.raises(StorageError) as error:
+        bring_tracks(settings)
+
+    assert "`dr-tracks fetch Spain_track`" in error.value.remedy
+
+
+def test_a_start_refuses_a_track_of_the_community_that_nobody_fetched(
+    needs, working_folder, capsys
+):
+    needs("ask")
+    code = 0
+    try:
+        main(["start-training", "-q"])
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+
+    words = capsys.readouterr().err
+    assert code == 3
+    assert "Spain_track" in words
+    assert "`dr-tracks fetch Spain_track`" in words

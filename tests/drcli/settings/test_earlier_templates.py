@@ -13,7 +13,7 @@ ALL_NAMES = Path(__file__).resolve().parents[4] / "shared" / "spec" / "drfc-vari
 
 RUN_2020 = {
     "DR_RUN_ID": "0",
-    "DR_WORLD_NAME": "reinvent_base",
+    "DR_WORLD_NAME": "LGSWide",
     "DR_CHANGE_START_POSITION": "True",
     "DR_ALTERNATE_DRIVING_DIRECTION": "False",
     "DR_RACE_TYPE": "TIME_TRIAL",
@@ -85,7 +85,8 @@ def test_a_folder_of_earlier_years_is_accepted_and_nothing_in_it_is_unknown(fold
     report = check_settings(folder.path, environ={})
 
     assert report.errors == ()
-    assert not [text for text in report.warnings if "is the old name of" not in text]
+    expected = ("is the old name of", "LGSWide is a track of the community and not here yet")
+    assert not [text for text in report.warnings if not any(part in text for part in expected)]
     idle = {name for group in report.without_effect for name in group.names}
     assert {*RUN_2020, *SYSTEM_2021} <= idle | set(catalogue()) | set(old_names())
 

@@ -352,7 +352,7 @@ def test_programs_read_keys_that_stay(folder, dr, capsys):
 
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == [
-        *("directory", "console_compatible", "errors", "warnings", "skipped", "ok"),
+        *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "ok"),
     ]
     assert (printed["ok"], printed["console_compatible"]) == (True, True)
     assert printed["warnings"] == [

@@ -128,6 +128,13 @@ CASES = (
         ("run.env line 1", "DR_WORLD_NAME=reinvent_bas", "reinvent_base"),
     ),
     Case(
+        "V-05",
+        lambda f: f.settings(DR_WORLD_NAME="reinvent_base_cw"),
+        lambda f: f.settings(DR_WORLD_NAME="reInvent2019_track"),
+        "note",
+        ("run.env line 1", "a track of the community", "`dr-tracks fetch reInvent2019_track`"),
+    ),
+    Case(
         "V-06",
         lambda f: f.settings(DR_HOST_X="False"),
         lambda f: f.settings(DR_HOST_X="True", DR_SAGEMAKER_CUDA_DEVICES="0"),
@@ -166,8 +173,8 @@ CASES = (
         "V-09",
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
-        "error",
-        ("Selected path s3://bucket/model-1 exists. Delete it, or use -w option.", "Replace it"),
+        "note",
+        ("There is a model at s3://bucket/model-1.", "Replace it"),
     ),
     Case(
         "V-10",

@@ -9,7 +9,7 @@ import pytest
 from drcli.config import load_settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
-from drcli.worker.announce import EpisodeLog, start_lines
+from drcli.worker.announce import evaluation_lines, start_lines, training_lines
 from drcli.worker.trace import Episode, Row
 
 METADATA = {
@@ -31,7 +31,7 @@ ROW = Row(1, 1.0, 2.0, 3.0, 20.0, 1.5, "1", 0.5, False, True, 5.0, 7, "in_progre
 
 
 @pytest.fixture
-def started(tmp_path, capsys):
+def started(tmp_path):
     """The first lines of a simulation log."""
 
     def start(race_type: str = "TIME_TRIAL", **metadata) -> str:
@@ -61,17 +61,22 @@ def lap(number: int, progress: float = 100.0) -> Episode:
     return Episode(number, "evaluation", driven(number, end, progress=progress).rows)
 
 
-@pytest.mark.parametrize("laps", [[100.0], [40.0], [100.0, 40.0, 100.0]])
-def test_an_evaluation_is_read_whether_its_laps_were_completed_or_not(
-    started, capsys, log_guru, laps
-):
-    log = EpisodeLog(0, 17.7, 0, 0)
-    for iteration in range(2):
-        first = 2 * iteration
-        log.training([driven(first), driven(first + 1)], 0, iteration, 1.0)
-        log.evaluation([lap(k, p) for k, p in enumerate(laps)], first + 2, 6, iteration)
+def trained(*episodes: Episode, worker: int = 0) -> str:
+    return training_lines(episodes, worker, 17.7, 0, 0, 1.0) + "\n"
 
-    reading = log_guru(started() + capsys.readouterr().out)
+
+def evaluated(*laps: Episode, last_episode: int = 2) -> str:
+    return evaluation_lines(laps, 0, last_episode, 6, 0) + "\n"
+
+
+@pytest.mark.parametrize("laps", [[100.0], [40.0], [100.0, 40.0, 100.0]])
+def test_an_evaluation_is_read_whether_its_laps_were_completed_or_not(started, log_guru, laps):
+    log = started()
+    for first in (0, 2):
+        log += trained(driven(first), driven(first + 1))
+        log += evaluated(*(lap(k, p) for k, p in enumerate(laps)))
+
+    reading = log_guru(log)
 
     assert [progress for _, progress in reading.evaluations] == [laps, laps]
     assert reading.iterations == [0, 0, 1, 1]
@@ -81,20 +86,17 @@ def test_an_evaluation_is_read_whether_its_laps_were_completed_or_not(
     )
 
 
-def test_the_log_of_a_worker_that_does_not_evaluate_is_read(started, capsys, log_guru):
-    EpisodeLog(1, 17.7, 0, 0).training([driven(0), driven(1)], 0, 0, 1.0)
-
-    reading = log_guru(started("OBJECT_AVOIDANCE") + capsys.readouterr().out)
+def test_the_log_of_a_worker_that_does_not_evaluate_is_read(started, log_guru):
+    reading = log_guru(started("OBJECT_AVOIDANCE") + trained(driven(0), driven(1), worker=1))
 
     assert len(reading.episodes) == 2
     assert reading.parameters["RACE_TYPE"] == "OBJECT_AVOIDANCE"
 
 
-def test_actions_of_ranges_are_read(started, capsys, log_guru):
-    EpisodeLog(0, 17.7, 0, 0).training([driven(0, action="[-12.5 1.75]")], 0, 0, 1.0)
-
+def test_actions_of_ranges_are_read(started, log_guru):
     intro = started(action_space=RANGES, action_space_type="continuous")
-    reading = log_guru(intro + capsys.readouterr().out)
+
+    reading = log_guru(intro + trained(driven(0, action="[-12.5 1.75]")))
 
     assert reading.actions == RANGES
     assert reading.episodes[0][1]["action"] == "[-12.5 1.75]"
@@ -102,56 +104,31 @@ def test_actions_of_ranges_are_read(started, capsys, log_guru):
 
 @pytest.mark.parametrize("end", ["off_track", "crashed", "reversed", "immobilized"])
 @pytest.mark.parametrize("progress", [0.0, -0.00001, 0.00004, -0.3])
-def test_an_episode_that_gets_nowhere_is_read(started, capsys, log_guru, end, progress):
-    EpisodeLog(0, 17.7, 0, 0).training([driven(0, end, progress=progress)], 0, 0, 1.0)
-
-    reading = log_guru(started() + capsys.readouterr().out)
+def test_an_episode_that_gets_nowhere_is_read(started, log_guru, end, progress):
+    reading = log_guru(started() + trained(driven(0, end, progress=progress)))
 
     assert float(reading.episodes[0][-1]["progress"]) == pytest.approx(progress, abs=2e-4)
 
 
-def test_what_a_reward_function_prints_without_ending_its_line_hides_no_step(
-    started, capsys, log_guru
-):
-    print("." * 7, end="")
-    log = EpisodeLog(0, 17.7, 0, 0)
-    log.training([driven(0)], 0, 0, 1.0)
-    print("half a line", end="")
-    log.evaluation([lap(0)], 1, 3, 0)
+def test_what_a_reward_function_prints_without_ending_its_line_hides_no_step(started, log_guru):
+    log = started() + "." * 7 + trained(driven(0)) + "half a line" + evaluated(lap(0))
 
-    reading = log_guru(started() + capsys.readouterr().out)
+    reading = log_guru(log)
 
     assert (len(reading.episodes), len(reading.evaluations)) == (1, 1)
 
 
-def test_an_iteration_that_is_driven_again_after_a_resume_is_in_the_log_once(
-    started, capsys, log_guru
-):
-    before = EpisodeLog(0, 17.7, 0, 0)
-    before.training([driven(0), driven(1)], 0, 0, 1.0)
-    before.evaluation([lap(0)], 2, 6, 0)
-    before.training([driven(2), driven(3)], 6, 1, 2.0)  # and stopped before it was learned from
-    resumed = started()
-    after = EpisodeLog(0, 17.7, episodes=4, evaluated=2)
-    after.training([driven(2), driven(3)], 6, 1, 3.0)
-    after.evaluation([lap(0)], 4, 12, 1)
-    after.training([driven(2), driven(3)], 6, 1, 4.0)  # its rollouts were lost
-    after.evaluation([lap(0)], 4, 12, 1)
-    after.training([driven(4), driven(5)], 12, 2, 5.0)
+def test_a_log_that_goes_on_after_a_resume_is_read(started, log_guru):
+    log = started() + trained(driven(0)) + evaluated(lap(0))
+    log += started() + trained(driven(1)) + evaluated(lap(0))
 
-    reading = log_guru(started() + resumed + capsys.readouterr().out)
-
-    assert [int(steps[0]["episode"]) for steps in reading.episodes] == [0, 1, 2, 3, 4, 5]
-    assert reading.iterations == [0, 0, 1, 1, 2, 2]
+    assert log_guru(log).iterations == [0, 1]
 
 
-def test_deepracer_utils_reads_the_same_log(started, capsys, tmp_path):
-    log = EpisodeLog(0, 17.7, 0, 0)
-    for iteration in range(2):
-        log.training([driven(iteration)], 0, iteration, 1.0)
-        log.evaluation([lap(0)], iteration + 1, 3, iteration)
+def test_deepracer_utils_reads_the_same_log(started, tmp_path):
     path = tmp_path / "sim-0.log"
-    path.write_text(started() + capsys.readouterr().out)
+    log = trained(driven(0)) + evaluated(lap(0)) + trained(driven(1)) + evaluated(lap(0))
+    path.write_text(started() + log)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
