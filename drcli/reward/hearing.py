@@ -82,6 +82,8 @@ class Hearing:
             # -P: files of the working folder must not be taken for modules of that name.
             [sys.executable, "-P", "-m", _MODULE, str(folder)],
             cwd=directory,
+            # As in a training, where printing any letter is fine.
+            env={**os.environ, "PYTHONIOENCODING": "utf-8:backslashreplace"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
