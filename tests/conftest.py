@@ -2,10 +2,13 @@
 
 import importlib.util
 import os
+import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -24,6 +27,14 @@ settings.register_profile(
 settings.load_profile("drcli")
 
 
+MARKER = "DRCLI_TEST_RUN"
+os.environ.setdefault(MARKER, secrets.token_hex(8))
+"""In the environment of all processes that a test run starts, those of its own workers too."""
+
+FAREWELL_S = 15.0
+"""How long a process may take to leave that was told to by the last test."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes long comes first, so that no process works alone in the end."""
     items.sort(key=lambda item: item.path.parent.name != "e2e")
@@ -39,3 +50,37 @@ def log_guru() -> Callable[[str], Any]:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.read
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail a run that leaves processes behind, and end them: a server takes 60 MB for each test."""
+    if hasattr(session.config, "workerinput"):
+        return  # the process that gave out the tests looks once, when all are done
+    folder = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
+    _, left = psutil.wait_procs(left_over(os.environ[MARKER], folder), timeout=FAREWELL_S)
+    for process in left:
+        with suppress(psutil.Error):
+            print(f"\nA test has left process {process.pid}: {' '.join(process.cmdline())}")
+            process.kill()
+    if left:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def left_over(marker: str, folder: Path) -> list[psutil.Process]:
+    """Processes that come from the test run of that marker, or are about files below a folder."""
+    return [process for process in psutil.process_iter() if _is_from(process, marker, folder)]
+
+
+def _is_from(process: psutil.Process, marker: str, folder: Path) -> bool:
+    if process.pid == os.getpid():
+        return False
+    with suppress(psutil.Error):
+        line = process.cmdline()
+        if not line or any("multiprocessing" in argument for argument in line):
+            return False  # it has ended, or ends with us
+        places = [*line, process.cwd()]
+        if any(f"{folder}{os.sep}" in f"{place}{os.sep}" for place in places):
+            return True
+        return process.environ().get(MARKER) == marker
+    return False

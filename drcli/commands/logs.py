@@ -37,7 +37,7 @@ def logs(
     Example: dr-logs trainer -f
     """
     from drcli import console
-    from drcli.commands.tail import Tail
+    from drcli.commands.tail import Tail, older
     from drcli.runs.logs import log_file
 
     loaded, name = settings(), _name(worker, number)
@@ -48,7 +48,10 @@ def logs(
         console.say(f"Waiting for {path} ...")
     tail = Tail(path, None if whole else TAIL_LINES)
     try:
-        console.write(tail.read(unfinished=not follow))
+        for piece in older(path) if whole else ():
+            console.write(piece)
+        while text := tail.read(unfinished=not follow):
+            console.write(text)
         while follow:
             time.sleep(POLL_S)
             console.write(tail.read())

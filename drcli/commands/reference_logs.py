@@ -157,7 +157,7 @@ def _follow(
         whole: Whether to begin with all of the log.
     """
     from drcli import console
-    from drcli.commands.tail import Tail
+    from drcli.commands.tail import Tail, older
 
     deadline = time.monotonic() + wait_s
     found = look()
@@ -170,11 +170,14 @@ def _follow(
         raise _absent(wanted)
     tail = Tail(Path(found[0].log), None if whole else TAIL_LINES)
     try:
+        for piece in older(Path(found[0].log)) if whole else ():
+            console.write(piece)
         while found:
             console.write(tail.read())
             time.sleep(POLL_S)
             found = look()
-        console.write(tail.read(unfinished=True))
+        while text := tail.read(unfinished=True):
+            console.write(text)
     except KeyboardInterrupt:  # the way to end it is no failure
         return
 

@@ -2,12 +2,20 @@
 
 import os
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from drcli import logfiles
+
+_BLOCK_BYTES = 1 << 20
+
+_MOST_BYTES = 16 << 20
+"""How much is read at once: a log may be larger than the memory that is free."""
+
 
 class Tail:
-    """A log file from near its end on. It may come late, be replaced or be emptied.
+    """A log file from near its end on. It may come late, be replaced, rotated or emptied.
 
     Args:
         path: The file.
@@ -18,35 +26,77 @@ class Tail:
     def __init__(self, path: Path, last_lines: int | None = None) -> None:
         self._path = path
         self._last_lines = last_lines
-        self._inode: int | None = None
-        self._position = 0
+        self._file: BinaryIO | None = None
         self._unfinished = b""
 
     def read(self, *, unfinished: bool = False) -> str:
-        """Lines that were added since the last call.
+        """Lines that were added since the last call, of many the first; empty where none were.
 
         Args:
             unfinished: Whether a last line counts that has no end yet.
         """
-        try:
-            with self._path.open("rb") as file:
-                added = self._added(file)
-        except FileNotFoundError:
-            self._last_lines = None
-            return ""
-        data = self._unfinished + added
-        end = len(data) if unfinished else data.rfind(b"\n") + 1
+        data = self._added()
+        end = data.rfind(b"\n") + 1
+        if len(data) < _MOST_BYTES:
+            end = len(data) if unfinished else end
+        elif end == 0:  # a line that has no end
+            end = len(data)
         self._unfinished = data[end:]
         return data[:end].decode("utf-8", "replace")
 
-    def _added(self, file: BinaryIO) -> bytes:
-        state = os.fstat(file.fileno())
-        if self._inode is None:
-            data = b"".join(deque(file, self._last_lines))
-        else:
-            if state.st_ino != self._inode or state.st_size < self._position:
-                self._position, self._unfinished = 0, b""
-            file.seek(self._position)
-            data = file.read()
-        self._inode, self._position = state.st_ino, file.tell()
-        return data
+    def __del__(self) -> None:
+        """Close the file, which was kept open because it may be renamed before it is read."""
+        if self._file is not None:
+            self._file.close()
+
+    def _added(self) -> bytes:
+        """What is new, after the beginning of a line that had no end yet."""
+        if self._file is None:
+            return self._begin()
+        if os.fstat(self._file.fileno()).st_size < self._file.tell():
+            self._file.seek(0)
+            return self._file.read(_MOST_BYTES)
+        data = self._unfinished + self._file.read(_MOST_BYTES)
+        if len(data) >= _MOST_BYTES:
+            return data
+        try:
+            if os.path.samestat(self._path.stat(), os.fstat(self._file.fileno())):
+                return data
+        except FileNotFoundError:  # a new one may come
+            return data
+        # What was written between that read and the change of files is in the old one.
+        data += self._file.read()
+        self._file.close()
+        self._last_lines = None
+        return data[: data.rfind(b"\n") + 1] + self._begin()
+
+    def _begin(self) -> bytes:
+        try:
+            self._file = self._path.open("rb")
+        except FileNotFoundError:
+            self._last_lines = None
+            return b""
+        if self._last_lines is None:
+            return self._file.read(_MOST_BYTES)
+        _seek_last_lines(self._file, self._last_lines)
+        return b"".join(deque(self._file, self._last_lines))
+
+
+def older(log: Path) -> Iterator[str]:
+    """The older parts of a log, from the oldest on, in pieces; the current file is not in it."""
+    for part in logfiles.older_parts(log):
+        with part.open(encoding="utf-8", errors="replace", newline="") as file:
+            while piece := file.read(_BLOCK_BYTES):
+                yield piece
+
+
+def _seek_last_lines(file: BinaryIO, count: int) -> None:
+    """Go to where at least so many lines follow, without reading what lies before."""
+    position = file.seek(0, os.SEEK_END)
+    found = 0
+    while position and found <= count:
+        size = min(_BLOCK_BYTES, position)
+        position -= size
+        file.seek(position)
+        found += file.read(size).count(b"\n")
+    file.seek(position)

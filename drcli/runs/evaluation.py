@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import psutil
 
+from drcli import logfiles
 from drcli.config import Settings
 from drcli.errors import (
     DrError,
@@ -171,6 +172,8 @@ def _run(plan: EvaluationPlan) -> None:
     """Run the worker to its end, its output going to the log."""
     job = plan.job
     path = log_file(job.settings, job.directory, "evaluation")
+    for part in logfiles.older_parts(path):
+        part.unlink(missing_ok=True)
     if path.exists():
         os.truncate(path, 0)
     LastWords.forget(job.folder, "evaluation")

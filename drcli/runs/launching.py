@@ -4,6 +4,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+from drcli import logfiles
 from drcli.runs.logs import log_file
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def start_process(
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
-            env={**job.to_environment(), **chosen},
+            env={**job.to_environment(), **chosen, logfiles.VARIABLE: str(path)},
             cwd=job.directory,
             start_new_session=True,
         )

@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+from drcli import logfiles
 from drcli.config import Settings
-from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.errors import SettingsError
+
+_FOLDERS = ("robomaker", "sagemaker")
 
 
 def log_file(settings: Settings, directory: Path, worker: str) -> Path:
@@ -18,16 +20,34 @@ def log_file(settings: Settings, directory: Path, worker: str) -> Path:
         directory: The racer's working folder.
         worker: "trainer", "supervisor", "sim-0", ...
     """
-    return directory / "data" / "logs" / _folder(worker) / settings.model_prefix / f"{worker}.log"
+    return _folder(settings, directory, log_kind(worker)) / f"{worker}.log"
 
 
-def upload_logs(bucket: Bucket, settings: Settings, directory: Path, workers: list[str]) -> None:
-    """Copy the logs below the model prefix."""
-    for worker in workers:
-        path = log_file(settings, directory, worker)
-        if path.exists():
-            bucket.put(keys.log(settings.model_prefix, _folder(worker), worker), path.read_bytes())
+def log_kind(worker: str) -> str:
+    """The folder in which the log of a process lies, on disk and in the bucket."""
+    return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
 
 
-def _folder(worker: str) -> str:
-    return "robomaker" if worker.startswith("sim") else "sagemaker"
+def begin_logs(settings: Settings, directory: Path) -> None:
+    """Have a training that starts anew write new logs; those of the last few trainings are kept.
+
+    Args:
+        settings: Name the model prefix.
+        directory: The racer's working folder.
+
+    Raises:
+        SettingsError: They may not be renamed.
+    """
+    folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
+    try:
+        logfiles.set_aside(folders, settings.log_max_mb << 20)
+    except OSError as e:
+        raise SettingsError(
+            f"{e.filename}: the log of the training before cannot be renamed ({e.strerror or e}).",
+            remedy=f"Check that you may write to {directory / 'data' / 'logs'}, or move that "
+            "folder away.",
+        ) from e
+
+
+def _folder(settings: Settings, directory: Path, kind: str) -> Path:
+    return directory / "data" / "logs" / kind / settings.model_prefix

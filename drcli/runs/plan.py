@@ -16,6 +16,7 @@ from drcli.runs import lease
 from drcli.runs.design import Design
 from drcli.runs.ending import ending
 from drcli.runs.inputs import Inputs, find, upload_custom_files
+from drcli.runs.logs import begin_logs
 from drcli.runs.note import read_note, take_note, write_note
 from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
@@ -145,6 +146,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
+        if not options.resume:
+            begin_logs(settings, directory)
     resumes = str(newest) if options.resume else None
     ends = ending(job, design.parameters)
     return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)

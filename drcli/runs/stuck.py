@@ -43,7 +43,9 @@ def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
     if not is_stuck(code):
         return None
     try:
-        text = log.read_bytes()[-_TAIL_BYTES:].decode("utf-8", "replace")
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - _TAIL_BYTES))
+            text = file.read().decode("utf-8", "replace")
     except OSError:
         text = ""
     path, line = stuck_place(text)

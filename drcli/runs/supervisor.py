@@ -1,5 +1,6 @@
 """Keeps a training alive: starts its workers, brings back what dies, ends it in good order."""
 
+import os
 import signal
 import subprocess
 import time
@@ -7,11 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import FrameType
 
+from drcli import logfiles
 from drcli.errors import DrError, StorageError
 from drcli.job import Job, LastWords
 from drcli.runs import lease
 from drcli.runs.launching import start_process
-from drcli.runs.logs import log_file, upload_logs
+from drcli.runs.log_upload import LogUpload
+from drcli.runs.logs import log_file
 from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.record import RunRecord, WorkerRecord
 from drcli.runs.report import State
@@ -23,7 +26,9 @@ POLL_S = 0.2
 
 SERVER_CHECK_S = 1.0
 LEASE_S = 10.0
-LOG_UPLOAD_S = 300.0
+
+LOGS_S = 10.0
+"""How long the last upload of the logs may take: no network may hold up the end for longer."""
 
 LEAVE_S = 10.0
 """How long a worker may take to leave after SIGTERM before it is killed."""
@@ -82,6 +87,7 @@ class Supervisor:
         bucket: Bucket,
         record: RunRecord,
         *,
+        open_bucket: Callable[[], Bucket],
         revive_server: Callable[[], None],
         restart_server: Callable[[], None],
     ) -> None:
@@ -91,6 +97,7 @@ class Supervisor:
             job: What to train.
             bucket: Where.
             record: The note about the run on this machine.
+            open_bucket: Makes a client of the bucket for another thread.
             revive_server: Starts the bucket's server where it does not answer.
             restart_server: Starts it anew in any case, if it is this machine's own.
         """
@@ -106,6 +113,8 @@ class Supervisor:
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
         self._clocks: dict[str, float] = {}
         self._server_began = 0.0
+        names = ["supervisor", *(child.name for child in self._children)]
+        self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -117,6 +126,7 @@ class Supervisor:
         signal.signal(signal.SIGINT, self._note)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
         try:
+            self._logs.start()
             for child in self._children:
                 self._start(child)
             self._publish("running")
@@ -156,7 +166,6 @@ class Supervisor:
                         return outcome
             self._every("server", SERVER_CHECK_S, self._revive_server)
             self._every("lease", LEASE_S, self._renew_lease)
-            self._every("logs", LOG_UPLOAD_S, self._upload_logs)
             time.sleep(POLL_S)
 
     def _bury(self, child: Child) -> Outcome | None:
@@ -222,12 +231,11 @@ class Supervisor:
         if outcome.code in (INTERRUPTED, TERMINATED):
             outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
+        self._logs.finish(LOGS_S)
         try:
-            self._revive_server()
-            self._upload_logs()
             lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
         except DrError as error:
-            self._log(f"The logs could not be uploaded: {error}")
+            self._log(f"{error}")
         state: State = "failed"
         if outcome.code == 0:
             state = "finished"
@@ -275,12 +283,11 @@ class Supervisor:
     def _renew_lease(self) -> None:
         lease.renew(self._bucket, self._job.settings.model_prefix, self._job.session)
 
-    def _upload_logs(self) -> None:
-        names = [child.name for child in self._children] + ["supervisor"]
-        upload_logs(self._bucket, self._job.settings, self._job.directory, names)
-
     def _log(self, text: str) -> None:
         path = log_file(self._job.settings, self._job.directory, "supervisor")
         path.parent.mkdir(parents=True, exist_ok=True)
+        max_bytes = self._job.settings.log_max_mb << 20
+        if path.exists() and path.stat().st_size > logfiles.part_bytes(max_bytes):
+            os.close(logfiles.rotate(path, max_bytes))
         with path.open("a", encoding="utf-8") as log:
             print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be qu
 
 READY_TIMEOUT_S = 20.0
 
+LOG_PATIENCE_S = 5.0
+"""How long the upload of logs waits for a bucket that does not answer; it tries again later."""
+
 LEAVE_S = 15.0
 """How long a supervisor may take to leave that was not ready in time: it may have workers by then,
 and gives those ten seconds."""
@@ -96,6 +99,7 @@ def supervise_job(job: "Job") -> int:
         job,
         bucket,
         record,
+        open_bucket=lambda: open_bucket(settings, job.directory, patience_s=LOG_PATIENCE_S),
         revive_server=lambda: ensure_storage(settings, job.directory),
         restart_server=lambda: restart_storage(settings, job.directory),
     ).run()

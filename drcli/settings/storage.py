@@ -41,6 +41,18 @@ class BucketSettings(Group):
     s3_data_dir: Path = setting(
         "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program keeps its objects."
     )
+    local_s3_idle_minutes: int = setting(
+        "DR_LOCAL_S3_IDLE_MINUTES",
+        10,
+        "Minutes without a request after which that program (rclone) ends; 0 never.",
+        low=0,
+    )
+    log_max_mb: int = setting(
+        "DR_LOG_MAX_MB",
+        512,
+        "Greatest size of one worker's log in MB, older parts included.",
+        low=16,
+    )
     experiment_name: FolderName = setting(
         "DR_EXPERIMENT_NAME", "", "Folder in experiments/ whose run.env and custom_files count."
     )

@@ -22,6 +22,7 @@ class StorageConfig:
         endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
         profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
         region: DR_AWS_APP_REGION.
+        idle_minutes: DR_LOCAL_S3_IDLE_MINUTES.
     """
 
     cloud: Cloud
@@ -32,6 +33,7 @@ class StorageConfig:
     endpoint_url: str | None = None
     profile: str | None = None
     region: str = "us-east-1"
+    idle_minutes: int = 10
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ def storage_config(settings: Settings, directory: Path) -> StorageConfig:
         endpoint_url=settings.remote_minio_url or None,
         profile=settings.profile or None,
         region=settings.aws_app_region,
+        idle_minutes=settings.local_s3_idle_minutes,
     )
 
 

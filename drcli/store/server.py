@@ -4,6 +4,7 @@ import errno
 import os
 import secrets
 import socket
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -11,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from drcli.errors import StorageError
-from drcli.store import engines, process
+from drcli.store import engines, idle, process
 from drcli.store.backoff import wait_until
 from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.lock import exclusive
@@ -72,7 +73,9 @@ def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
         with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
-            return call()
+            endpoint = call()
+            idle.in_use(config.data_dir.absolute())
+            return endpoint
     except OSError as e:
         full = e.errno in (errno.ENOSPC, errno.EDQUOT)
         first = "Make room on its disk" if full else "Check that you may write there"
@@ -122,6 +125,7 @@ def stop(config: StorageConfig) -> bool:
     path = own_file(config, "json")
     if config.cloud != "local" or not path.exists():
         return False
+    idle.not_in_use(config.data_dir.absolute())
     with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
         state = ServerState.read(path)
         if state is None or state.pid is None:
@@ -145,7 +149,7 @@ def _ensure_local(config: StorageConfig) -> Endpoint:
     if state is not None and state.pid is not None:
         if _answers(state, config):
             _check_same_server(state, config)
-            return _with_bucket(state, config)
+            return _with_bucket(_watched(state, config), config)
         process.end(state.pid, state.mark)
     keys = state or ServerState(
         config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20)
@@ -155,7 +159,7 @@ def _ensure_local(config: StorageConfig) -> Endpoint:
         fresh = replace(keys, engine=config.engine, port=_choose_port(config, state), pid=None)
         started = _start(fresh, config)
         if started is not None:
-            return _with_bucket(started, config)
+            return _with_bucket(_watched(started, config), config)
     raise _not_started(config, fresh.port)
 
 
@@ -194,6 +198,34 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
         return started
     process.end(pid, started.mark)
     return None
+
+
+def _watched(state: ServerState, config: StorageConfig) -> ServerState:
+    """Have a server ended that nobody uses any more.
+
+    Not one that keeps its objects in memory (moto): they would be lost. And MinIO, which looks
+    through its files by itself again and again, does not show whether somebody asks.
+    """
+    told = replace(state, idle_minutes=config.idle_minutes)
+    command = [
+        "-m",
+        idle.__name__,
+        str(config.data_dir.absolute()),
+        f"{state.port}",
+        f"{state.pid}",
+    ]
+    lives = state.watcher is not None and process.is_running(state.watcher, " ".join(command))
+    if state.engine == "rclone" and config.idle_minutes and not lives:
+        watcher = process.start_detached(
+            [sys.executable, "-P", *command],
+            environment=_inherited(),
+            log=own_file(config, "log").absolute(),
+            folder=config.data_dir,
+        )
+        told = replace(told, watcher=watcher)
+    if told != state:
+        told.write(own_file(config, "json"))
+    return told
 
 
 def _inherited() -> dict[str, str]:

@@ -20,6 +20,8 @@ class ServerState:
         access_key: Made for this bucket; they stay the same from start to start.
         secret_key: Belongs to `access_key`.
         pid: Its process; None where it was not started yet, or was stopped.
+        watcher: The process that ends it when nobody uses it; None where none was started.
+        idle_minutes: How long nobody must have used it for that; 0 never.
     """
 
     engine: Engine
@@ -27,6 +29,8 @@ class ServerState:
     access_key: str
     secret_key: str
     pid: int | None = None
+    watcher: int | None = None
+    idle_minutes: int = 10
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
 from drcli.learn.observation import Observation
+from drcli.worker import output
 from drcli.worker.process import StopRequested
 from drcli.worker.trace import STEP_S, Episode, Phase, Row
 from drsim.actions import Actions, ContinuousActions
@@ -202,12 +203,13 @@ class Driver:
         if not free:
             return
         plans = [waiting.popleft() for _ in free]
-        first = self._simulation.reset(
-            np.array(free),
-            np.array([plan.start_fraction for plan in plans]),
-            reverse=np.array([plan.reverse for plan in plans]),
-            seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
-        )
+        with output.of_racer():
+            first = self._simulation.reset(
+                np.array(free),
+                np.array([plan.start_fraction for plan in plans]),
+                reverse=np.array([plan.reverse for plan in plans]),
+                seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
+            )
         columns = _Columns.of(first)
         for car, plan in zip(free, plans, strict=True):
             lanes[car] = _Lane(plan, self._seed, self._pilots[plan.racer], columns, car)
@@ -225,7 +227,8 @@ class Driver:
             seats = [(car, lane) for car, lane in driving if lane.plan.racer == racer]
             if seats:
                 chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
-        columns = _Columns.of(self._simulation.step(steering, speed))
+        with output.of_racer():
+            columns = _Columns.of(self._simulation.step(steering, speed))
         for pilot, seats, observed, decision in chosen:
             _record(pilot, seats, observed, decision, (steering, speed), columns)
             cut = [(car, lane) for car, lane in seats if columns.truncated[car]]

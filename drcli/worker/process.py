@@ -14,6 +14,7 @@ from drcli.errors import DrError
 from drcli.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.worker import output
 
 BUG = 1
 """Exit code of a failure that is nobody's but ours."""
@@ -71,7 +72,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     job = Job.from_environment()
     lifeline = Lifeline(job.launcher_pid)
     LastWords.forget(job.folder, name)
-    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    output.install(job.settings.log_max_mb << 20)
     sys.excepthook = _hook(job, name)
     try:
         main(job, lifeline)
@@ -82,6 +83,8 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         words.leave(job.folder, name)
         _log(name, error)
         raise SystemExit(words.code) from None
+    finally:
+        output.own_words()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
@@ -110,6 +113,7 @@ def _words(name: str, error: BaseException) -> LastWords:
 
 
 def _log(name: str, error: BaseException) -> None:
+    output.own_words()
     if isinstance(error, DrError):
         print(f"{name}: {error} {error.remedy}", flush=True)
     else:

@@ -10,6 +10,7 @@ from drcli.model_metadata import ModelMetadata
 from drcli.settings.worlds import NOT_YET, can_be_fetched, remedy
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.worker import output
 from drsim.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.errors import RewardError, TrackError
@@ -127,7 +128,8 @@ def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[Re
     path = folder / keys.REWARD_FUNCTION_FILE
     path.write_bytes(bucket.get(keys.reward_function(prefix)))
     try:
-        return [load_reward_function(path) for _ in range(cars)]
+        with output.of_racer():
+            return [load_reward_function(path) for _ in range(cars)]
     except RewardError as error:
         raise reward_failure(error) from None
 

@@ -1,7 +1,7 @@
 """Runs and working folders as the commands meet them."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from drcli.runs.report import (
     TrialReport,
     WorkerReport,
 )
+from drcli.store.connect import stop_default_storage
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -110,8 +111,11 @@ def evaluation_report() -> EvaluationReport:
 
 
 @pytest.fixture
-def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A racer's folder, current, with nothing of this process's own settings."""
+def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A racer's folder, current, with nothing of this process's own settings.
+
+    A command may have started the bucket's server; it ends with the test.
+    """
     for name in os.environ:
         if name.startswith("DR_"):
             monkeypatch.delenv(name)
@@ -120,7 +124,8 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=model\nDR_WORKERS=2\n"
     )
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    yield tmp_path
+    stop_default_storage(tmp_path)
 
 
 @pytest.fixture

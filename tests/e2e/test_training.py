@@ -65,6 +65,14 @@ def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
     assert "-w" in again.stderr
     assert wiped.returncode == 0
     assert len(json.loads(wiped.stdout.splitlines()[-1])["history"]) == 1
+    for worker in ("sim-0", "trainer", "supervisor"):  # the log of each training is a file
+        [log] = (workspace.folder / "data" / "logs").rglob(f"{worker}.log")
+        [before] = log.parent.glob(f"{worker}.log.2*")
+        for path in (log, before):
+            starts = path.read_text().count("Successfully downloaded yaml file")
+            assert starts == (worker == "sim-0"), path
+        copy = workspace.model / "logs" / log.parent.parent.name / log.name
+        assert copy.read_bytes() == log.read_bytes()
 
 
 def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):

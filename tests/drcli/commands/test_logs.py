@@ -1,7 +1,10 @@
 """`dr logs` as its caller meets it."""
 
+import os
+
 import pytest
 
+from drcli import logfiles
 from drcli.commands import logs
 
 LINES = [f"line {k}\n" for k in range(30)]
@@ -41,6 +44,21 @@ def test_all_of_a_log_is_shown_on_request(dr, log, capsys):
     dr("logs", "trainer", "-a")
 
     assert capsys.readouterr().out == "".join(LINES)
+
+
+def test_all_of_a_log_has_its_older_parts_too_and_nothing_of_earlier_trainings(dr, log, capsys):
+    path = log("trainer")
+    path.write_text("older\n")
+    os.close(logfiles.rotate(path, 1000))
+    path.write_text("newest\n")
+    path.with_name("trainer.log.20260102-030405").write_text("another training\n")
+
+    dr("logs", "trainer", "-a")
+    everything = capsys.readouterr().out
+    dr("logs", "trainer")
+
+    assert everything == "older\nnewest\n"
+    assert capsys.readouterr().out == "newest\n"
 
 
 @pytest.mark.parametrize("arguments", [["sim", "-n", "1"], ["sim-1"], ["-n", "1"]])

@@ -2,7 +2,9 @@
 
 import os
 
-from drcli.commands.tail import Tail
+from drcli import logfiles
+from drcli.commands import tail as tail_module
+from drcli.commands.tail import Tail, older
 
 
 def test_only_the_asked_number_of_old_lines_is_read(tmp_path):
@@ -73,6 +75,56 @@ def test_a_file_that_is_emptied_is_read_from_its_beginning(tmp_path):
     _append(path, b"new\n")
 
     assert tail.read() == "new\n"
+
+
+def test_no_line_is_lost_where_a_log_is_rotated_between_two_looks(tmp_path):
+    path = tmp_path / "a.log"
+    path.write_text("1\nha")
+    tail = Tail(path)
+    first = tail.read()
+
+    _append(path, b"lf\n3\n")
+    os.close(logfiles.rotate(path, 1000))
+    _append(path, b"4\n")
+    _append(path, b"5\n")
+
+    assert first == "1\n"
+    assert tail.read() == "half\n3\n4\n5\n"
+    assert tail.read() == ""
+
+
+def test_a_large_log_comes_in_pieces_that_end_with_a_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(tail_module, "_MOST_BYTES", 100)
+    path = tmp_path / "a.log"
+    text = "".join(f"h\u00e4lf {k:03d}\n" for k in range(100)) + "no end " * 40
+    path.write_text(text)
+    tail = Tail(path)
+
+    pieces = []
+    while piece := tail.read(unfinished=True):
+        pieces.append(piece)
+
+    assert "".join(pieces) == text
+    assert len(pieces) > 10
+    assert all(piece.endswith("\n") for piece in pieces[:9])
+
+
+def test_the_last_lines_of_a_large_log_are_found_from_its_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(tail_module, "_BLOCK_BYTES", 10)
+    path = tmp_path / "a.log"
+    path.write_text("".join(f"line {k}\n" for k in range(50)))
+
+    assert Tail(path, 3).read() == "line 47\nline 48\nline 49\n"
+    assert Tail(path, 100).read() == path.read_text()
+
+
+def test_older_parts_come_first_where_all_of_a_log_is_wanted(tmp_path):
+    path = tmp_path / "a.log"
+    for k in range(3):
+        path.write_text(f"{k}\n")
+        os.close(logfiles.rotate(path, 1000))
+
+    assert "".join(older(path)) == "0\n1\n2\n"
 
 
 def _append(path, data):

@@ -1,14 +1,17 @@
 """Starts that meet each other: the second one changes nothing."""
 
+import errno
 import json
 import os
 import time
+from pathlib import Path
 
 import psutil
 import pytest
 
 from drcli.errors import SettingsError, StorageError
 from drcli.runs import lease, plan, training
+from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 
@@ -123,6 +126,40 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
     monkeypatch.setattr(plan, "write_note", fail)
 
     with pytest.raises(StorageError):
+        racer.start()
+
+    assert lease.holder(racer.bucket, "model-1") is None
+
+
+def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):
+    settings, folder = trained.settings(), trained.folder
+    log = log_file(settings, folder, "sim-0")
+    log.parent.mkdir(parents=True)
+    log.write_text("first\n")
+    trained.bucket.delete([keys.lease("model-1")])
+
+    trained.start(resume=True)
+    resumed = log.read_text()
+    trained.bucket.delete([keys.lease("model-1")])
+    trained.start(wipe=True)
+
+    assert resumed == "first\n"
+    assert not log.exists()
+    [kept] = log.parent.glob("sim-0.log.*")
+    assert kept.read_text() == "first\n"
+
+
+def test_logs_that_cannot_be_renamed_are_named_and_the_model_is_free_again(racer, monkeypatch):
+    log = log_file(racer.settings(), racer.folder, "trainer")
+    log.parent.mkdir(parents=True)
+    log.touch()
+
+    def refuse(path, target):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "rename", refuse)
+
+    with pytest.raises(SettingsError, match=r"trainer\.log: the log of .* cannot be renamed"):
         racer.start()
 
     assert lease.holder(racer.bucket, "model-1") is None

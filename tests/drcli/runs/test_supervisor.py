@@ -86,6 +86,7 @@ class Stage:
             self.job,
             MemoryBucket(),
             record,
+            open_bucket=MemoryBucket,
             revive_server=lambda: None,
             restart_server=self.restart_server,
         ).run()
