@@ -21,6 +21,9 @@ INTERVAL_S = 300.0
 PART_BYTES = 4 << 20
 """Size of a part in the bucket. What is newer than the last part is uploaded again each time."""
 
+_GLANCE_S = 0.1
+"""How often it is looked at the end whether to wait on."""
+
 _COMPARED_BYTES = 4 << 10
 """Two logs that begin with the same bytes are the same log: they hold times and numbers."""
 
@@ -200,15 +203,17 @@ class LogUpload:
         """Begin; the first upload comes after a while."""
         self._thread.start()
 
-    def finish(self, patience_s: float) -> None:
+    def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
         """Upload what is new for the last time, and say what had to stay behind.
 
         Args:
             patience_s: After so long the upload is given up, whatever it waits for.
+            given_up: Asked again and again whether to give up at once.
         """
         self._deadline_s = time.monotonic() + patience_s
         self._ending.set()
-        self._thread.join(patience_s)
+        while self._thread.is_alive() and not self._is_over() and not given_up():
+            self._thread.join(_GLANCE_S)
         left = sum(copy.left_bytes() for copy in self._copies)
         if left or self._thread.is_alive():
             how_much = f"{left / 1e6:,.1f} MB" if left else "The newest part"

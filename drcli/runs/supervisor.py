@@ -107,6 +107,7 @@ class Supervisor:
         self._revive_server = revive_server
         self._restart_server = restart_server
         self._signal: int | None = None
+        self._insisted = False
         gpus = job.settings.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.worker.train", [], gpus)]
         for k in range(job.settings.workers):
@@ -139,6 +140,7 @@ class Supervisor:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         if self._signal is not None:
+            self._insisted = True
             for child in self._children:
                 if child.running and child.process is not None:
                     child.process.kill()
@@ -231,7 +233,7 @@ class Supervisor:
         if outcome.code in (INTERRUPTED, TERMINATED):
             outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
-        self._logs.finish(LOGS_S)
+        self._logs.finish(LOGS_S, self._is_insisted)
         try:
             lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
         except DrError as error:
@@ -245,6 +247,9 @@ class Supervisor:
             state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._record.write(self._job.folder)
+
+    def _is_insisted(self) -> bool:
+        return self._insisted
 
     def _way_on(self) -> str:
         """What to do after a stop, now that the workers have left whatever they had."""

@@ -45,10 +45,6 @@ COMMUNITY = frozenset(
 """Worlds of the reference simulator, version 6, each with a route file of its name."""
 
 
-NOT_YET = "is a track of the community and not here yet"
-"""What is said of a track that can be fetched."""
-
-
 def built_in() -> list[str]:
     """Tracks that come with the simulation; none where it is not installed."""
     spec = find_spec("drsim")
@@ -99,7 +95,7 @@ def fetchable(settings: "Settings") -> Iterator[Finding]:
         if can_be_fetched(chosen):
             yield Finding(
                 chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} {NOT_YET}",
+                f"DR_WORLD_NAME={chosen.world_name} is a track of the community and not here yet",
                 remedy(chosen),
             )
 

@@ -132,8 +132,10 @@ def stop(config: StorageConfig) -> bool:
             return False
         was_running = process.is_running(state.pid, state.mark)
         process.end(state.pid, state.mark)
+        if state.watcher is not None:
+            process.end(state.watcher, idle.__name__)
         with suppress(OSError):  # a full disk; that no such process lives is seen anyway
-            replace(state, pid=None).write(path)
+            replace(state, pid=None, watcher=None).write(path)
     return was_running
 
 
@@ -206,6 +208,7 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
     Not one that keeps its objects in memory (moto): they would be lost. And MinIO, which looks
     through its files by itself again and again, does not show whether somebody asks.
     """
+    path = own_file(config, "json")
     told = replace(state, idle_minutes=config.idle_minutes)
     command = [
         "-m",
@@ -215,16 +218,20 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
         f"{state.pid}",
     ]
     lives = state.watcher is not None and process.is_running(state.watcher, " ".join(command))
-    if state.engine == "rclone" and config.idle_minutes and not lives:
-        watcher = process.start_detached(
-            [sys.executable, "-P", *command],
-            environment=_inherited(),
-            log=own_file(config, "log").absolute(),
-            folder=config.data_dir,
-        )
-        told = replace(told, watcher=watcher)
-    if told != state:
-        told.write(own_file(config, "json"))
+    try:
+        if state.engine == "rclone" and config.idle_minutes and not lives:
+            told.write(path)  # where that is impossible, nobody would find the watcher again
+            watcher = process.start_detached(
+                [sys.executable, "-P", *command],
+                environment=_inherited(),
+                log=own_file(config, "log").absolute(),
+                folder=config.data_dir,
+            )
+            told = replace(told, watcher=watcher)
+        if told != state:
+            told.write(path)
+    except OSError:  # a full disk; the server works, and the next command tries again
+        return state
     return told
 
 

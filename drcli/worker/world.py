@@ -7,7 +7,7 @@ from typing import Literal
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.model_metadata import ModelMetadata
-from drcli.settings.worlds import NOT_YET, can_be_fetched, remedy
+from drcli.settings.worlds import can_be_fetched, remedy
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.worker import output
@@ -36,9 +36,14 @@ def load_world(settings: Settings) -> Track:
         return load_track(settings.world_name, settings.tracks_folder)
     except TrackError as error:
         where = settings.source("DR_WORLD_NAME")
-        why = f" {NOT_YET}." if can_be_fetched(settings) else f": {error}"
+        if can_be_fetched(settings):
+            raise SettingsError(
+                f"DR_WORLD_NAME={settings.world_name} ({where}) is a track of the community and "
+                "not here yet.",
+                remedy=remedy(settings),
+            ) from None
         raise SettingsError(
-            f"DR_WORLD_NAME={settings.world_name} ({where}){why}",
+            f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
             remedy=remedy(settings),
         ) from None
 

@@ -5,11 +5,13 @@ import sys
 
 import pytest
 
+from drcli import logfiles
 from drcli.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.job import Job, LastWords
-from drcli.runs import evaluation, training
+from drcli.runs import evaluation, launching, training
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.inputs import InputFile, Inputs
+from drcli.runs.logs import log_file
 from drcli.runs.plan import RunPlan
 
 SLEEPS = "import time; time.sleep(600)"
@@ -104,3 +106,13 @@ def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
         evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
 
     assert "evaluation.log" in raised.value.remedy
+
+
+def test_a_process_is_told_the_log_that_it_writes_so_that_it_can_rotate_it(job):
+    say = f"import os; print(os.environ['{logfiles.VARIABLE}'])"
+
+    process = launching.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
+
+    assert process.wait(60) == 0
+    path = log_file(job.settings, job.directory, "sim-0")
+    assert path.read_text().splitlines()[0] == str(path)

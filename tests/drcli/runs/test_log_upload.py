@@ -269,6 +269,18 @@ def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(bucke
     never.set()
 
 
+def test_whoever_insists_waits_for_no_upload(bucket, tmp_path):
+    never = threading.Event()
+    stage = Stage(tmp_path, lambda: never.wait() and bucket)
+    stage.log("sim-0").touch()
+    stage.upload.start()
+
+    stage.upload.finish(3600.0, lambda: True)
+
+    assert "could not be uploaded in time" in stage.said[0]
+    never.set()
+
+
 def test_a_slow_network_is_given_up_between_two_parts(tmp_path):
     class Slow(Counting):
         def put(self, key, data, *, watch=None):

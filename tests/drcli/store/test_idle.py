@@ -1,5 +1,6 @@
 """A server that nobody uses ends, and one that anybody uses does not. The clock is moved."""
 
+import errno
 import http.client
 import json
 import os
@@ -231,6 +232,25 @@ def test_a_server_whose_watcher_is_gone_gets_another_one(local):
     assert psutil.pid_exists(state_of(local)["watcher"])
 
 
+def test_on_a_full_disk_a_server_without_watcher_works_and_no_watcher_is_started(
+    local, monkeypatch
+):
+    endpoint = server.ensure_running(local)
+    os.kill(state_of(local)["watcher"], signal.SIGKILL)
+
+    def refuse(state, path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    started = []
+    with monkeypatch.context() as full:
+        full.setattr(server.ServerState, "write", refuse)
+        full.setattr(process, "start_detached", lambda *_, **__: started.append(1))
+
+        assert server.ensure_running(local).pid == endpoint.pid
+
+    assert not started
+
+
 def test_a_server_of_an_earlier_version_gets_a_watcher(local):
     server.ensure_running(local)
     state = state_of(local)
@@ -241,12 +261,6 @@ def test_a_server_of_an_earlier_version_gets_a_watcher(local):
     server.ensure_running(local)
 
     assert psutil.pid_exists(state_of(local)["watcher"])
-
-
-def test_moto_is_not_watched_because_it_would_forget_everything(local):
-    server.ensure_running(replace(local, engine="moto"))
-
-    assert state_of(local)["watcher"] is None
 
 
 def test_a_command_that_comes_in_the_moment_of_the_end_finds_a_server(local):

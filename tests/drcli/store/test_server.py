@@ -281,9 +281,11 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
     assert not list(local.data_dir.iterdir())
 
 
-def test_moto_serves_throw_away_runs(local):
+def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
     with closing(server.connect(replace(local, engine="moto"))) as bucket:
         bucket.probe()
+
+    assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None
 
 
 def test_minio_that_is_not_installed_comes_with_a_remedy(local, monkeypatch):
