@@ -126,6 +126,8 @@ def _twin(model: M) -> M:
     twin = copy.deepcopy(model)
     for mine, shared in zip(twin.parameters(), model.parameters(), strict=True):
         mine.data = shared.data
+    for mine, shared in zip(twin.buffers(), model.buffers(), strict=True):
+        mine.data = shared.data
     return twin
 
 

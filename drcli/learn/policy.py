@@ -1,6 +1,6 @@
 """The network: what the car perceives in, what it should do and what that is worth out."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from drcli.learn import distributions
 from drcli.learn.encoders import Encoder, multiply_adds
 from drcli.learn.observation import Observation
+from drcli.learn.popart import ReturnScale
 from drcli.learn.spec import PolicySpec
 
 LOG_STD_RANGE = (-20.0, 3.0)
@@ -22,7 +23,7 @@ class Output(NamedTuple):
 
     Attributes:
         policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
-        value: Expected discounted return. Shape (n,).
+        value: Expected discounted return, in units of the reward. Shape (n,).
     """
 
     policy: Tensor
@@ -35,6 +36,10 @@ class ActorCritic(nn.Module):
     The reference trains two whole bodies, one for the policy and one for the value. Sharing one
     halves the arithmetic and leaves the exported policy as it is. With `state_dims` the value
     comes from the state alone, and the body learns from the policy's gradient only.
+
+    Attributes:
+        returns: Turns what the value head says into units of the reward. A shared body must not
+            be shaken by the errors of large values, nor let small ones pass unlearned.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -57,6 +62,7 @@ class ActorCritic(nn.Module):
         nn.init.zeros_(self.policy_head.bias)
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 1.0)
+        self.returns = ReturnScale()
         # Nearly equal chances at the start: every action gets tried from the first episode.
         _init_rows(self.policy_head.weight, 0.01)
         if spec.continuous:
@@ -76,7 +82,12 @@ class ActorCritic(nn.Module):
         # Only the body is worth bfloat16: ratios of probabilities need more than its three digits.
         with torch.autocast(features.device.type, enabled=False):
             value = self.value_head(seen.state if self.spec.state_dims else features)
-            return Output(self.policy_head(features), value.squeeze(-1))
+            return Output(self.policy_head(features), self.returns(value.squeeze(-1)))
+
+    def follow_returns(self, targets: Tensor) -> None:
+        """Let the value's scale follow the returns of an iteration; see `ReturnScale.follow`."""
+        last = self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
+        self.returns.follow(targets, cast(nn.Linear, last))
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -14,6 +15,7 @@ from drcli.learn.crew import Crew
 from drcli.learn.gae import gae
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
+from drcli.learn.popart import ROUNDING
 from drcli.learn.precision import Compute
 
 SCHEDULE_END = 0.05
@@ -148,7 +150,10 @@ class PPO:
             NonFiniteLossError: At the first loss, and at weights, that are NaN or infinite.
             UpdateInterruptedError: When `should_stop` said so.
         """
-        batch = _Batch.prepare(rollout, self.config, self.model.spec.stack, self.compute.device)
+        batch = _Batch.prepare(rollout, self.config, self.model)
+        if not bool(torch.isfinite(batch.targets).all()):
+            raise NonFiniteLossError("A return is nan or infinite.")
+        self.model.follow_returns(batch.targets)
         order = torch.Generator().manual_seed(seed)
         lr = self.config.lr_at(steps_before)
         self.optimizer.lr = lr
@@ -203,7 +208,9 @@ class PPO:
         ratio = log_ratio.exp()
         low, high = 1.0 - self.config.clip_range, 1.0 + self.config.clip_range
         surrogate = torch.minimum(ratio * advantages, ratio.clamp(low, high) * advantages)
-        value_loss = self._value_loss(value, batch.values[rows], batch.targets[rows])
+        value_loss = self._value_loss(
+            *map(model.returns.normalize, (value, batch.values[rows], batch.targets[rows]))
+        )
         entropy = model.entropy(policy).mean()
         surrogate_loss = -surrogate.mean()
         loss = surrogate_loss + value_loss - beta_entropy * entropy
@@ -245,7 +252,7 @@ class _Batch:
     targets: Tensor
 
     @staticmethod
-    def prepare(rollout: Rollout, config: PPOConfig, stack: int, device: torch.device) -> "_Batch":
+    def prepare(rollout: Rollout, config: PPOConfig, model: ActorCritic) -> "_Batch":
         advantages = gae(
             rollout.rewards,
             rollout.values,
@@ -255,12 +262,12 @@ class _Batch:
             rollout.last_values if config.bootstrap_cut else None,
         )
         targets = advantages + rollout.values
-        normalized = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        normalized = _normalized(advantages)
         if config.clip_advantage is not None:
             normalized = normalized.clip(-config.clip_advantage, config.clip_advantage)
         columns = (
             rollout.frames,
-            rollout.stacked_rows(stack),
+            rollout.stacked_rows(model.spec.stack),
             rollout.scans,
             rollout.states,
             rollout.actions,
@@ -269,6 +276,7 @@ class _Batch:
             normalized,
             targets,
         )
+        device = model.returns.std.device
         return _Batch(*(torch.from_numpy(np.ascontiguousarray(c)).to(device) for c in columns))
 
     def observation(self, rows: Tensor) -> Observation:
@@ -277,6 +285,19 @@ class _Batch:
         frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
         frames = frames.view(len(rows), -1, *self.frames.shape[2:])
         return Observation(frames, self.scans[rows], self.states[rows])
+
+
+def _normalized(advantages: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Advantages with mean 0 and deviation 1; all 0 where they differ by rounding errors only.
+
+    No constant is added to the deviation: it would count for more the smaller the rewards are.
+    """
+    exact = advantages.astype(np.float64)
+    centered = exact - exact.mean()
+    std = centered.std()
+    if std <= ROUNDING * np.abs(exact).max():
+        return np.zeros_like(advantages)
+    return (centered / std).astype(np.float32)
 
 
 def _minibatches(steps: int, batch_size: int, order: torch.Generator) -> Iterator[Tensor]:
