@@ -117,7 +117,7 @@ class Work:
             folder / "reward_function.py",
             load_world(settings),
             threads,
-            choose_compute(settings.torch_precision, spec, parameters.batch_size, threads),
+            choose_compute(settings.torch_precision, parameters.batch_size, threads),
         )
 
     @property
@@ -219,9 +219,7 @@ class MemoryTraining:
         ]
         trials = self._trials or int(self._number == 0)
         return plans + [
-            Plan(
-                trial, "evaluation", (s.train_start_position_offset + trial / trials) % 1.0
-            )
+            Plan(trial, "evaluation", (s.train_start_position_offset + trial / trials) % 1.0)
             for trial in range(trials)
         ]
 
@@ -279,10 +277,10 @@ def rollout_of(episodes: Sequence[Driven]) -> Rollout:
         frames=np.stack([frame for e in episodes for frame in e.frames]),
         actions=np.array([action for e in episodes for action in e.actions]),
         log_probs=np.array([p for e in episodes for p in e.log_probs], np.float32),
-        values=np.array([value for e in episodes for value in e.values], np.float32),
-        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]], np.float32),
+        values=np.array([value for e in episodes for value in e.values]),
+        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]]),
         lengths=np.array([e.steps for e in episodes]),
-        last_values=np.array([e.last_value for e in episodes], np.float32),
+        last_values=np.array([e.last_value for e in episodes]),
         cut=np.array([e.cut for e in episodes]),
         scans=np.stack([scan for e in episodes for scan in e.scans]),
         states=np.stack([state for e in episodes for state in e.states]),
@@ -300,6 +298,6 @@ def beginning(rollout: Rollout, steps: int) -> Rollout:
         rollout,
         **columns,
         lengths=np.array([steps]),
-        last_values=np.zeros(1, np.float32),
+        last_values=np.zeros(1),
         cut=np.zeros(1, np.bool_),
     )

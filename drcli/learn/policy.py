@@ -23,7 +23,7 @@ class Output(NamedTuple):
 
     Attributes:
         policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
-        value: Expected discounted return, in units of the reward. Shape (n,).
+        value: Expected discounted return, in the critic's own units. Shape (n,).
     """
 
     policy: Tensor
@@ -38,8 +38,8 @@ class ActorCritic(nn.Module):
     comes from the state alone, and the body learns from the policy's gradient only.
 
     Attributes:
-        returns: Turns what the value head says into units of the reward. A shared body must not
-            be shaken by the errors of large values, nor let small ones pass unlearned.
+        returns: What the value head's units are worth in reward. A shared body must not be shaken
+            by the errors of large values, nor let small ones pass unlearned.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -82,12 +82,20 @@ class ActorCritic(nn.Module):
         # Only the body is worth bfloat16: ratios of probabilities need more than its three digits.
         with torch.autocast(features.device.type, enabled=False):
             value = self.value_head(seen.state if self.spec.state_dims else features)
-            return Output(self.policy_head(features), self.returns(value.squeeze(-1)))
+            return Output(self.policy_head(features), value.squeeze(-1))
 
-    def follow_returns(self, targets: Tensor) -> None:
-        """Let the value's scale follow the returns of an iteration; see `ReturnScale.follow`."""
-        last = self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
-        self.returns.follow(targets, cast(nn.Linear, last))
+    def follow_returns(self, targets: Tensor, values: Tensor) -> None:
+        """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
+
+        Args:
+            targets: What the critic is to learn, in reward, float64. Shape (n,).
+            values: What it said, likewise. Shape (n,).
+        """
+        last = (
+            self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
+        )
+        size = torch.maximum(targets.abs().mean(), values.abs().mean())
+        self.returns.follow(size, [cast(nn.Linear, last)])
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
@@ -103,7 +111,7 @@ class ActorCritic(nn.Module):
         best = policy if self.spec.continuous else policy.argmax(-1)
         mask = deterministic.unsqueeze(-1) if self.spec.continuous else deterministic
         actions = torch.where(mask, best, drawn)
-        return actions, self.log_prob(policy, actions), value
+        return actions, self.log_prob(policy, actions), self.returns(value)
 
     def log_prob(self, policy: Tensor, actions: Tensor) -> Tensor:
         """Log-probability (density) of actions under a policy output. Shape (n,)."""
