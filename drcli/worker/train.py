@@ -248,9 +248,8 @@ class Trainer:
         return TrainingFailed(
             f"NaN detected in loss function, aborting training. Iteration {self._number}: {error} "
             "The weights before it are kept as the last checkpoint.",
-            remedy="Lower `lr` to a third, keep rewards between -10 and 10, or set "
-            "`max_grad_norm` to 0.5 in hyperparameters.json, then go on with "
-            f"`dr-start-training --resume`.{back}",
+            remedy="Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, "
+            f"then go on with `dr-start-training --resume`.{back}",
         )
 
     def _watch_health(self) -> None:
