@@ -95,7 +95,7 @@ class TrainSettings(Group):
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",
         "auto",
-        "Arithmetic of the learner; auto takes the faster one.",
+        "Arithmetic of the learner; auto takes bf16 where the processor has matrix units for it.",
         file="system.env",
     )
     sagemaker_cuda_devices: Gpus = setting(

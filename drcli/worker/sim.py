@@ -315,7 +315,7 @@ def _packed(episodes: list[Driven]) -> Episodes:
         frames=np.stack([frame for e in episodes for frame in e.frames]),
         actions=np.concatenate([_action_column(e.actions) for e in episodes]),
         log_probs=np.concatenate([np.array(e.log_probs, np.float32) for e in episodes]),
-        values=np.concatenate([np.array(e.values, np.float32) for e in episodes]),
+        values=np.concatenate([np.array(e.values) for e in episodes]),
         rewards=np.concatenate([_reward_column(e) for e in episodes]),
         episode_numbers=np.array([e.number for e in episodes]),
         episode_lengths=np.array([e.steps for e in episodes]),
@@ -324,7 +324,7 @@ def _packed(episodes: list[Driven]) -> Episodes:
             "completed": np.array([e.completed for e in episodes]),
             "duration_s": np.array([e.duration_s for e in episodes]),
             "cut": np.array([e.cut for e in episodes]),
-            "last_values": np.array([e.last_value for e in episodes], np.float32),
+            "last_values": np.array([e.last_value for e in episodes]),
             "scans": np.concatenate([np.stack(e.scans) for e in episodes]),
             "states": np.concatenate([np.stack(e.states) for e in episodes]),
         },
@@ -334,8 +334,8 @@ def _packed(episodes: list[Driven]) -> Episodes:
     return packed
 
 
-def _reward_column(episode: Driven) -> NDArray[np.float32]:
-    return np.array([row.reward for row in episode.rows[1:]], dtype=np.float32)
+def _reward_column(episode: Driven) -> NDArray[np.float64]:
+    return np.array([row.reward for row in episode.rows[1:]])
 
 
 def _action_column(

@@ -29,7 +29,7 @@ from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
-from drcli.worker.learning import Learner, build_learner, policy_spec
+from drcli.worker.learning import Learner, build_learner
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.waiting import DOUBT_S
 
@@ -62,11 +62,16 @@ class Trainer:
         )
         print("Using the following hyper-parameters")
         print(parameters.canonical_json(metadata.training_algorithm))
-        spec = policy_spec(metadata, parameters)
+        self._found = self._checkpoints.load_latest(with_optimizer=True)
+        counters = {} if self._found is None else self._found.record.counters
         compute = choose_compute(
-            s.torch_precision, spec, parameters.batch_size, learning_threads(s)
+            s.torch_precision,
+            parameters.batch_size,
+            learning_threads(s),
+            before=counters.get("number_format"),
         )
         print(f"Compute> {compute.reason}")
+        self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
         self._goals = Goals(job, parameters)
@@ -103,7 +108,7 @@ class Trainer:
 
     def _restore(self) -> None:
         """Go on from the newest intact checkpoint, or publish the first one."""
-        found = self._checkpoints.load_latest(with_optimizer=True)
+        found, self._found = self._found, None
         if found is None:
             self._publish()
             return
@@ -243,9 +248,8 @@ class Trainer:
         return TrainingFailed(
             f"NaN detected in loss function, aborting training. Iteration {self._number}: {error} "
             "The weights before it are kept as the last checkpoint.",
-            remedy="Lower `lr` to a third, keep rewards between -10 and 10, or set "
-            "`max_grad_norm` to 0.5 in hyperparameters.json, then go on with "
-            f"`dr-start-training --resume`.{back}",
+            remedy="Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, "
+            f"then go on with `dr-start-training --resume`.{back}",
         )
 
     def _watch_health(self) -> None:
@@ -274,6 +278,7 @@ class Trainer:
             counters={
                 "episodes": self._episodes,
                 "elapsed_s": self._elapsed_s(),
+                "number_format": self._number_format,
                 "learned": None if learned is None else fields_of(learned),
             },
         )

@@ -61,6 +61,7 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     latest = CheckpointStore(workspace.bucket(), workspace.prefix).load_latest(with_optimizer=True)
     assert latest is not None
     assert latest.optimizer is not None
+    assert latest.record.counters["number_format"] in ("fp32", "bf16")
     # Driven again after the resume or not, each of a worker's episodes is in its log once.
     for worker in ("sim-0", "sim-1"):
         reading = log_guru(workspace.log(worker))

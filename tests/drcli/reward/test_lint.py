@@ -69,8 +69,10 @@ def test_pay_that_grows_with_every_step_is_told(rules):
     assert "unbounded" in found
 
 
-def test_large_rewards_are_told(rules):
-    assert "large" in rules(lambda params: 4e3 * on_the_road(params) * params["speed"] ** 2)
+def test_the_size_of_rewards_is_no_reason_to_complain(rules):
+    assert rules(lambda params: 4e3 * on_the_road(params) * params["speed"] ** 2) == rules(
+        lambda params: on_the_road(params) * params["speed"] ** 2
+    )
 
 
 def test_the_shipped_example_for_speed_has_no_loophole(rules):

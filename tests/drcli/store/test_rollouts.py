@@ -18,11 +18,11 @@ CHECKPOINT = "3_Step-900.ckpt"
 
 
 def played(steps: int, number: int = 0) -> Episodes:
-    column = np.arange(steps, dtype=np.float32)
+    column = np.arange(steps, dtype=np.float64)
     return Episodes(
         frames=np.full((steps, 1, 12, 16), number, np.uint8),
         actions=np.arange(steps),
-        log_probs=column,
+        log_probs=column.astype(np.float32),
         values=column,
         rewards=column,
         episode_numbers=np.array([number]),
