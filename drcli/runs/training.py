@@ -20,6 +20,13 @@ from drcli.runs.status import inspect
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
     from drcli.job import Job
     from drcli.runs.plan import RunPlan
+    from drcli.store.s3 import S3Bucket
+
+PATIENCE_S = 5.0
+"""How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
+
+READ_TIMEOUT_S = 5.0
+"""How long it lets an answer stall."""
 
 READY_TIMEOUT_S = 20.0
 
@@ -69,12 +76,20 @@ def supervise_job(job: "Job") -> int:
     from drcli.rewriting import only_writer
     from drcli.runs import lease
     from drcli.runs.plan import refuse_second_run
+    from drcli.runs.renewal import Renewal
     from drcli.runs.supervisor import Supervisor
     from drcli.store.connect import ensure_storage, open_bucket, restart_storage
+    from drcli.store.ownership import Ownership
 
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
-    bucket = open_bucket(settings, job.directory)
+
+    def impatient(patience_s: float) -> "S3Bucket":
+        return open_bucket(
+            settings, job.directory, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S
+        )
+
+    bucket = impatient(PATIENCE_S)
     record = RunRecord(
         run_id=settings.run_id,
         session=job.session,
@@ -90,12 +105,13 @@ def supervise_job(job: "Job") -> int:
     with only_writer(job.directory):  # of two starts in the same moment one trains
         refuse_second_run(settings, job.folder)
         lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
-        lease.renew(bucket, settings.model_prefix, job.session)
+        taken = lease.take(bucket, settings.model_prefix, job.session)
         record.write(job.folder)
     return Supervisor(
         job,
-        bucket,
+        bucket.fenced(Ownership(bucket, settings.model_prefix, job.session).check),
         record,
+        Renewal(impatient(0.0), settings.model_prefix, taken),
         revive_server=lambda: ensure_storage(settings, job.directory),
         restart_server=lambda: restart_storage(settings, job.directory),
     ).run()

@@ -10,10 +10,14 @@ import traceback
 from collections.abc import Callable
 from types import FrameType
 
+from drcli.config import Settings
 from drcli.errors import DrError
 from drcli.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+from drcli.store.ownership import Ownership
+from drcli.store.s3 import S3Bucket
 
 BUG = 1
 """Exit code of a failure that is nobody's but ours."""
@@ -60,6 +64,21 @@ class Activity:
             "host": socket.gethostname(),
         }
         self._bucket.put(self._key, json.dumps(record).encode())
+
+
+def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:
+    """The bucket of a training, for a worker of it.
+
+    Nothing can be written there once another training has taken the model over, and the patience
+    with a silent server is short once the worker was asked to leave.
+
+    Args:
+        job: The training.
+        settings: Those of the worker.
+        lifeline: Of this process.
+    """
+    bucket = open_bucket(settings, job.directory, hurried=lifeline.should_stop)
+    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session).check)
 
 
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
