@@ -1,5 +1,6 @@
 """What both kinds of worker share as processes: signals, last words, and a word on what they do."""
 
+import gc
 import json
 import os
 import signal
@@ -101,6 +102,10 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         words.leave(job.folder, name)
         _log(name, error)
         raise SystemExit(words.code) from None
+    finally:
+        # Else Python looks through all objects for garbage while it ends, which takes most of a
+        # second of processor time that whoever stops a training waits for.
+        gc.freeze()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
