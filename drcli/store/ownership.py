@@ -85,11 +85,11 @@ def elapsed_s() -> float:
 
 def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
     """What a start says that has lost the prefix to another."""
-    does = "was trained" if lease.released else "is trained"
+    is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
-        f"s3://{bucket.name}/{prefix} {does} by process {lease.pid} on {lease.host}, which took "
-        "it over after this training had not been heard of for a minute. What this one did since "
-        "then is dropped.",
+        f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
+        "which took it over after this training had not been heard of for a minute. What this one "
+        "did since then is dropped.",
         remedy="Nothing is lost; the other training goes on. To go on here, stop it there, then "
         "`dr-start-training --resume`.",
     )

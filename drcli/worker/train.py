@@ -200,7 +200,7 @@ class Trainer:
                 steps_before=self._steps,
             )
         except UpdateInterruptedError:
-            # The rollouts stay in the bucket: a resumed trainer repeats this update from them.
+            # Nothing is lost: a resumed training drives this iteration again, and learns from it.
             raise StopRequested from None
         except NonFiniteLossError as error:
             self._await_evaluation(collected)
