@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import psutil
-
 from drcli.config import Settings
 from drcli.errors import WorkerDied
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
+from drcli.runs.machine import started_s
 from drcli.runs.record import RunRecord, is_alive, run_folder, storage_of
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
@@ -98,7 +97,7 @@ def supervise_job(job: "Job") -> int:
         world=settings.world_name,
         state="starting",
         pid=os.getpid(),
-        pid_started=psutil.Process().create_time(),
+        pid_started=started_s(os.getpid()) or 0.0,
         started_at=time.time(),
         storage=storage_of(settings),
     )

@@ -31,7 +31,7 @@ class Lease:
         pid: Its supervisor there.
         renewed: Unix seconds by the clock of that machine.
         machine: What no other machine or container has, empty where it is not known.
-        pid_started: When that process began, in the words of that machine.
+        pid_started: When that process began there.
         term: Counts the owners of the prefix. Of two notes the one with the higher term is right:
             an owner that was held up may write its note once more after it lost the prefix.
         released: Whether the owner has ended. The note stays, so that one who owned the prefix
@@ -44,7 +44,7 @@ class Lease:
     pid: int
     renewed: float
     machine: str = ""
-    pid_started: str = ""
+    pid_started: float = 0.0
     term: int = 0
     released: bool = False
     age_s: float = 0.0

@@ -12,7 +12,7 @@ import pytest
 
 from drcli.errors import SettingsError
 from drcli.runs import lease
-from drcli.runs.machine import start_of
+from drcli.runs.machine import started_s
 from drcli.store import keys
 from drcli.store.memory import MemoryBucket
 from drcli.store.ownership import read_lease, write_lease
@@ -97,7 +97,7 @@ def test_nobody_gives_back_what_another_has_taken(bucket):
 def test_a_process_of_this_machine_that_is_gone_owns_nothing(bucket):
     theirs = lease.take(bucket, "model", "theirs")
     dead = subprocess.Popen([sys.executable, "-S", "-c", "pass"])
-    write_lease(bucket, "model", replace(theirs, pid=dead.pid, pid_started=start_of(dead.pid)))
+    write_lease(bucket, "model", replace(theirs, pid=dead.pid, pid_started=started_s(dead.pid)))
     dead.wait()
 
     lease.refuse_other_owner(bucket, "model", "ours")
@@ -105,7 +105,7 @@ def test_a_process_of_this_machine_that_is_gone_owns_nothing(bucket):
 
 def test_a_process_that_got_the_number_of_the_owner_is_not_the_owner(bucket):
     theirs = lease.take(bucket, "model", "theirs")
-    write_lease(bucket, "model", replace(theirs, pid_started="tick 1"))
+    write_lease(bucket, "model", replace(theirs, pid_started=1.0))
 
     lease.refuse_other_owner(bucket, "model", "ours")
 
