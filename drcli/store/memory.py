@@ -22,7 +22,7 @@ class MemoryBucket:
     def __init__(self, name: str = "bucket", *, clock: Callable[[], float] = time.time) -> None:
         self._name = name
         self._clock = clock
-        self._before_write: Callable[[], None] = lambda: None
+        self._before_write: Callable[[str], None] = lambda key: None
         self._objects: dict[str, tuple[bytes, datetime]] = {}
         self._lock = threading.Lock()
 
@@ -51,15 +51,15 @@ class MemoryBucket:
             modified = self._objects[key][1]
         return data, self._clock() - modified.timestamp()
 
-    def fenced(self, check: Callable[[], None]) -> Self:
-        """The same bucket, which calls `check` before everything that it writes or deletes."""
+    def fenced(self, check: Callable[[str], None]) -> Self:
+        """The same bucket, which calls `check` with every key that it is to write or delete."""
         fenced = copy.copy(self)
         fenced._before_write = check
         return fenced
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Keep a copy of the data."""
-        self._before_write()
+        self._before_write(key)
         with self._lock:
             self._objects[key] = (bytes(data), datetime.fromtimestamp(self._clock(), UTC))
         if watch is not None:
@@ -68,7 +68,8 @@ class MemoryBucket:
     def delete(self, keys: Iterable[str]) -> None:
         """Forget objects."""
         doomed = list(keys)
-        self._before_write()
+        for key in doomed:
+            self._before_write(key)
         with self._lock:
             for key in doomed:
                 self._objects.pop(key, None)

@@ -17,8 +17,12 @@ from drcli.errors import OwnershipLost
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
-TRUSTED_S = 0.25
-"""How long what was read of the lease is believed, so that writes in a row read it once."""
+POINTER_TRUSTED_S = 0.1
+"""How long what was read of the lease is believed before a pointer is written: two in a row need
+one look."""
+
+OTHERS_TRUSTED_S = 1.0
+"""The same before other objects (`keys.decides`). A new owner's processes take longer to start."""
 
 
 @dataclass(frozen=True)
@@ -113,19 +117,22 @@ class Ownership:
         self._session = session
         self._clock = clock
         self._term = 0
-        self._read_s = -TRUSTED_S
+        self._read_s = -OTHERS_TRUSTED_S
 
-    def check(self) -> None:
+    def check(self, key: str) -> None:
         """Return while the prefix is this start's own; called before everything that is written.
 
         A note that is missing or unreadable is no other owner's: the supervisor writes it again.
+
+        Args:
+            key: What is to be written or deleted.
 
         Raises:
             OwnershipLost: It is somebody else's.
             StorageError: The lease cannot be read.
         """
         began_s = self._clock()
-        if began_s - self._read_s < TRUSTED_S:
+        if began_s - self._read_s < (POINTER_TRUSTED_S if keys.decides(key) else OTHERS_TRUSTED_S):
             return
         lease = read_lease(self._bucket, self._prefix)
         if lease is not None and lease.outranks(self._session, self._term):

@@ -69,7 +69,7 @@ class S3Bucket:
         self._name = name
         self._patience_s = patience_s
         self._hurried = hurried
-        self._before_write: Callable[[], None] = lambda: None
+        self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
         self._client = _client(endpoint, read_timeout_s)
@@ -96,8 +96,8 @@ class S3Bucket:
         """Read a whole object, and how many seconds ago it was written by the server's clock."""
         return self._patiently(lambda: self._get_with_age(key), self._attempt("read", key))
 
-    def fenced(self, check: Callable[[], None]) -> Self:
-        """The same bucket, which calls `check` before everything that it writes or deletes.
+    def fenced(self, check: Callable[[str], None]) -> Self:
+        """The same bucket, which calls `check` with every key that it is to write or delete.
 
         It is called before every try, because between two of them a minute may pass. What it raises
         ends the call.
@@ -232,14 +232,14 @@ class S3Bucket:
         return answer["Body"].read(), age_s
 
     def _put_whole(self, key: str, data: bytes) -> None:
-        self._before_write()
+        self._before_write(key)
         self._client.put_object(Bucket=self._name, Key=key, Body=data)
 
     def _put_in_parts(self, key: str, data: bytes, watch: Watch | None) -> None:
         """Write an object with the library that cuts large ones into parts and counts bytes."""
         from boto3.s3.transfer import TransferConfig
 
-        self._before_write()
+        self._before_write(key)
         # One part after the other: the embedded server writes them to disk in that order and
         # would have to hold back in memory what comes too early.
         config = TransferConfig(
@@ -253,7 +253,8 @@ class S3Bucket:
             )
 
     def _delete_batch(self, keys: Sequence[str]) -> None:
-        self._before_write()
+        for key in keys:
+            self._before_write(key)
         answer = self._client.delete_objects(
             Bucket=self._name, Delete={"Objects": [{"Key": key} for key in keys], "Quiet": True}
         )

@@ -104,11 +104,11 @@ def test_the_late_writing_of_an_owner_from_before_is_put_right(server):
     before = lease.take(server.bucket, PREFIX, "theirs")
     server.now_s += 70.0
     renewal, ownership = server.renewal("ours"), server.ownership("ours")
-    ownership.check()
+    ownership.check("key")
     write_lease(server.bucket, PREFIX, before)
     server.now_s += LOOK_S
 
-    ownership.check()
+    ownership.check("key")
     renewal.step()
 
     assert renewal.lost is None
@@ -165,6 +165,17 @@ def test_writes_in_a_row_read_the_lease_once(server):
         fenced.put(f"{number}", b"")
 
     assert len(reads) == 1
+
+
+def test_a_pointer_is_not_written_on_what_was_read_a_while_ago(server):
+    lease.take(server.bucket, PREFIX, "ours")
+    fenced = server.bucket.fenced(server.ownership("ours").check)
+    fenced.put(keys.checkpoint_tensors(PREFIX, "1_Step-9.ckpt"), b"weights")
+    server.now_s += 0.2
+    lease.take(server.bucket, PREFIX, "theirs")
+
+    with pytest.raises(OwnershipLost):
+        fenced.put(keys.coach_checkpoint(PREFIX), b"1_Step-9.ckpt")
 
 
 def test_a_lease_that_cannot_be_read_stops_the_writing(server):

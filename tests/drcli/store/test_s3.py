@@ -139,7 +139,7 @@ def test_a_write_that_is_tried_again_asks_its_fence_again(clock, monkeypatch):
     def put_object(**_: object) -> None:
         raise SILENT
 
-    def check() -> None:
+    def check(key: str) -> None:
         if clock.now_s > 5.0:
             raise OwnershipLost("Theirs.", remedy="Leave it.")
 
