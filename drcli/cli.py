@@ -29,6 +29,7 @@ Exit codes:
     5  a worker died
     6  training cannot go on
     7  not built yet, or not installed here
+    8  another machine has taken the model over
   130  interrupted (Ctrl-C)
   143  stopped (SIGTERM)
 """

@@ -189,7 +189,7 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
         lease.refuse_other_owner(bucket, prefix, job.session)
         if not (options.wipe or options.resume):
             refuse(review_prefix(settings, bucket))
-        lease.renew(bucket, prefix, job.session)
+        lease.take(bucket, prefix, job.session)
     try:
         yield
     except BaseException:

@@ -21,9 +21,8 @@ from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
-from drcli.store.rollouts import RolloutWriter
+from drcli.store.rollouts import RolloutWriter, session_of_worker
 from drcli.worker import announce, process
 from drcli.worker.cores import cores, driving_threads, overlaps
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
@@ -65,7 +64,7 @@ class SimWorker:
         self._settings = s
         self._lifeline = lifeline
         self._prefix = s.model_prefix
-        self._bucket = open_bucket(s, job.directory)
+        self._bucket = process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
@@ -118,12 +117,14 @@ class SimWorker:
         self._warm = False
         self._driven_steps = 0
         self._driven_before = False
+        self._evaluated_before = False
         self._handed_in_s = time.monotonic()
         self._waiter = CheckpointWaiter(
             self._bucket,
             self._prefix,
             job.session,
             worker,
+            s.workers,
             should_stop=lifeline.should_stop,
             say=self._activity.say,
         )
@@ -152,8 +153,9 @@ class SimWorker:
             self._newest = name.number
             iteration = max(iteration, name.number)
             self._total_steps = name.steps
-            weights = load_tensors(self._checkpoints.load(str(name)).tensors)
-            self._model.load_state_dict(weights)
+            checkpoint = self._checkpoints.load(str(name))
+            self._waiter.learn_from(checkpoint.record)
+            self._model.load_state_dict(load_tensors(checkpoint.tensors))
             self._iterate(iteration, name)
             iteration += 1
 
@@ -172,15 +174,18 @@ class SimWorker:
             iteration=iteration,
             worker=self._share.worker,
             checkpoint=str(name),
-            session=f"{self._job.session}-{os.getpid()}-{self._drives}",
+            session=session_of_worker(self._job.session, os.getpid(), self._drives),
         )
         shard: list[Driven] = []
         evaluates = self._evaluates(name)
+        trials = self._trials if evaluates else 0
         begin = time.time()
 
         def collect(episode: Driven) -> None:
             if episode.phase == "evaluation":
                 evaluation.append(episode)
+                if len(evaluation) == trials:  # at once: whatever ends the drive, these count
+                    self._publish_evaluation(name, evaluation)
                 return
             training.append(episode)
             self._driven_steps += episode.steps
@@ -201,7 +206,7 @@ class SimWorker:
                 self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
-            plans = self._plans(numbers, self._trials if evaluates else 0)
+            plans = self._plans(numbers, trials)
             self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon())
         except StopRequested:
             writer.abandon()
@@ -214,8 +219,7 @@ class SimWorker:
             share = steps / (steps + sum(len(e.rows) for e in training))
             if self._warm:  # the first iteration may have compiled, which is nobody's share
                 self._budget.spend(share * (time.time() - begin))
-            evaluation.sort(key=lambda episode: episode.number)
-            self._publish_evaluation(iteration, name, evaluation, numbers.stop)
+            self._note_evaluation(iteration, name, evaluation, numbers.stop)
         self._warm = True
 
     def _evaluates(self, name: keys.CheckpointName) -> bool:
@@ -281,27 +285,32 @@ class SimWorker:
             print(lines)
         self._bucket.put(key, trace.encode())
 
-    def _publish_evaluation(
+    def _publish_evaluation(self, name: keys.CheckpointName, episodes: list[Driven]) -> None:
+        """Tell the trainer how a checkpoint did in all its trials."""
+        episodes.sort(key=lambda episode: episode.number)
+        result = {
+            "checkpoint": str(name),
+            "progress": [float(e.progress) for e in episodes],
+            "reward": [float(e.reward) for e in episodes],
+            "lap_s": [float(e.duration_s) for e in episodes if e.completed],
+        }
+        key = keys.evaluation_result(self._prefix, name.number)
+        self._evaluated_before = self._bucket.exists(key)
+        self._bucket.put(key, json.dumps(result).encode())
+
+    def _note_evaluation(
         self,
         iteration: int,
         name: keys.CheckpointName,
         episodes: list[Driven],
         last_episode: int,
     ) -> None:
+        """Put an evaluation into metrics and log, behind the training episodes beside it."""
         schedule(episodes, self._metrics.clock_s)
         self._metrics.add(iteration, [], episodes)
-        result = {
-            "checkpoint": str(name),
-            "progress": [float(e.progress) for e in episodes],
-            "reward": [float(e.reward) for e in episodes],
-            "lap_s": [float(e.duration_s) for e in episodes if e.completed],
-            "clock_s": self._metrics.clock_s,
-        }
-        key = keys.evaluation_result(self._prefix, name.number)
-        if not (self._driven_before and self._bucket.exists(key)):  # as above
+        if not (self._driven_before and self._evaluated_before):  # else it is in the log already
             worker, steps = self._share.worker, self._total_steps
             print(announce.evaluation_lines(episodes, worker, last_episode, steps, name.number))
-        self._bucket.put(key, json.dumps(result).encode())
 
 
 def _evaluation_trials(job: Job) -> int:

@@ -8,6 +8,8 @@ import subprocess
 
 import pytest
 
+from drcli.runs import lease
+
 pytestmark = pytest.mark.slow
 
 
@@ -43,7 +45,7 @@ def _assert_every_object_is_readable(workspace) -> None:
     assert not [key for key in names if key.startswith("rollouts/")]
 
 
-def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bucket(
+def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third(
     workspace, new_workspace
 ):
     workspace.hyperparameters["term_cond_max_episodes"] = 10_000
@@ -66,9 +68,13 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     second = elsewhere.start("start-training", "--resume", "--foreground")
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
-    second.send_signal(signal.SIGTERM)
-    elsewhere.end_of(second)
+    bucket = elsewhere.bucket()
+    theirs = lease.take(bucket, elsewhere.prefix, "a third start")
+    lost = elsewhere.end_of(second, patience_s=30)
 
+    assert lost.returncode == 8
+    assert f"is trained by process {theirs.pid}" in " ".join(lost.stderr.split())
+    assert lease.holder(bucket, elsewhere.prefix).session == "a third start"
     after = elsewhere.status()
     assert after["history"][: len(before["history"])] == before["history"]
     assert after["history"][-1]["total_steps"] > before["history"][-1]["total_steps"]

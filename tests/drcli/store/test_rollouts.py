@@ -148,6 +148,18 @@ def test_a_manifest_of_another_checkpoint_counts_as_missing(memory, reader, cloc
     assert 20.0 <= clock.now_s < 21.5
 
 
+def test_a_manifest_of_another_start_counts_as_missing_and_its_parts_are_left(memory, clock):
+    reader = RolloutReader(memory, PREFIX, "ours", clock=clock, pause=clock.pause)
+    hand_in(memory, 0, session="theirs-7-1")
+    hand_in(memory, 1, session="ours-7-1")
+
+    arrived = reader.wait_manifests(3, [CHECKPOINT], [0, 1], patience_s=1.0)
+
+    assert [m.session for m in arrived.values()] == ["ours-7-1"]
+    assert all("ours-7-1" in key for key in reader._fetched)
+    reader.close()
+
+
 def test_the_wait_says_who_is_missing_and_goes_on_without(memory, reader, clock):
     hand_in(memory, 1)
     said: list[Waiting] = []

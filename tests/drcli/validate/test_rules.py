@@ -199,8 +199,8 @@ CASES = (
     ),
     Case(
         "V-13",
-        lambda f: lease.renew(f.bucket, "model-2", "abc"),
-        lambda f: lease.renew(f.bucket, "model-1", "abc"),
+        lambda f: lease.take(f.bucket, "model-2", "abc"),
+        lambda f: lease.take(f.bucket, "model-1", "abc"),
         "warning",
         ("s3://bucket/model-1", "is being trained by process"),
     ),
