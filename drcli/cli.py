@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from drcli import __version__, verbosity, waits
+from drcli import __version__, plainletters, verbosity, waits
 from drcli.commands.folder import working_folder
 from drcli.commands.lazy import QUIET_HELP, LazyGroup
 from drcli.errors import DrError
@@ -29,6 +29,7 @@ Exit codes:
     5  a worker died
     6  training cannot go on
     7  not built yet, or not installed here
+    8  another machine has taken the model over
   130  interrupted (Ctrl-C)
   143  stopped (SIGTERM)
 """
@@ -82,8 +83,7 @@ def main(args: list[str] | None = None) -> None:
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # A terminal that knows no braille gets question marks, not a traceback.
-            stream.reconfigure(errors="replace")
+            plainletters.use(stream)  # a terminal that knows no braille gets no traceback
     try:
         app(_arguments(sys.argv) if args is None else args, prog_name="dr")
     except DrError as error:  # ours to explain; anything else is a bug

@@ -58,6 +58,13 @@ class TrainingFailed(DrError):
     final = True
 
 
+class OwnershipLost(DrError):
+    """Another training has taken the model over; this one must not write there any more."""
+
+    code = 8
+    final = True
+
+
 class NotAvailable(DrError):
     """What was asked for is not built yet, or needs a program that is not installed."""
 

@@ -14,6 +14,12 @@ Loss = Literal["huber", "mean squared error"]
 Schedule = Literal["constant", "linear"]
 Critic = Literal["camera", "state"]
 
+USUAL_SCORES = (350.0, 100_000.0)
+"""`term_cond_avg_score` in the files that everybody has: nobody expects anything of these."""
+
+FEW_ITERATIONS = 100
+"""A `term_cond_max_episodes` below this was probably meant in episodes."""
+
 PASSED_THROUGH = (
     "preset_s3_key",
     "max_sample_count",
@@ -255,19 +261,18 @@ def _unusual(values: Hyperparameters) -> Iterator[tuple[str, str, str]]:
             "little to learn from; 10, 20 or 40 are usual with clipped_ppo",
             "Write 20, unless the algorithm is sac.",
         )
-    if not 35_000 <= v.term_cond_avg_score <= 100_000:
+    if v.term_cond_avg_score not in USUAL_SCORES:
         yield (
             "term_cond_avg_score",
-            f"term_cond_avg_score={v.term_cond_avg_score:g} ends the training once the mean reward "
-            "of the last 100 episodes reaches it; other trainers ignored it. Usual is 100000",
-            "Write 100000 to train on.",
+            f"term_cond_avg_score={v.term_cond_avg_score:g} has no effect, as in other trainers",
+            "Set DR_TRAIN_STOP_REWARD in run.env to end a training by its mean reward.",
         )
-    if v.term_cond_max_episodes < 10_000:
+    if v.term_cond_max_episodes < FEW_ITERATIONS:
         yield (
             "term_cond_max_episodes",
             f"term_cond_max_episodes={v.term_cond_max_episodes} ends the training after so many "
-            "episodes; other trainers counted iterations. Usual is 100000",
-            "Write 100000 to train on.",
+            "iterations; despite its name the key counts these, as in other trainers",
+            "Write 1000 or more to train on.",
         )
     if v.stack_size > 1:
         yield (

@@ -29,6 +29,9 @@ PROCESS_TUNING = {
 }
 """Environment of the worker processes, unless the user's own says otherwise."""
 
+LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
+"""Logs are UTF-8 in every locale, and no letter that a reward function prints ends a worker."""
+
 
 @dataclass(frozen=True)
 class Job:
@@ -66,7 +69,7 @@ class Job:
             "folder": str(self.folder),
             "launcher_pid": self.launcher_pid,
         }
-        return {**PROCESS_TUNING, **os.environ, VARIABLE: json.dumps(fields)}
+        return {**PROCESS_TUNING, **os.environ, **LOG_ENCODING, VARIABLE: json.dumps(fields)}
 
     @staticmethod
     def from_environment() -> "Job":

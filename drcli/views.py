@@ -67,6 +67,7 @@ def start_text(plan: "RunPlan") -> str:
             f"World {settings.world_name}, {workers}, seed {plan.job.seed}.",
             "Using configuration files:",
             *(f"   {file.origin}" for file in files),
+            plan.ends,
         ]
     )
 

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from drcli.tracks.facts import TrackFacts, TrackList
     from drcli.tracks.folder import TrackView
 
+_REPEATS = 3
+"""Repeated waypoints that are told one by one."""
+
 
 def track_list(found: "TrackList") -> RenderableType:
     """All tracks, a line each, and where the racer's own lie."""
@@ -51,11 +54,14 @@ def track_facts(facts: "TrackFacts") -> RenderableType:
         if facts.greatest_width_m - facts.least_width_m < 0.02
         else f"{facts.least_width_m:.2f} to {facts.greatest_width_m:.2f} m"
     )
+    repeats = "".join(f"; {number} repeats {number - 1}" for number in facts.repeated[:_REPEATS])
+    more = len(facts.repeated) - _REPEATS
     return Group(
         Text(f"{facts.name}: {facts.about}" if facts.about else facts.name, style="bold"),
         Text(
             f"{facts.length_m:.2f} m long, {width} wide, {facts.direction}; "
             f"{facts.waypoints} waypoints, {facts.spacing_m:.2f} m apart"
+            f"{repeats}{f' and {more} more' if more > 0 else ''}"
         ),
         Text(f"the white line {line}; {_origin(facts)}"),
     )

@@ -20,6 +20,7 @@ def report(found: "Report") -> RenderableType:
     for title, style, group in (
         ("Errors", "bold red", found.errors),
         ("Warnings", "yellow", found.warnings),
+        ("Notes", "bold", found.notes),
     ):
         if group:
             parts.append(Text(title, style=style))
@@ -44,6 +45,8 @@ def _sum(found: "Report") -> str:
         return f"{counts} A training would not start."
     if any(item.rule == "V-13" for item in found.warnings):
         return f"{counts} A training can start when the present one has ended."
+    if found.notes:
+        return f"{counts} A training can start with what the notes say."
     return f"{counts} A training can start."
 
 

@@ -50,7 +50,7 @@ def measure(folder: Path) -> dict[str, Any]:
     custom = folder / "custom_files"
     shutil.copytree(PROJECT / "defaults", custom)
     parameters = json.loads((custom / "hyperparameters.json").read_text())
-    parameters |= {"num_episodes_between_training": 100, "term_cond_max_episodes": 100}
+    parameters |= {"num_episodes_between_training": 100, "term_cond_max_episodes": 1}
     (custom / "hyperparameters.json").write_text(json.dumps(parameters))
     metadata = json.loads((custom / "model_metadata.json").read_text())
     metadata["action_space"] = [

@@ -23,6 +23,7 @@ CODES = {
     "WorkerDied": 5,
     "TrainingFailed": 6,
     "NotAvailable": 7,
+    "OwnershipLost": 8,
 }
 """Failures and the exit code that a command ends with. Their subclasses are found by themselves."""
 
@@ -33,6 +34,7 @@ TITLES = {
     5: "Processes",
     6: "Learning",
     7: "What is not there",
+    8: "Models that another training has taken over",
 }
 
 NAMELESS = "..."

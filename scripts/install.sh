@@ -49,4 +49,9 @@ echo "Installing into $venv ..." >&2
 "$venv/bin/python" -m pip install --quiet --upgrade pip || true
 install_torch
 "$venv/bin/python" -m pip install --quiet --editable ".${extra:+[$extra]}"
+# Python 3.11 and 3.12 read this file in the locale's character set and do not start where a path in
+# it is not of that set. Paths relative to the file need no letters at all.
+for packages in "$venv"/lib/python3.*/site-packages; do
+    printf '%s\n' ../../../.. ../../../../env >"$packages/_editable_impl_drcli.pth"
+done
 touch "$stamp"

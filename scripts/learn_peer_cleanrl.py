@@ -66,7 +66,7 @@ class CleanRlTraining:
         self._envs = RacerVectorEnv(
             cars,
             work.track,
-            reward_function=work.reward,
+            reward_function=work.rewards(cars),
             actions=work.actions,
             rules=work.rules,
             num_threads=work.threads,

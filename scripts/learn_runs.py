@@ -33,6 +33,8 @@ from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load
 
 PROJECT = Path(__file__).resolve().parents[1]
 
+SHIPPED_FILES = PROJECT / "defaults"
+
 FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
 FEWEST_EVALUATIONS = {"DR_TRAIN_MIN_EVAL_TRIALS": "1", "DR_TRAIN_EVAL_SHARE": "0.001"}
@@ -67,10 +69,11 @@ class Work:
         parameters: hyperparameters.json.
         spec: The network.
         actions: What its outputs mean.
-        reward: The reward function.
+        reward_file: The reward function, of which each car gets a copy of its own.
         track: Where the cars drive.
         threads: For simulation and learner, which take turns.
         compute: Device and number format that a training chooses here.
+        reward_factor: What every reward is multiplied by.
     """
 
     environment: dict[str, str]
@@ -79,22 +82,26 @@ class Work:
     parameters: Hyperparameters
     spec: PolicySpec
     actions: Actions
-    reward: RewardFunction
+    reward_file: Path
     track: Track
     threads: int
     compute: Compute
+    reward_factor: float = 1.0
 
     @staticmethod
-    def load(environment: dict[str, str], network: str, threads: int) -> "Work":
+    def load(
+        environment: dict[str, str], network: str, threads: int, folder: Path = SHIPPED_FILES
+    ) -> "Work":
         """Read the shipped files.
 
         Args:
             environment: Settings that differ from the shipped ones.
             network: `neural_network` of model_metadata.json.
             threads: For simulation and learner.
+            folder: Where the three files are.
         """
         settings = load_settings(PROJECT, environ={**os.environ, **environment})
-        files = {name: (PROJECT / "defaults" / name).read_bytes() for name in FILES}
+        files = {name: (folder / name).read_bytes() for name in FILES}
         written = json.loads(files["model_metadata.json"]) | {"neural_network": network}
         files["model_metadata.json"] = json.dumps(written).encode()
         parameters = Hyperparameters.from_bytes(files["hyperparameters.json"])
@@ -107,10 +114,10 @@ class Work:
             parameters,
             spec,
             actions_of(metadata),
-            load_reward_function(PROJECT / "defaults" / "reward_function.py"),
+            folder / "reward_function.py",
             load_world(settings),
             threads,
-            choose_compute(settings.torch_precision, spec, parameters.batch_size, threads),
+            choose_compute(settings.torch_precision, parameters.batch_size, threads),
         )
 
     @property
@@ -128,10 +135,18 @@ class Work:
         return Simulation(
             self.track,
             num_cars=cars,
-            reward_function=self.reward,
+            reward_function=self.rewards(cars),
             rules=self.rules,
             num_threads=self.threads,
         )
+
+    def rewards(self, cars: int) -> list[RewardFunction]:
+        """A reward function for each car: they may keep things in globals."""
+        return [self._reward() for _ in range(cars)]
+
+    def _reward(self) -> RewardFunction:
+        function, factor = load_reward_function(self.reward_file), self.reward_factor
+        return function if factor == 1.0 else lambda params: factor * float(function(params))
 
 
 class MemoryTraining:
@@ -141,16 +156,28 @@ class MemoryTraining:
 
     Attributes:
         rollout: What was driven last.
+        evaluation: Evaluation episodes that were driven beside it.
+        steps: Steps learned from.
     """
 
     rollout: Rollout
+    evaluation: Sequence[Driven]
 
-    def __init__(self, work: Work, seed: int) -> None:
+    def __init__(self, work: Work, seed: int, trials: int = 0) -> None:
+        """Begin with fresh weights.
+
+        Args:
+            work: What to train.
+            seed: Of everything random.
+            trials: Evaluation episodes of each checkpoint; 0: one, of the first checkpoint only.
+        """
         self._work = work
         self._seed = seed
+        self._trials = trials
         self._number = 0
-        self._steps = 0
-        self._simulation = work.simulation(work.parameters.num_episodes_between_training + 1)
+        self.steps = 0
+        cars = work.parameters.num_episodes_between_training + max(1, trials)
+        self._simulation = work.simulation(cars)
         torch.manual_seed(seed)
         self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._driving = ActorCritic(work.spec).eval()
@@ -165,10 +192,11 @@ class MemoryTraining:
         driven: list[Driven] = []
         self._driver.drive(self._plans(), driven.append)
         self.rollout = rollout_of([e for e in driven if e.phase == "training"])
+        self.evaluation = [e for e in driven if e.phase == "evaluation"]
         seed = self._seed + SEED_STRIDE * self._number
-        self._ppo.update(self.rollout, seed, steps_before=self._steps)
+        self._ppo.update(self.rollout, seed, steps_before=self.steps)
         self._number += 1
-        self._steps += self.rollout.steps
+        self.steps += self.rollout.steps
         return Pace(self.rollout.steps, time.perf_counter() - started_s)
 
     def close(self) -> None:
@@ -189,9 +217,11 @@ class MemoryTraining:
             )
             for number in range(self._number * count, (self._number + 1) * count)
         ]
-        if self._number == 0:
-            plans.append(Plan(0, "evaluation", s.train_start_position_offset % 1.0))
-        return plans
+        trials = self._trials or int(self._number == 0)
+        return plans + [
+            Plan(trial, "evaluation", (s.train_start_position_offset + trial / trials) % 1.0)
+            for trial in range(trials)
+        ]
 
 
 def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
@@ -247,10 +277,10 @@ def rollout_of(episodes: Sequence[Driven]) -> Rollout:
         frames=np.stack([frame for e in episodes for frame in e.frames]),
         actions=np.array([action for e in episodes for action in e.actions]),
         log_probs=np.array([p for e in episodes for p in e.log_probs], np.float32),
-        values=np.array([value for e in episodes for value in e.values], np.float32),
-        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]], np.float32),
+        values=np.array([value for e in episodes for value in e.values]),
+        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]]),
         lengths=np.array([e.steps for e in episodes]),
-        last_values=np.array([e.last_value for e in episodes], np.float32),
+        last_values=np.array([e.last_value for e in episodes]),
         cut=np.array([e.cut for e in episodes]),
         scans=np.stack([scan for e in episodes for scan in e.scans]),
         states=np.stack([state for e in episodes for state in e.states]),
@@ -268,6 +298,6 @@ def beginning(rollout: Rollout, steps: int) -> Rollout:
         rollout,
         **columns,
         lengths=np.array([steps]),
-        last_values=np.zeros(1, np.float32),
+        last_values=np.zeros(1),
         cut=np.zeros(1, np.bool_),
     )

@@ -1,9 +1,12 @@
 """How all tests run: no threads that wait busily for each other, and the same examples always."""
 
+import importlib.util
 import os
 import secrets
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -35,6 +38,18 @@ LEAVE_S = 15.0
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes long comes first, so that no process works alone in the end."""
     items.sort(key=lambda item: item.path.parent.name != "e2e")
+
+
+@pytest.fixture(scope="session")
+def log_guru() -> Callable[[str], Any]:
+    """Reads a simulation log as log-guru does."""
+    path = Path(__file__).with_name("log_guru.py")
+    spec = importlib.util.spec_from_file_location("log_guru", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.read
 
 
 @pytest.hookimpl(trylast=True)

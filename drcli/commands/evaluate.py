@@ -60,13 +60,16 @@ def evaluate(
     Example: dr-evaluate --json
     """
     from drcli import console, views_evaluation
+    from drcli.commands.bringing import bring_tracks
     from drcli.runs import evaluation
 
+    loaded = settings()
+    bring_tracks(loaded)
     if quiet and context.info_name == STARTER:
-        _start(settings(), clone=clone, as_json=as_json)
+        _start(loaded, clone=clone, as_json=as_json)
         return
     report = evaluation.evaluate(
-        settings(),
+        loaded,
         clone=clone,
         directory=working_folder(),
         on_progress=(lambda text: None) if quiet else console.say,

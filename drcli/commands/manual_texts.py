@@ -22,6 +22,7 @@ EXIT_CODES = {
     5: "a worker died and could not be brought back",
     6: "training cannot go on (NaN); the last good checkpoint is kept",
     7: "not built yet, or it needs a program that is not installed",
+    8: "another training took the model over while this one was held up; that one goes on",
     130: "left or interrupted by Ctrl-C; with `--foreground` the training is stopped and "
     "everything learned is in the bucket",
     143: "stopped by SIGTERM; everything learned is in the bucket, `--resume` continues. An "

@@ -70,12 +70,14 @@ def start_training(
     """
     from drcli import console, views
     from drcli.commands import watching
+    from drcli.commands.bringing import bring_tracks
     from drcli.runs import plan, training
     from drcli.runs.logs import log_file
     from drcli.runs.status import inspect
 
     loaded, folder = settings(), working_folder()
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
+    bring_tracks(loaded)
     options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
         planned = plan.prepare(loaded, options, folder)

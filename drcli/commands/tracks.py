@@ -45,13 +45,12 @@ def show(
     from drcli import console, views_tracks
     from drcli.errors import SettingsError
     from drcli.findings import shown
-    from drcli.settings.worlds import ROUTE_FILES, missing
+    from drcli.settings.worlds import ROUTE_FILES, is_here, remedy
     from drcli.tracks.folder import MAP_COLUMNS, show_track
 
     wanted = settings().replaced(world_name=name, overrides=())
-    fault = None if name.endswith(ROUTE_FILES) else next(missing(wanted), None)
-    if fault is not None:
-        raise SettingsError(f"There is no track {shown(name)} here.", remedy=fault.remedy)
+    if not name.endswith(ROUTE_FILES) and not is_here(wanted):
+        raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
     view = show_track(name, wanted.tracks_folder, png, columns=columns)
     console.emit(view, views_tracks.track(view), as_json=as_json)
@@ -85,6 +84,7 @@ def add(
         length_m=length,
         replace=force,
     )
+    _say_what_it_hides(facts.name)
     console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)
 
 
@@ -107,4 +107,17 @@ def fetch(
 
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
+    _say_what_it_hides(facts.name)
     console.emit(facts, views_tracks.track_facts(facts), as_json=as_json)
+
+
+def _say_what_it_hides(name: str) -> None:
+    """Tell that a new file takes the place of a built-in track."""
+    from drcli import console
+    from drcli.settings.worlds import built_in
+
+    if name in built_in():
+        console.warn(
+            f"{name} is a built-in track too. From now on the name means your file; remove the "
+            "file to get the built-in track back."
+        )

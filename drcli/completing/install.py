@@ -46,9 +46,16 @@ def install(shell: Shell, environ: Mapping[str, str]) -> Installed:
     """Write the script and let new shells load it. Doing it again changes nothing.
 
     Raises:
-        SettingsError: A file cannot be written.
+        SettingsError: A file cannot be written, or the user has no home.
     """
-    home = Path(environ.get("HOME") or Path.home())
+    try:
+        home = Path(environ.get("HOME") or Path.home())
+    except RuntimeError:
+        raise SettingsError(
+            "The home folder of this user is not known, so there is no place for completion.",
+            remedy=f"Set HOME, or put what `dr completion show {shell}` prints where your shell "
+            "reads it.",
+        ) from None
     path = _script_file(shell, home, environ)
     start_file = {"bash": home / ".bashrc", "zsh": Path(environ.get("ZDOTDIR") or home) / ".zshrc"}
     try:

@@ -39,7 +39,8 @@ class Policy(Protocol):
                 likely ones; None where they are drawn from the policy.
 
         Returns:
-            Actions, their log-probabilities, and the critic's estimates. Each of length n.
+            Actions, their log-probabilities, and the critic's estimates in reward, float64. Each
+            of length n.
         """
 
 
@@ -100,7 +101,7 @@ class Decision:
 
     actions: NDArray[np.int64] | Singles
     log_probs: Singles
-    values: Singles
+    values: NDArray[np.float64]
 
 
 def noise_dims(policy: Policy) -> int:

@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Singles = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Rollout:
     """Whole episodes laid end to end, t steps in e episodes.
+
+    What counts in reward is of double precision; see `ReturnScale`.
 
     Attributes:
         frames: What the car saw before each step, each frame once, uint8.
@@ -32,10 +35,10 @@ class Rollout:
     frames: NDArray[np.uint8]
     actions: Ints | Singles
     log_probs: Singles
-    values: Singles
-    rewards: Singles
+    values: Doubles
+    rewards: Doubles
     lengths: Ints
-    last_values: Singles
+    last_values: Doubles
     cut: NDArray[np.bool_]
     scans: Singles
     states: Singles

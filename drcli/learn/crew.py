@@ -124,9 +124,13 @@ class Crew(Generic[M]):
 def _twin(model: M) -> M:
     """Another network on the same weights, with gradients of its own."""
     twin = copy.deepcopy(model)
-    for mine, shared in zip(twin.parameters(), model.parameters(), strict=True):
-        mine.data = shared.data
+    for own, shared in zip(_tensors(twin), _tensors(model), strict=True):
+        own.data = shared.data
     return twin
+
+
+def _tensors(model: nn.Module) -> list[Tensor]:
+    return [*model.parameters(), *model.buffers()]
 
 
 def _begin_thread(threads: int, together: Barrier) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+Floats = NDArray[np.float64]
 
 
 def gae(
@@ -30,7 +30,7 @@ def gae(
         A(t) = delta(t) + gamma * lam * A(t + 1), with
         delta(t) = r(t) + gamma * V(t + 1) - V(t). Shape (t,).
     """
-    advantages = np.empty(len(rewards), dtype=np.float64)
+    advantages = np.empty(len(rewards))
     end = len(rewards)
     after = np.zeros(len(lengths)) if last_values is None else last_values
     for length, last_value in zip(lengths[::-1].tolist(), after[::-1].tolist(), strict=True):
@@ -42,4 +42,4 @@ def gae(
             advantages[t] = next_advantage
             next_value = value
         end -= length
-    return advantages.astype(np.float32)
+    return advantages

@@ -1,6 +1,6 @@
 """The network: what the car perceives in, what it should do and what that is worth out."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from drcli.learn import distributions
 from drcli.learn.encoders import Encoder, multiply_adds
 from drcli.learn.observation import Observation
+from drcli.learn.popart import ReturnScale
 from drcli.learn.spec import PolicySpec
 
 LOG_STD_RANGE = (-20.0, 3.0)
@@ -22,7 +23,7 @@ class Output(NamedTuple):
 
     Attributes:
         policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
-        value: Expected discounted return. Shape (n,).
+        value: Expected discounted return, in the critic's own units. Shape (n,).
     """
 
     policy: Tensor
@@ -35,6 +36,10 @@ class ActorCritic(nn.Module):
     The reference trains two whole bodies, one for the policy and one for the value. Sharing one
     halves the arithmetic and leaves the exported policy as it is. With `state_dims` the value
     comes from the state alone, and the body learns from the policy's gradient only.
+
+    Attributes:
+        returns: What the value head's units are worth in reward. A shared body must not be shaken
+            by the errors of large values, nor let small ones pass unlearned.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -57,6 +62,7 @@ class ActorCritic(nn.Module):
         nn.init.zeros_(self.policy_head.bias)
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 1.0)
+        self.returns = ReturnScale()
         # Nearly equal chances at the start: every action gets tried from the first episode.
         _init_rows(self.policy_head.weight, 0.01)
         if spec.continuous:
@@ -78,6 +84,19 @@ class ActorCritic(nn.Module):
             value = self.value_head(seen.state if self.spec.state_dims else features)
             return Output(self.policy_head(features), value.squeeze(-1))
 
+    def follow_returns(self, targets: Tensor, values: Tensor) -> None:
+        """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
+
+        Args:
+            targets: What the critic is to learn, in reward, float64. Shape (n,).
+            values: What it said, likewise. Shape (n,).
+        """
+        last = (
+            self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
+        )
+        size = torch.maximum(targets.abs().mean(), values.abs().mean())
+        self.returns.follow(size, [cast(nn.Linear, last)])
+
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
@@ -92,7 +111,7 @@ class ActorCritic(nn.Module):
         best = policy if self.spec.continuous else policy.argmax(-1)
         mask = deterministic.unsqueeze(-1) if self.spec.continuous else deterministic
         actions = torch.where(mask, best, drawn)
-        return actions, self.log_prob(policy, actions), value
+        return actions, self.log_prob(policy, actions), self.returns(value)
 
     def log_prob(self, policy: Tensor, actions: Tensor) -> Tensor:
         """Log-probability (density) of actions under a policy output. Shape (n,)."""

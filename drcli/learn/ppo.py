@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -15,6 +17,9 @@ from drcli.learn.gae import gae
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.precision import Compute
+
+ROUNDING = 1e-9
+"""Advantages that differ by less than this share of their size are equal."""
 
 SCHEDULE_END = 0.05
 """Share of a knob that is left at the end of its schedule: a training that runs on still learns."""
@@ -40,11 +45,13 @@ class PPOConfig:
         lr: Adam's learning rate.
         discount_factor: Weight of a reward one step later.
         beta_entropy: Weight of the entropy in the loss.
-        huber: Huber's loss for the value, with delta 1, instead of the squared error.
+        huber: Huber's loss for the value, with delta 1, instead of the squared error. The value
+            is in the critic's own units, of which the returns' mean size is `popart.UNITS`.
         clip_range: How far the ratio of new to old probabilities may leave 1 with profit.
         gae_lambda: Weight of longer returns in the advantage.
         adam_eps: Added to the root of Adam's second moment.
-        clip_value: How far the value may move from what it was, with profit; None: any.
+        clip_value: How far the value may move from what it was, with profit, in the critic's own
+            units; None: any.
         clip_advantage: Largest normalised advantage; None: any.
         target_kl: The update ends after the epoch whose mean divergence from the policy that
             drove exceeds this; None: never.
@@ -148,7 +155,7 @@ class PPO:
             NonFiniteLossError: At the first loss, and at weights, that are NaN or infinite.
             UpdateInterruptedError: When `should_stop` said so.
         """
-        batch = _Batch.prepare(rollout, self.config, self.model.spec.stack, self.compute.device)
+        batch = _Batch.prepare(rollout, self.config, self.model)
         order = torch.Generator().manual_seed(seed)
         lr = self.config.lr_at(steps_before)
         self.optimizer.lr = lr
@@ -232,7 +239,10 @@ class PPO:
 
 @dataclass(frozen=True)
 class _Batch:
-    """A rollout with its advantages, as tensors on the learner's device."""
+    """A rollout with its advantages, as tensors on the learner's device.
+
+    Values and targets are in the critic's own units.
+    """
 
     frames: Tensor
     frame_rows: Tensor
@@ -245,7 +255,12 @@ class _Batch:
     targets: Tensor
 
     @staticmethod
-    def prepare(rollout: Rollout, config: PPOConfig, stack: int, device: torch.device) -> "_Batch":
+    def prepare(rollout: Rollout, config: PPOConfig, model: ActorCritic) -> "_Batch":
+        """Work the advantages out, and let the critic's units follow the returns.
+
+        Raises:
+            NonFiniteLossError: A return is NaN or infinite; nothing was changed.
+        """
         advantages = gae(
             rollout.rewards,
             rollout.values,
@@ -254,22 +269,30 @@ class _Batch:
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
         )
-        targets = advantages + rollout.values
-        normalized = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        device = model.returns.scale.device
+        values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
+        targets = torch.from_numpy(advantages + rollout.values).to(device)
+        if not bool(torch.isfinite(targets).all()):
+            raise NonFiniteLossError("A return is nan or infinite.")
+        model.follow_returns(targets, values)
+        normalized = _normalized(advantages)
         if config.clip_advantage is not None:
             normalized = normalized.clip(-config.clip_advantage, config.clip_advantage)
-        columns = (
-            rollout.frames,
-            rollout.stacked_rows(stack),
-            rollout.scans,
-            rollout.states,
-            rollout.actions,
-            rollout.log_probs,
-            rollout.values,
-            normalized,
-            targets,
+
+        def own(column: NDArray[Any]) -> Tensor:
+            return torch.from_numpy(np.ascontiguousarray(column)).to(device)
+
+        return _Batch(
+            frames=own(rollout.frames),
+            frame_rows=own(rollout.stacked_rows(model.spec.stack)),
+            scans=own(rollout.scans),
+            states=own(rollout.states),
+            actions=own(rollout.actions),
+            log_probs=own(rollout.log_probs),
+            values=model.returns.units(values),
+            advantages=own(normalized.astype(np.float32)),
+            targets=model.returns.units(targets),
         )
-        return _Batch(*(torch.from_numpy(np.ascontiguousarray(c)).to(device) for c in columns))
 
     def observation(self, rows: Tensor) -> Observation:
         """What was seen at some steps."""
@@ -277,6 +300,19 @@ class _Batch:
         frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
         frames = frames.view(len(rows), -1, *self.frames.shape[2:])
         return Observation(frames, self.scans[rows], self.states[rows])
+
+
+def _normalized(advantages: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Advantages with mean 0 and deviation 1; all 0 where they differ by rounding errors only.
+
+    No constant is added to the deviation: it would count for more the smaller the rewards are.
+    """
+    centered = advantages - advantages.mean()
+    std = centered.std()
+    if std <= ROUNDING * np.abs(advantages).max():
+        return np.zeros_like(advantages)
+    normalized: NDArray[np.float64] = centered / std
+    return normalized
 
 
 def _minibatches(steps: int, batch_size: int, order: torch.Generator) -> Iterator[Tensor]:

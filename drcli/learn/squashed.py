@@ -76,7 +76,7 @@ class SACAgent(nn.Module):
         mean, log_std = self(features)
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
         value = self.critics(self.judged(features, seen), actions).amin(0)
-        return actions, log_probs, value
+        return actions, log_probs, value.double()
 
 
 def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.errors import SettingsError
+from drcli.first_step import idle_conditions
 from drcli.reward.statement import (
     FAULTS_FILE,
     HANGS,
@@ -59,7 +60,7 @@ class Hearing:
         self._file = file
         self._questions = questions
         try:
-            content = file.read_bytes()
+            self._content = file.read_bytes()
         except OSError as error:
             raise SettingsError(
                 f"{file}: the reward function cannot be read: {error.strerror}.",
@@ -69,7 +70,7 @@ class Hearing:
         folder = Path(self._folder.name)
         # A training works on a copy too: a function finds the same beside its file.
         self._copy = folder / "reward_function.py"
-        self._copy.write_bytes(content)
+        self._copy.write_bytes(self._content)
         order = Order(
             file=str(self._copy),
             sequences=[[dict(call) for call in calls] for calls in questions.sequences],
@@ -81,6 +82,8 @@ class Hearing:
             # -P: files of the working folder must not be taken for modules of that name.
             [sys.executable, "-P", "-m", _MODULE, str(folder)],
             cwd=directory,
+            # As in a training, where printing any letter is fine.
+            env={**os.environ, "PYTHONIOENCODING": "utf-8:backslashreplace"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -98,7 +101,10 @@ class Hearing:
         else:
             statement = self._ended(code)
         return statement.model_copy(
-            update={"failures": [self._renamed(failure) for failure in statement.failures]}
+            update={
+                "failures": [self._renamed(failure) for failure in statement.failures],
+                "idle": idle_conditions(self._content),
+            }
         )
 
     def close(self) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.findings import closest
-from drcli.reward.statement import EffectKind, Failure, FailureKind
+from drcli.reward.statement import Difference, EffectKind, Failure, FailureKind
 from drcli.reward.trial import Trial
 from drcli.reward.worth import worth_remarks
 
@@ -20,6 +20,9 @@ _SLOW_CALL_S = 1.0
 
 _CHATTY = 0.1
 """Lines a call that make a flood."""
+
+_DIGITS, _ALL_DIGITS = 4, 17
+"""Digits of a reward that are shown, and those that tell any two numbers apart."""
 
 _TRAINING_STEPS = 1_000_000
 """What is told of long trainings, is told for so many steps."""
@@ -188,6 +191,9 @@ def _habits(trial: Trial) -> Iterator[Remark]:
             "does not mind, for each call gets a fresh copy.",
             "Work on a copy, to be safe elsewhere.",
         )
+    for idle in statement.idle:
+        where = _where(trial, idle.line)
+        yield Remark("first-step", "warning", where, idle.message, idle.remedy)
     yield from _memory(trial)
     for name, line in statement.unknown.items():
         likely = closest(name, [*trial.course.drive.trips[0].calls[0], "waypoints"])
@@ -207,8 +213,8 @@ def _memory(trial: Trial) -> Iterator[Remark]:
             "random",
             "warning",
             trial.name,
-            f"The same drive is paid differently another time: {_paid(random.value)} and "
-            f"{_paid(random.other)} ({trial.describe(random.place)}; {random.times:,} of "
+            f"The same drive is paid differently another time: "
+            f"{_both(random, 'and')} ({trial.describe(random.place)}; {random.times:,} of "
             f"{random.of:,} calls).",
             "Remove random numbers and clocks: noise in the reward is learned from like any other.",
         )
@@ -217,8 +223,8 @@ def _memory(trial: Trial) -> Iterator[Remark]:
             "memory",
             "warning",
             trial.name,
-            f"The same parameters are paid by what was called before: {_paid(memory.value)} or "
-            f"{_paid(memory.other)} ({trial.describe(memory.place)}; {memory.times:,} of "
+            f"The same parameters are paid by what was called before: "
+            f"{_both(memory, 'or')} ({trial.describe(memory.place)}; {memory.times:,} of "
             f"{memory.of:,} calls). What it remembers outlives the episode.",
             'Forget it when an episode begins (`params["steps"] <= 2`), or do without.',
         )
@@ -252,8 +258,17 @@ def _speed(trial: Trial) -> Iterator[Remark]:
         )
 
 
-def _paid(value: float | None) -> str:
-    return "a failure" if value is None else f"{value:.4g}"
+def _both(difference: Difference, word: str) -> str:
+    """Both values, with as many digits as it takes to tell them apart."""
+    values = (difference.value, difference.other)
+    digits = range(_DIGITS, _ALL_DIGITS + 1)
+    told = ([_paid(value, count) for value in values] for count in digits)
+    one, other = next((pair for pair in told if pair[0] != pair[1]), map(repr, values))
+    return f"{one} {word} {other}"
+
+
+def _paid(value: float | None, digits: int) -> str:
+    return "a failure" if value is None else f"{value:.{digits}g}"
 
 
 def _counted(count: int, thing: str) -> str:

@@ -4,6 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from drcli.first_step import Idle
+
 ORDER_FILE, STATEMENT_FILE, FAULTS_FILE = "order.json", "statement.json", "faults.txt"
 """In the folder that a witness works in: what to do, what came of it, and Python's last words."""
 
@@ -164,6 +166,7 @@ class Statement(_Frozen):
         changed: Parameters that it changed, with how often.
         random: A call that was answered otherwise by a fresh copy on the very same drive.
         memory: A call that was answered otherwise when the episodes came in another order.
+        idle: Conditions that wait for a step with which it is never called.
     """
 
     values: list[list[float | None]]
@@ -180,6 +183,7 @@ class Statement(_Frozen):
     changed: dict[str, int] = {}
     random: Difference | None = None
     memory: Difference | None = None
+    idle: list[Idle] = []
 
 
 class Order(_Frozen):

@@ -21,7 +21,7 @@ _MEMORY_BYTES = 16 << 30
 
 
 def _main(folder: Path) -> None:
-    faults = (folder / FAULTS_FILE).open("w")
+    faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)
     ends_at_once = os._exit
 

@@ -9,9 +9,6 @@ Worth = tuple[str, str, str]
 """Rule, message and remedy."""
 
 _SAME = 1e-9
-_LARGE = 1_000.0
-"""Rewards beyond it make values that are hard to learn."""
-
 _GROWS = 3.0
 """How many times the greatest reward of the drive a late step may pay."""
 
@@ -42,21 +39,14 @@ def worth_remarks(trial: Trial) -> Iterator[Worth]:
             "Pay more for what you want, such as being near the centre line, or being fast.",
         )
         return
-    yield from _sizes(trial, values)
+    yield from _growth(trial, values)
     if trial.statement.memory is None:  # else it pays by what went before, not for the place
         yield from _off_track(trial)
         yield from _laps(trial)
 
 
-def _sizes(trial: Trial, values: list[float]) -> Iterator[Worth]:
+def _growth(trial: Trial, values: list[float]) -> Iterator[Worth]:
     greatest = max(map(abs, values))
-    if greatest > _LARGE:
-        yield (
-            "large",
-            f"Steps pay up to {greatest:,.0f}. The critic has to learn such sums, which takes "
-            "long or fails.",
-            "Divide all of it, so that most steps pay between -10 and 10.",
-        )
     late = trial.statement.values[-1][0]
     if late is not None and abs(late) > _GROWS * greatest and abs(late) > 1.0:
         name = next(iter(trial.course.unusual))

@@ -12,8 +12,6 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import psutil
-
 from drcli import logfiles
 from drcli.config import Settings
 from drcli.errors import (
@@ -29,6 +27,7 @@ from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
+from drcli.runs.machine import started_s
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.runs.stuck import words_of_stuck
 from drcli.store import keys
@@ -209,7 +208,7 @@ def _note(plan: EvaluationPlan, worker_pid: int) -> None:
         world=settings.world_name,
         checkpoint=plan.checkpoints[0],
         pid=os.getpid(),
-        pid_started=psutil.Process().create_time(),
+        pid_started=started_s(os.getpid()) or 0.0,
         worker_pid=worker_pid,
         started_at=time.time(),
     ).write(plan.job.folder)

@@ -22,7 +22,8 @@ class EvaluationRecord:
         world: DR_WORLD_NAME.
         checkpoint: What drives.
         pid: The process that waits for its end and is to be told to stop.
-        pid_started: When that process began, Unix seconds: process numbers are used again.
+        pid_started: When that process began (`drcli.runs.machine.started_s`): process numbers are
+            used again.
         worker_pid: The process that drives.
         started_at: Unix seconds.
     """

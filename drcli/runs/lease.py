@@ -1,49 +1,28 @@
-"""Who trains on a model prefix: a note in the bucket that its owner renews.
+"""Takes a model prefix for a start, gives it back, and refuses one that somebody else trains on.
 
-It is no lock: nothing waits for it, and a note that is not renewed means nothing after a minute,
-so a machine that vanishes leaves nothing behind that somebody has to remove.
+What the lease is and how it is read: `drcli.store.ownership`. How it is kept: `drcli.runs.renewal`.
 """
 
-import json
 import os
 import socket
 import time
-from dataclasses import asdict, dataclass
-
-import psutil
+from dataclasses import replace
 
 from drcli.errors import SettingsError
-from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.runs.machine import is_running, started_s, this_machine
+from drcli.store.bucket import Bucket
+from drcli.store.ownership import Lease, read_lease, write_lease
 
 STALE_S = 60.0
-"""Age after which a note means nothing. Its owner renews it every ten seconds."""
-
-
-@dataclass(frozen=True)
-class Lease:
-    """The note.
-
-    Attributes:
-        session: Unique name of the start that owns the prefix.
-        host: Its machine.
-        pid: Its supervisor there.
-        renewed: Unix seconds.
-    """
-
-    session: str
-    host: str
-    pid: int
-    renewed: float
+"""Age after which a lease means nothing. Its owner renews it every ten seconds."""
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
     """Who trains on the prefix now, or None; a note that says nothing is as good as a stale one."""
-    try:
-        lease = Lease(**json.loads(bucket.get(keys.lease(prefix))))
-        return lease if time.time() - lease.renewed < STALE_S else None
-    except (ObjectMissing, ValueError, TypeError):
+    lease = read_lease(bucket, prefix)
+    if lease is None or lease.released or lease.age_s >= STALE_S:
         return None
+    return lease
 
 
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
@@ -62,7 +41,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
         return
     raise SettingsError(
         f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
-        f"{held.host} (last heard of {time.time() - held.renewed:.0f} s ago).",
+        f"{held.host} (last heard of {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
@@ -70,17 +49,37 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
 
 def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still be at work: on this machine we can look, elsewhere we believe."""
-    return lease.host != socket.gethostname() or psutil.pid_exists(lease.pid)
+    if lease.machine != this_machine():
+        return True
+    return is_running(lease.pid, lease.pid_started)
 
 
-def renew(bucket: Bucket, prefix: str, session: str) -> None:
-    """Say that this process trains on the prefix."""
-    lease = Lease(session, socket.gethostname(), os.getpid(), time.time())
-    bucket.put(keys.lease(prefix), json.dumps(asdict(lease)).encode())
+def take(bucket: Bucket, prefix: str, session: str) -> Lease:
+    """Say that this process trains on the prefix from now on, whoever did before.
+
+    Returns:
+        The lease, to be renewed.
+    """
+    before = read_lease(bucket, prefix)
+    term = 1
+    if before is not None:
+        term = before.term if before.session == session else before.term + 1
+    pid = os.getpid()
+    lease = Lease(
+        session=session,
+        host=socket.gethostname(),
+        pid=pid,
+        renewed=time.time(),
+        machine=this_machine(),
+        pid_started=started_s(pid) or 0.0,
+        term=term,
+    )
+    write_lease(bucket, prefix, lease)
+    return lease
 
 
 def release(bucket: Bucket, prefix: str, session: str) -> None:
-    """Take the note back, if it is this session's."""
-    lease = holder(bucket, prefix)
-    if lease is not None and lease.session == session:
-        bucket.delete([keys.lease(prefix)])
+    """Give the prefix back, if it is this session's."""
+    lease = read_lease(bucket, prefix)
+    if lease is not None and lease.session == session and not lease.released:
+        write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))

@@ -8,6 +8,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib import metadata, resources
@@ -48,7 +49,8 @@ class RunNote:
         settings: DR_ settings that differ from their defaults.
         versions: Python and the packages that matter; None where one is not installed.
         git: State of the racer's `working_folder` and of our own `package`; None outside git.
-        machine: `platform`, number of `cores`, and `threads` where OMP_NUM_THREADS limits them.
+        machine: `platform`, `processor`, number of `cores`, and `threads` where OMP_NUM_THREADS
+            limits them.
         pretrained: Whose weights the model began with; None where they were fresh.
         earlier: The notes of the starts before that this one resumes, oldest first.
     """
@@ -93,6 +95,7 @@ def take_note(
         },
         machine={
             "platform": platform.platform(),
+            "processor": _processor(),
             "cores": os.cpu_count(),
             "threads": os.environ.get("OMP_NUM_THREADS"),
         },
@@ -140,6 +143,16 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
     }
 
 
+def _processor() -> str:
+    """Name of the processor, as far as the system tells; else its architecture."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name" and value.strip():
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
 def _version(package: str) -> str | None:
     try:
         return metadata.version(package)
@@ -169,7 +182,8 @@ def _git(folder: Path, *arguments: str) -> str | None:
             env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             timeout=GIT_PATIENCE_S,
             check=False,
         )

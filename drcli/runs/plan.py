@@ -14,6 +14,7 @@ from drcli.job import Job
 from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.design import Design
+from drcli.runs.ending import ending
 from drcli.runs.inputs import Inputs, find, upload_custom_files
 from drcli.runs.logs import begin_logs
 from drcli.runs.note import read_note, take_note, write_note
@@ -64,6 +65,7 @@ class RunPlan:
         inputs: The racer's three files.
         warnings: Sentences about what is allowed and may surprise.
         resumes: The checkpoint to go on from, None for a new model.
+        ends: What ends it, as one sentence.
         pretrained: Whose weights a new model begins with, None where they are fresh.
         wiped: Whether a model was deleted first.
     """
@@ -72,6 +74,7 @@ class RunPlan:
     inputs: Inputs
     warnings: list[str]
     resumes: str | None
+    ends: str
     pretrained: Pretrained | None = None
     wiped: bool = False
 
@@ -146,7 +149,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         if not options.resume:
             begin_logs(settings, directory)
     resumes = str(newest) if options.resume else None
-    return RunPlan(job, inputs, warnings, resumes, source, wiping)
+    ends = ending(job, design.parameters)
+    return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
@@ -185,7 +189,7 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
         lease.refuse_other_owner(bucket, prefix, job.session)
         if not (options.wipe or options.resume):
             refuse(review_prefix(settings, bucket))
-        lease.renew(bucket, prefix, job.session)
+        lease.take(bucket, prefix, job.session)
     try:
         yield
     except BaseException:

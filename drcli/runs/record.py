@@ -5,6 +5,7 @@ from pathlib import Path
 
 from drcli.config import Settings
 from drcli.rewriting import read_json, write_json
+from drcli.runs.machine import is_running
 from drcli.runs.report import State
 
 _FILE = "run.json"
@@ -38,7 +39,8 @@ class RunRecord:
         world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
         pid: The supervisor.
-        pid_started: When that process began, Unix seconds: process numbers are used again.
+        pid_started: When that process began (`drcli.runs.machine.started_s`): process numbers are
+            used again.
         started_at: Unix seconds.
         ended_at: Unix seconds, or None.
         exit_code: Of the supervisor, when it has ended.
@@ -113,11 +115,4 @@ def run_folder(settings: Settings, directory: Path) -> Path:
 
 def is_alive(pid: int, pid_started: float) -> bool:
     """Whether a process runs and is the one that began at that time."""
-    import psutil  # loaded here, because a run that is over needs no such look
-
-    try:
-        process = psutil.Process(pid)
-        same = abs(process.create_time() - pid_started) < 1.0
-        return same and process.status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
+    return is_running(pid, pid_started)

@@ -212,7 +212,8 @@ def _answer(program: str, *arguments: str) -> str:
             [path, *arguments],
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             timeout=_PROGRAM_PATIENCE_S,
             check=False,
         )

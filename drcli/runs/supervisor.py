@@ -2,21 +2,24 @@
 
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 
 from drcli import logfiles
-from drcli.errors import DrError, StorageError
+from drcli.errors import DrError, OwnershipLost, StorageError
 from drcli.job import Job, LastWords
 from drcli.runs import lease
+from drcli.runs.children import Child, dismiss
 from drcli.runs.launching import start_process
 from drcli.runs.log_upload import LogUpload
 from drcli.runs.logs import log_file
+from drcli.runs.periodic import Periodic, within
 from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.record import RunRecord, WorkerRecord
+from drcli.runs.renewal import LOOK_S, Renewal
 from drcli.runs.report import State
 from drcli.runs.stuck import words_of_stuck
 from drcli.store.bucket import Bucket
@@ -25,13 +28,13 @@ POLL_S = 0.2
 """How often the supervisor looks at its processes."""
 
 SERVER_CHECK_S = 1.0
-LEASE_S = 10.0
-
-LOGS_S = 10.0
-"""How long the last upload of the logs may take: no network may hold up the end for longer."""
 
 LEAVE_S = 10.0
-"""How long a worker may take to leave after SIGTERM before it is killed."""
+"""How long the workers may take to leave after SIGTERM before they are killed."""
+
+LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
+"""How long the bucket may take at the end: to say whether there is a checkpoint, for the last logs,
+and for giving the prefix back. Whoever ends a process gives it 30 s."""
 
 DISMISSED_S = 10.0
 """How long after a worker left in good order the trainer may take to end, as it then should."""
@@ -47,26 +50,6 @@ MAX_QUICK_KILLS = 25
 
 INTERRUPTED, TERMINATED = 130, 143
 """Exit codes after Ctrl-C and after SIGTERM."""
-
-
-@dataclass
-class Child:
-    """A worker process and what became of its predecessors."""
-
-    name: str
-    module: str
-    arguments: list[str]
-    gpus: str = ""
-    process: subprocess.Popen[bytes] | None = None
-    started: float = 0.0
-    dismissed: float | None = None
-    restarts: int = 0
-    quick_deaths: int = 0
-
-    @property
-    def running(self) -> bool:
-        """Whether the process is alive."""
-        return self.process is not None and self.process.poll() is None
 
 
 @dataclass(frozen=True)
@@ -86,6 +69,7 @@ class Supervisor:
         job: Job,
         bucket: Bucket,
         record: RunRecord,
+        renewal: Renewal,
         *,
         open_bucket: Callable[[], Bucket],
         revive_server: Callable[[], None],
@@ -98,6 +82,7 @@ class Supervisor:
             bucket: Where.
             record: The note about the run on this machine.
             open_bucket: Makes a client of the bucket for another thread.
+            renewal: Keeps the model prefix this training's own.
             revive_server: Starts the bucket's server where it does not answer.
             restart_server: Starts it anew in any case, if it is this machine's own.
         """
@@ -108,11 +93,14 @@ class Supervisor:
         self._restart_server = restart_server
         self._signal: int | None = None
         self._insisted = False
+        self._renewal = renewal
+        # Each in a thread of its own: none waits for another, and the loop for none.
+        self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
+        self._lease = Periodic("lease", renewal.step, LOOK_S, self._log)
         gpus = job.settings.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.worker.train", [], gpus)]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
-        self._clocks: dict[str, float] = {}
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
         self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)
@@ -127,6 +115,8 @@ class Supervisor:
         signal.signal(signal.SIGINT, self._note)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
         try:
+            self._server.start()
+            self._lease.start()
             self._logs.start()
             for child in self._children:
                 self._start(child)
@@ -161,13 +151,14 @@ class Supervisor:
                 name = signal.Signals(self._signal).name
                 code = INTERRUPTED if self._signal == signal.SIGINT else TERMINATED
                 return Outcome(code, f"Stopped by {name}.")
+            if self._renewal.lost is not None:
+                lost = self._renewal.lost
+                return Outcome(lost.code, str(lost), lost.remedy)
             for child in self._children:
                 if not child.running:
                     outcome = self._bury(child)
                     if outcome is not None:
                         return outcome
-            self._every("server", SERVER_CHECK_S, self._revive_server)
-            self._every("lease", LEASE_S, self._renew_lease)
             time.sleep(POLL_S)
 
     def _bury(self, child: Child) -> Outcome | None:
@@ -208,7 +199,9 @@ class Supervisor:
         self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
         if words is not None and words.silent and self._server_began < child.started:
             # A server may answer whoever asks how it is, and still be stuck with some objects.
-            self._attempt(self._restart_server)
+            restarted = self._server.ask(self._restart_server)
+            while not restarted.wait(POLL_S) and self._signal is None:
+                pass
             self._server_began = time.monotonic()
         child.restarts += 1
         self._start(child)
@@ -217,27 +210,17 @@ class Supervisor:
 
     def _end(self, outcome: Outcome) -> None:
         """Send the workers away, bring the logs home, write down how it went."""
-        running = [child for child in self._children if child.running]
-        for child in running:
-            assert child.process is not None
-            child.process.terminate()
-        deadline = time.monotonic() + LEAVE_S
-        for child in running:
-            assert child.process is not None
-            try:
-                child.process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                self._log(f"{child.name} did not leave within {LEAVE_S:.0f} s and was killed.")
-                child.process.kill()
-                child.process.wait()
+        lost = outcome.code == OwnershipLost.code
+        for child in dismiss(self._children, 0.0 if lost else LEAVE_S):
+            self._log(f"{child.name} did not leave in time and was killed.")
+        self._lease.stop()
         if outcome.code in (INTERRUPTED, TERMINATED):
             outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
-        self._logs.finish(LOGS_S, self._is_insisted)
-        try:
-            lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
-        except DrError as error:
-            self._log(f"{error}")
+        if not lost:
+            self._logs.finish(LOGS_PATIENCE_S, self._is_insisted)
+            within(RELEASE_PATIENCE_S, self._release, self._is_insisted)
+        self._server.stop()
         state: State = "failed"
         if outcome.code == 0:
             state = "finished"
@@ -248,15 +231,24 @@ class Supervisor:
         )
         self._record.write(self._job.folder)
 
+    def _release(self) -> None:
+        with suppress(DrError):
+            lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
+
     def _is_insisted(self) -> bool:
         return self._insisted
 
     def _way_on(self) -> str:
         """What to do after a stop, now that the workers have left whatever they had."""
-        try:
-            learned = newest_checkpoint(self._bucket, self._job.settings.model_prefix) is not None
-        except DrError:
-            learned = True  # it cannot be seen now; a resume tells
+        learned = True  # where it cannot be seen now, a resume tells
+
+        def look() -> None:
+            nonlocal learned
+            with suppress(DrError):
+                newest = newest_checkpoint(self._bucket, self._job.settings.model_prefix)
+                learned = newest is not None
+
+        within(LOOK_PATIENCE_S, look, self._is_insisted)
         option = "--resume" if learned else "-w"
         return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
 
@@ -270,23 +262,6 @@ class Supervisor:
     def _publish(self, state: State) -> None:
         self._record = replace(self._with_workers(), state=state)
         self._record.write(self._job.folder)
-
-    def _every(self, name: str, seconds: float, what: Callable[[], None]) -> None:
-        """Do something at most every so many seconds."""
-        now = time.monotonic()
-        if now >= self._clocks.get(name, 0.0):
-            self._clocks[name] = now + seconds
-            self._attempt(what)
-
-    def _attempt(self, what: Callable[[], None]) -> None:
-        """Do something with the bucket, an outage of which is no end."""
-        try:
-            what()
-        except StorageError as error:
-            self._log(f"{error}")
-
-    def _renew_lease(self) -> None:
-        lease.renew(self._bucket, self._job.settings.model_prefix, self._job.session)
 
     def _log(self, text: str) -> None:
         path = log_file(self._job.settings, self._job.directory, "supervisor")

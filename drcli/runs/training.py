@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import psutil
-
 from drcli.config import Settings
 from drcli.errors import WorkerDied
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
+from drcli.runs.machine import started_s
 from drcli.runs.record import RunRecord, is_alive, run_folder, storage_of
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
@@ -20,6 +19,13 @@ from drcli.runs.status import inspect
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
     from drcli.job import Job
     from drcli.runs.plan import RunPlan
+    from drcli.store.s3 import S3Bucket
+
+PATIENCE_S = 5.0
+"""How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
+
+READ_TIMEOUT_S = 5.0
+"""How long it lets an answer stall."""
 
 READY_TIMEOUT_S = 20.0
 
@@ -72,12 +78,23 @@ def supervise_job(job: "Job") -> int:
     from drcli.rewriting import only_writer
     from drcli.runs import lease
     from drcli.runs.plan import refuse_second_run
+    from drcli.runs.renewal import Renewal
     from drcli.runs.supervisor import Supervisor
     from drcli.store.connect import ensure_storage, open_bucket, restart_storage
+    from drcli.store.ownership import Ownership
 
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
-    bucket = open_bucket(settings, job.directory)
+
+    def impatient(patience_s: float) -> "S3Bucket":
+        return open_bucket(
+            settings, job.directory, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S
+        )
+
+    def own(client: "S3Bucket") -> "S3Bucket":
+        return client.fenced(Ownership(client, settings.model_prefix, job.session).check)
+
+    bucket = impatient(PATIENCE_S)
     record = RunRecord(
         run_id=settings.run_id,
         session=job.session,
@@ -86,20 +103,21 @@ def supervise_job(job: "Job") -> int:
         world=settings.world_name,
         state="starting",
         pid=os.getpid(),
-        pid_started=psutil.Process().create_time(),
+        pid_started=started_s(os.getpid()) or 0.0,
         started_at=time.time(),
         storage=storage_of(settings),
     )
     with only_writer(job.directory):  # of two starts in the same moment one trains
         refuse_second_run(settings, job.folder)
         lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
-        lease.renew(bucket, settings.model_prefix, job.session)
+        taken = lease.take(bucket, settings.model_prefix, job.session)
         record.write(job.folder)
     return Supervisor(
         job,
-        bucket,
+        own(bucket),
         record,
-        open_bucket=lambda: open_bucket(settings, job.directory, patience_s=LOG_PATIENCE_S),
+        Renewal(impatient(0.0), settings.model_prefix, taken),
+        open_bucket=lambda: own(open_bucket(settings, job.directory, patience_s=LOG_PATIENCE_S)),
         revive_server=lambda: ensure_storage(settings, job.directory),
         restart_server=lambda: restart_storage(settings, job.directory),
     ).run()

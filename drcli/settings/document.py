@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from drcli.settings.fields import Setting
+from drcli.settings.former import FORMER
 from drcli.settings.model import WORKER_NAMES, WORKER_STEMS, catalogue
 
 HEAD = """\
@@ -56,7 +57,8 @@ def settings_page() -> str:
         header = ("name", "default", "what it does", "may be", "file")
         parts.append(f"## {title}\n\n{_table(header, rows)}")
     parts.append(_workers())
-    rows_without = ((_name(s), s.meaning, f"{s.reason}") for s in unused)
+    rows_without = [(_name(s), s.meaning, s.reason) for s in unused]
+    rows_without += [(f"`{name}`", old.meaning, old.reason) for name, old in FORMER.items()]
     parts.append(f"{UNUSED}\n{_table(('name', 'in the reference', 'why not here'), rows_without)}")
     return "\n".join(parts)
 

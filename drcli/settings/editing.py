@@ -15,7 +15,7 @@ from drcli.settings.experiment import EXPERIMENT
 from drcli.settings.fields import FileName
 from drcli.settings.model import catalogue
 from drcli.settings.secrets import hidden
-from drcli.settings.worlds import missing
+from drcli.settings.worlds import fetchable, missing
 
 
 @dataclass(frozen=True)
@@ -194,4 +194,5 @@ def _judge(
         settings = load_settings(directory, contents=contents, environ=environ)
     except FindingsError as error:
         return error.findings, error.warnings
-    return tuple(missing(settings)), settings.warnings
+    to_come = tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
+    return tuple(missing(settings)), (*settings.warnings, *to_come)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drcli.findings import shown
-from drcli.settings.fields import Setting
+from drcli.settings.former import FORMER
 from drcli.settings.model import Settings, catalogue
 from drcli.settings.secrets import hidden
 
@@ -30,11 +30,11 @@ class Idle:
 
 
 def idle(settings: Settings) -> tuple[Idle, ...]:
-    """Every setting in the racer's files that does nothing, also where it has its default."""
+    """Every name in the racer's files that does nothing, also where it has its default."""
     by_reason: dict[str, list[str]] = {}
-    for name, setting in catalogue().items():
-        if setting.effect != "used" and settings.source(name) not in OUTSIDE:
-            by_reason.setdefault(setting.reason, []).append(name)
+    for item in _useless(settings):
+        if settings.source(item.name) not in OUTSIDE:
+            by_reason.setdefault(item.reason, []).append(item.name)
     return tuple(Idle(reason, tuple(names)) for reason, names in by_reason.items())
 
 
@@ -48,24 +48,20 @@ def without_effect(settings: Settings) -> Iterator[str]:
 
 def missed(settings: Settings) -> Iterator[str]:
     """A sentence a reason about the settings that somebody counts on in vain."""
-    by_reason: dict[str, list[Setting]] = {}
-    for setting in catalogue().values():
-        if _is_missed(setting, settings):
-            by_reason.setdefault(setting.reason, []).append(setting)
+    by_reason: dict[str, list[_Useless]] = {}
+    for item in _useless(settings):
+        if item.missed:
+            by_reason.setdefault(item.reason, []).append(item)
     for reason, group in by_reason.items():
-        written = ", ".join(_written(setting, settings) for setting in group)
+        written = ", ".join(item.written for item in group)
         verb = "has" if len(group) == 1 else "have"
         yield f"{settings.source(group[0].name)}: {written} {verb} no effect: {reason}."
 
 
 def remainder(settings: Settings) -> str | None:
     """One sentence about all others in the racer's files, None where there are none."""
-    harmless = [
-        name
-        for group in idle(settings)
-        for name in group.names
-        if not _is_missed(catalogue()[name], settings)
-    ]
+    told = {item.name for item in _useless(settings) if item.missed}
+    harmless = [name for group in idle(settings) for name in group.names if name not in told]
     if not harmless:
         return None
     files = sorted({settings.source(name).partition(" line ")[0] for name in harmless})
@@ -76,11 +72,34 @@ def remainder(settings: Settings) -> str | None:
     )
 
 
-def _is_missed(setting: Setting, settings: Settings) -> bool:
-    value = getattr(settings, setting.field)
-    return setting.effect == "planned" and value != setting.default
+@dataclass(frozen=True)
+class _Useless:
+    """A name that does nothing here, whoever set it.
+
+    Attributes:
+        name: The name.
+        reason: Why, without a full stop.
+        written: Name and value, as they may be shown.
+        missed: Whether somebody counts on it.
+    """
+
+    name: str
+    reason: str
+    written: str
+    missed: bool
 
 
-def _written(setting: Setting, settings: Settings) -> str:
-    value = hidden(setting.name, str(getattr(settings, setting.field)))
-    return f"{setting.name}={shown(value)}"
+def _useless(settings: Settings) -> Iterator[_Useless]:
+    for name, setting in catalogue().items():
+        if setting.effect != "used":
+            value = getattr(settings, setting.field)
+            missed = setting.effect == "planned" and value != setting.default
+            yield _Useless(name, setting.reason, _written(name, str(value)), missed)
+    for name, value in settings.extra.items():
+        if name in FORMER:
+            former = FORMER[name]
+            yield _Useless(name, former.reason, _written(name, value), former.missed(value))
+
+
+def _written(name: str, value: str) -> str:
+    return f"{name}={shown(hidden(name, value))}"

@@ -10,10 +10,11 @@ from drcli.envfile import Entry
 from drcli.findings import Finding, FindingsError, closest
 from drcli.settings.effects import Idle, idle, remainder
 from drcli.settings.fields import Effect, Setting
+from drcli.settings.former import FORMER
 from drcli.settings.layers import Layers
 from drcli.settings.model import Settings, catalogue
 from drcli.settings.secrets import hidden
-from drcli.settings.worlds import missing
+from drcli.settings.worlds import fetchable, missing
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,8 @@ def find_name(written: str, others: Sequence[str] = ()) -> str | None:
 def suggestion(written: str) -> str:
     """A hint at the name that was probably meant, and what to do."""
     full = written.upper()
+    if full in FORMER:
+        return f"It is a name of the reference and has no effect here: {FORMER[full].reason}."
     likely = closest(full if full.startswith("DR_") else f"DR_{full}", catalogue())
     hint = f"Did you mean {likely}? " if likely is not None else ""
     present = next((s.name for s in catalogue().values() if full in s.old_names), None)
@@ -167,6 +170,7 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
         return Check(str(directory), error.findings, error.warnings)
     known = remainder(settings)  # told in full right here
     warnings = tuple(text for text in settings.warnings if text != known)
+    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
     return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
 
 
@@ -192,7 +196,7 @@ def _value(settings: Settings, setting: Setting) -> Value:
 
 def _stray(settings: Settings, name: str) -> Value:
     """A name in the racer's files that is no setting; other values may refer to it."""
-    source = settings.source(name)
+    source, former = settings.source(name), FORMER.get(name)
     return Value(
         name=name,
         value=hidden(name, settings.extra[name]),
@@ -202,8 +206,10 @@ def _stray(settings: Settings, name: str) -> Value:
         line=_place(source)[1],
         changed=True,
         effect="accepted",
-        reason="",
-        meaning="A name of your own, which other values can refer to.",
+        reason="" if former is None else former.reason,
+        meaning="A name of your own, which other values can refer to."
+        if former is None
+        else former.meaning,
         expected="any text",
         group="Other names",
     )

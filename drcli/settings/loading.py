@@ -170,7 +170,9 @@ class Loader:
                 self._blame(name, layers.findings[name], dropped)
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
-        values = {catalogue()[name].field: self._tidy(name, text) for name, text in texts.items()}
+        values = {
+            catalogue()[name].field: self._tidy(name, text, layers) for name, text in texts.items()
+        }
         problems = {name: (reason, remedy) for name, reason, remedy in misfits(values, texts)}
         for name, (reason, remedy) in problems.items():
             setting = catalogue()[name]
@@ -194,16 +196,30 @@ class Loader:
         elif finding not in self._findings:
             self._findings.append(finding)
 
-    def _tidy(self, name: str, text: str) -> str:
+    def _tidy(self, name: str, text: str, layers: Layers) -> str:
         """Spell choices as they are declared, and make folders independent of where we stand."""
         setting = catalogue()[name]
         if setting.kind == "choice":
             spelt = {choice.casefold(): choice for choice in setting.choices}
             return spelt.get(text.casefold(), text)
         if setting.kind == "path":
-            path = Path(text).expanduser() if text.startswith("~/") else Path(text)
-            return str(self._files.directory / path)
+            return str(self._files.directory / self._whole_path(name, text, layers))
         return text
+
+    def _whole_path(self, name: str, text: str, layers: Layers) -> Path:
+        path = Path(text)
+        if not text.startswith("~/"):
+            return path
+        try:
+            return path.expanduser()
+        except RuntimeError:  # neither HOME nor the list of users tells
+            entry = layers.find(name)
+            where = entry.where if entry is not None else "default"
+            what = f"{name}={shown(text)}: the home folder of this user is not known"
+            finding = Finding(where, what, "Write the whole path, or set HOME.")
+            if finding not in self._findings:
+                self._findings.append(finding)
+            return path
 
 
 def _is_of_worker(name: str) -> bool:

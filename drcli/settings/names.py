@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from drcli.envfile import Entry
 from drcli.findings import Finding, closest, shown
+from drcli.settings.former import FORMER
 from drcli.settings.layers import Layers
 from drcli.settings.model import catalogue
 from drcli.settings.secrets import hidden
@@ -72,8 +73,10 @@ def strangers(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Stranger
             outside = entry.where == "environment"
             if name in known or name in found.values or (outside and not ours):
                 continue
-            meant = closest(name if ours else f"DR_{name}", catalogue(), TYPO_SIMILARITY)
-            if ours and meant is not None:
+            if outside and name in FORMER:
+                continue
+            meant = _meant(name)
+            if ours and meant is not None and not outside:
                 what = f"{name}={shown(hidden(name, entry.value))} is no setting"
                 remedy = f"Did you mean {meant}? Correct the name, or remove the line."
                 found.findings.append(Finding(entry.where, what, remedy))
@@ -82,10 +85,10 @@ def strangers(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Stranger
             if text is None or name in looked_up.findings:
                 text = entry.value
             found.values[name] = text
-            if name in looked_up.referenced:
+            if name in looked_up.referenced or name in FORMER:
                 continue
             if outside:
-                from_outside.append(name)
+                from_outside.append(name if meant is None else f"{name} (did you mean {meant}?)")
             else:
                 hint = f" Did you mean {meant}?" if meant is not None else ""
                 found.warnings.append(
@@ -97,3 +100,11 @@ def strangers(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Stranger
             f"environment: unknown and without effect here: {', '.join(from_outside)}."
         )
     return found
+
+
+def _meant(name: str) -> str | None:
+    """The setting whose name somebody probably misspelt."""
+    if name in FORMER:
+        return None
+    ours = name.upper().startswith("DR_")
+    return closest(name if ours else f"DR_{name}", catalogue(), TYPO_SIMILARITY)

@@ -32,6 +32,11 @@ class RaceSettings(Group):
         "https://raw.githubusercontent.com/aws-deepracer-community/deepracer-simapp/HEAD/bundle/routes",
         "Where `dr-tracks fetch` gets route files from.",
     )
+    tracks_fetch: Literal["ask", "always", "never"] = setting(
+        "DR_TRACKS_FETCH",
+        "ask",
+        "Whether a start fetches a track of the community that is not here; ask needs a terminal.",
+    )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(
         "DR_CAR_BODY_SHELL_TYPE", "deepracer", "Body of the car.", ignored=_VIDEO
@@ -90,7 +95,7 @@ class TrainSettings(Group):
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",
         "auto",
-        "Arithmetic of the learner; auto takes the faster one.",
+        "Arithmetic of the learner; auto takes bf16 where the processor has matrix units for it.",
         file="system.env",
     )
     sagemaker_cuda_devices: Gpus = setting(
@@ -150,6 +155,11 @@ class TrainSettings(Group):
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS", 0, "Finish after so many updates of the policy; 0 never.", low=0
     )
+    train_stop_reward: float | None = setting(
+        "DR_TRAIN_STOP_REWARD",
+        None,
+        "Finish once the mean reward of the last 100 training episodes reaches this; empty never.",
+    )
     train_stop_progress: float = setting(
         "DR_TRAIN_STOP_PROGRESS",
         0.0,
@@ -192,6 +202,7 @@ class EvaluationSettings(Group):
         100,
         "How often a car that left the track is put back before its episode ends.",
         low=0,
+        old_names=("DR_EVAL_NUMBER_OF_RESETS",),
     )
     eval_off_track_penalty: float = setting(
         "DR_EVAL_OFF_TRACK_PENALTY",

@@ -100,6 +100,7 @@ class KeySettings(Group):
         "DR_LOCAL_S3_TRAINING_PARAMS_FILE",
         "training_params.yaml",
         "Description of the training, below the model's folder.",
+        old_names=("DR_LOCAL_S3_PARAMS_FILE",),
     )
     eval_params_file: ObjectKey = setting(
         "DR_LOCAL_S3_EVAL_PARAMS_FILE",

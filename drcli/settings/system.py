@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 
 from drcli.settings.fields import FileName, Group, setting
 
-_DOCKER = "no containers are used"
-_WINDOW = "nothing opens a window and no X server is needed"
+DOCKER = "no containers are used"
+WINDOW = "nothing opens a window and no X server is needed"
 _STREAM = "no camera stream is published"
-_DERIVED = "the reference's activation script works it out for its containers"
+DERIVED = "the reference's activation script works it out for its containers"
 _SPOT = "it steers the scripts of deepracer-on-the-spot"
 _CONSOLE = "models are not exchanged with DeepRacer on AWS"
 _REAL_TIME = "metrics are written to the bucket only"
@@ -27,23 +27,23 @@ class ContainerSettings(Group):
         "DR_SIMAPP_SOURCE",
         "awsdeepracercommunity/deepracer-simapp",
         "Container image.",
-        ignored=_DOCKER,
+        ignored=DOCKER,
     )
     simapp_version: str = setting(
-        "DR_SIMAPP_VERSION", "6.0.4-cpu", "Version of that image.", ignored=_DOCKER
+        "DR_SIMAPP_VERSION", "6.0.4-cpu", "Version of that image.", ignored=DOCKER
     )
-    minio_image: str = setting("DR_MINIO_IMAGE", "latest", "Version of MinIO.", ignored=_DOCKER)
+    minio_image: str = setting("DR_MINIO_IMAGE", "latest", "Version of MinIO.", ignored=DOCKER)
     analysis_image: str = setting(
-        "DR_ANALYSIS_IMAGE", "cpu", "Version of the analysis image.", ignored=_DOCKER
+        "DR_ANALYSIS_IMAGE", "cpu", "Version of the analysis image.", ignored=DOCKER
     )
     sagemaker_image: str = setting(
-        "DR_SAGEMAKER_IMAGE", "", "Trainer image of old versions.", ignored=_DOCKER
+        "DR_SAGEMAKER_IMAGE", "", "Trainer image of old versions.", ignored=DOCKER
     )
     robomaker_image: str = setting(
-        "DR_ROBOMAKER_IMAGE", "", "Simulation image of old versions.", ignored=_DOCKER
+        "DR_ROBOMAKER_IMAGE", "", "Simulation image of old versions.", ignored=DOCKER
     )
     docker_style: Literal["swarm", "compose"] = setting(
-        "DR_DOCKER_STYLE", "swarm", "How containers are started.", ignored=_DOCKER
+        "DR_DOCKER_STYLE", "swarm", "How containers are started.", ignored=DOCKER
     )
     robomaker_mount_logs: bool = setting(
         "DR_ROBOMAKER_MOUNT_LOGS",
@@ -52,10 +52,10 @@ class ContainerSettings(Group):
         ignored="logs always lie in data/logs",
     )
     robomaker_mount_simapp_dir: str = setting(
-        "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=_DOCKER
+        "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=DOCKER
     )
     robomaker_mount_scripts_dir: str = setting(
-        "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=_DOCKER
+        "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=DOCKER
     )
     robomaker_cuda_devices: str = setting(
         "DR_ROBOMAKER_CUDA_DEVICES",
@@ -83,9 +83,9 @@ class ScreenSettings(Group):
     title: ClassVar[str] = "Windows, cameras and streams"
     file: ClassVar[FileName] = "system.env"
 
-    gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=_WINDOW)
-    host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=_WINDOW)
-    display: str = setting("DR_DISPLAY", "", "X display.", ignored=_WINDOW)
+    gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=WINDOW)
+    host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=WINDOW)
+    display: str = setting("DR_DISPLAY", "", "X display.", ignored=WINDOW)
     gazebo_args: str = setting(
         "DR_GAZEBO_ARGS", "", "Options of Gazebo.", ignored="MuJoCo takes its place"
     )
@@ -189,26 +189,26 @@ class DerivedSettings(Group):
         ignored="only scripts/activate.sh sets it, to the file it was called with",
     )
     robomaker_train_port: str = setting(
-        "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=_DERIVED
+        "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=DERIVED
     )
     robomaker_eval_port: str = setting(
-        "DR_ROBOMAKER_EVAL_PORT", "", "Port of the evaluation picture.", ignored=_DERIVED
+        "DR_ROBOMAKER_EVAL_PORT", "", "Port of the evaluation picture.", ignored=DERIVED
     )
     robomaker_gui_port: str = setting(
-        "DR_ROBOMAKER_GUI_PORT", "", "Port of the window.", ignored=_DERIVED
+        "DR_ROBOMAKER_GUI_PORT", "", "Port of the window.", ignored=DERIVED
     )
     local_s3_endpoint_url: str = setting(
-        "DR_LOCAL_S3_ENDPOINT_URL", "", "Address of the bucket.", ignored=_DERIVED
+        "DR_LOCAL_S3_ENDPOINT_URL", "", "Address of the bucket.", ignored=DERIVED
     )
-    minio_url: str = setting("DR_MINIO_URL", "", "Address in containers.", ignored=_DERIVED)
+    minio_url: str = setting("DR_MINIO_URL", "", "Address in containers.", ignored=DERIVED)
     local_profile_endpoint_url: str = setting(
-        "DR_LOCAL_PROFILE_ENDPOINT_URL", "", "Options of the AWS command.", ignored=_DERIVED
+        "DR_LOCAL_PROFILE_ENDPOINT_URL", "", "Options of the AWS command.", ignored=DERIVED
     )
     local_s3_auth_mode: str = setting(
-        "DR_LOCAL_S3_AUTH_MODE", "", "Role or profile.", ignored=_DERIVED
+        "DR_LOCAL_S3_AUTH_MODE", "", "Role or profile.", ignored=DERIVED
     )
     current_params_file: str = setting(
-        "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container.", ignored=_DERIVED
+        "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container.", ignored=DERIVED
     )
     s3_uri: str = setting(
         "DR_S3_URI",

@@ -1,4 +1,4 @@
-"""The bucket as everything above storage sees it: five verbs, kept by S3 or by memory."""
+"""The bucket as everything above storage sees it: a few verbs, kept by S3 or by memory."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -51,6 +51,18 @@ class Bucket(Protocol):
         Args:
             key: The object.
             watch: Told how far it is.
+
+        Raises:
+            ObjectMissing: There is none.
+        """
+        ...
+
+    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        """Read a whole object, and how long ago it was written.
+
+        Returns:
+            The object, and seconds by the clock of the server alone, whatever the clock of this
+            machine says; None where the server does not tell.
 
         Raises:
             ObjectMissing: There is none.

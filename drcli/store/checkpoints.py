@@ -329,14 +329,15 @@ class CheckpointStore:
     def _newest_first(self) -> list[str]:
         """Where to look for a whole checkpoint.
 
-        What is newer than the pointer was never published and is left alone.
+        What is newer than the pointer was never published and is left alone; so is one without a
+        record, which a trainer had only begun to write.
         """
-        ours = (".ckpt.json", ".ckpt.safetensors")
         listed = self._bucket.list(keys.model_folder(self._prefix))
         found = {
             name
             for info in listed
-            if info.key.endswith(ours) and (name := keys.checkpoint_of(self._prefix, info.key))
+            if info.key.endswith(".ckpt.json")
+            and (name := keys.checkpoint_of(self._prefix, info.key))
         }
         try:
             pointed = CheckpointName.parse(self.latest_name() or "")

@@ -9,7 +9,7 @@ from drcli.store import keys
 from drcli.store.backoff import SLOW_GROWTH, delays_s
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.episodes import Episodes, unpack_together
-from drcli.store.rollouts import Manifest, Part, find_manifest
+from drcli.store.rollouts import Manifest, Part, belongs, find_manifest
 
 PREFETCH_BYTES = 24 << 20
 """Most that is fetched ahead: three thousand steps. Longer iterations come while they unfold."""
@@ -45,18 +45,30 @@ class Waiting:
 
 
 class RolloutReader:
-    """Takes the rollouts of one model from the bucket. Close it when done."""
+    """Takes the rollouts of one model from the bucket. Close it when done.
+
+    Args:
+        bucket: Where they come.
+        prefix: Of the model.
+        session: Start of the training whose workers are waited for: what those of another start
+            drove for this iteration, which may have had other weights, counts as missing. Of any
+            start if empty.
+        clock: Monotonic seconds, for tests.
+        pause: Waits the given seconds, for tests.
+    """
 
     def __init__(
         self,
         bucket: Bucket,
         prefix: str,
+        session: str = "",
         *,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
         self._bucket = bucket
         self._prefix = prefix
+        self._session = session
         self._clock = clock
         self._pause = pause
         self._fetcher = ThreadPoolExecutor(2, thread_name_prefix="rollout-download")
@@ -191,12 +203,19 @@ class RolloutReader:
         for worker in self._handed_in(listing):
             if worker in wanted and worker not in arrived:
                 manifest = find_manifest(self._bucket, self._prefix, iteration, worker)
-                if manifest is not None and manifest.checkpoint in checkpoints:
+                if (
+                    manifest is not None
+                    and manifest.checkpoint in checkpoints
+                    and self._is_ours(manifest.session)
+                ):
                     arrived[worker] = manifest
         for info in listing:
             key = keys.rollout_key(self._prefix, info.key)
-            if key is not None and not key.is_manifest:
+            if key is not None and not key.is_manifest and self._is_ours(key.name):
                 self._prefetch(info.key, info.size_bytes)
+
+    def _is_ours(self, worker_session: str) -> bool:
+        return not self._session or belongs(worker_session, self._session)
 
     def _handed_in(self, listing: Listing) -> list[int]:
         found = (keys.rollout_key(self._prefix, info.key) for info in listing)

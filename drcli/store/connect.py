@@ -1,5 +1,6 @@
 """From settings to the bucket they mean."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,14 @@ from drcli.store.s3 import S3Bucket
 from drcli.store.server import connect, ensure_running, last_known, restart, stop
 
 
-def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0) -> S3Bucket:
+def open_bucket(
+    settings: Settings,
+    directory: Path,
+    *,
+    patience_s: float = 60.0,
+    read_timeout_s: float | None = None,
+    hurried: Callable[[], bool] = lambda: False,
+) -> S3Bucket:
     """The bucket, its local server started where needed.
 
     Args:
@@ -19,11 +27,18 @@ def open_bucket(settings: Settings, directory: Path, *, patience_s: float = 60.0
         directory: The racer's working folder.
         patience_s: How long calls wait for a server that does not answer: a worker lets its
             supervisor bring the server back, a command's user wants to know soon.
+        read_timeout_s: For how long an answer may stall; as befits the server if left out.
+        hurried: Whether this process was asked to leave, which ends its patience.
 
     Raises:
         StorageError: The server cannot be started or found.
     """
-    return connect(storage_config(settings, directory), patience_s=patience_s)
+    return connect(
+        storage_config(settings, directory),
+        patience_s=patience_s,
+        read_timeout_s=read_timeout_s,
+        hurried=hurried,
+    )
 
 
 def open_upload_bucket(

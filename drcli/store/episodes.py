@@ -25,9 +25,10 @@ SCHEMA = "2"
 
 _LEVEL = 1
 _COLUMNS = ("actions", "log_probs", "values", "rewards", "episode_numbers", "episode_lengths")
+_TYPES = {"log_probs": np.dtype("f4"), "values": np.dtype("f8"), "rewards": np.dtype("f8")}
 _EXTRA = "extra."
 
-Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class Episodes:
         frames: What the camera saw before each action, uint8. Shape (T, eyes, height, width).
         actions: Shape (T,) int64 for a list of actions, (T, A) float32 for ranges.
         log_probs: Log-probability of each action when it was chosen. Shape (T,).
-        values: What the critic expected at each step. Shape (T,).
-        rewards: What followed each action. Shape (T,).
+        values: What the critic expected at each step. Shape (T,), float64.
+        rewards: What followed each action. Shape (T,), float64.
         episode_numbers: Which episodes these are. Shape (E,), int64.
         episode_lengths: Steps of each; their sum is T. Shape (E,), int64.
         extras: More columns by name, of any shape and number type.
@@ -51,9 +52,9 @@ class Episodes:
 
     frames: NDArray[np.uint8]
     actions: NDArray[Any]
-    log_probs: Floats
-    values: Floats
-    rewards: Floats
+    log_probs: NDArray[np.float32]
+    values: Doubles
+    rewards: Doubles
     episode_numbers: NDArray[np.int64]
     episode_lengths: NDArray[np.int64]
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -72,8 +73,8 @@ class Episodes:
             column = getattr(self, name)
             if len(column) != self.steps:
                 raise ValueError(f"{name} has {len(column)} rows for {self.steps} frames.")
-            if name != "actions" and column.dtype != np.float32:
-                raise ValueError(f"{name} are float32, not {column.dtype}.")
+            if name in _TYPES and column.dtype != _TYPES[name]:
+                raise ValueError(f"{name} are {_TYPES[name]}, not {column.dtype}.")
         if len(self.episode_numbers) != len(self.episode_lengths):
             raise ValueError("Every episode has one number and one length.")
         if int(self.episode_lengths.sum()) != self.steps:
@@ -174,6 +175,8 @@ def unpack_together(parts: Iterable[bytes], *, steps: int, where: Iterable[str])
         if first is None or begin != steps:
             raise ValueError(f"{begin} steps instead of {steps}")
         together = {key: np.concatenate([own[key] for own in columns]) for key in columns[0]}
+        for key in ("values", "rewards"):  # float32 in rollouts of version 0.1.0
+            together[key] = together[key].astype(np.float64)
         extras = {key: together.pop(key) for key in columns[0] if key not in _COLUMNS}
         return Episodes(
             frames=frames,

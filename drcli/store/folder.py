@@ -5,6 +5,7 @@ it would not notice what others put beside its objects at once.
 """
 
 import os
+import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from fnmatch import fnmatch
@@ -46,6 +47,15 @@ class FolderBucket:
         if watch is not None:
             watch(len(data))
         return data
+
+    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        """Read a whole object, and how many seconds ago; the server runs on this machine."""
+        data = self.get(key)
+        try:
+            modified_s = (self._folder / key).stat().st_mtime
+        except OSError:  # deleted meanwhile
+            return data, None
+        return data, time.time() - modified_s
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> NoReturn:
         """Refused."""

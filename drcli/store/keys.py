@@ -145,6 +145,16 @@ def status(prefix: str, name: str) -> str:
     return f"{run_folder(prefix)}status/{name}.json"
 
 
+def decides(key: str) -> bool:
+    """Whether readers go by this object alone: pointers, manifests, traces, metrics, curves.
+
+    Tensors, parts and records mean nothing before such an object names them; what a process is
+    doing, and logs, are for people.
+    """
+    named = (".safetensors", ".ckpt.json")
+    return not (key.endswith(named) or "/status/" in key or "/logs/" in key)
+
+
 # Checkpoints.
 
 

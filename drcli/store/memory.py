@@ -1,18 +1,28 @@
 """A bucket that lives in memory, for tests of everything that stands on one."""
 
+import copy
 import threading
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
+from typing import Self
 
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.fingerprint import Fingerprint
 
 
 class MemoryBucket:
-    """Keeps objects in a dictionary and behaves like S3Bucket otherwise."""
+    """Keeps objects in a dictionary and behaves like S3Bucket otherwise.
 
-    def __init__(self, name: str = "bucket") -> None:
+    Args:
+        name: Of the bucket.
+        clock: Unix seconds of its server.
+    """
+
+    def __init__(self, name: str = "bucket", *, clock: Callable[[], float] = time.time) -> None:
         self._name = name
+        self._clock = clock
+        self._before_write: Callable[[str], None] = lambda key: None
         self._objects: dict[str, tuple[bytes, datetime]] = {}
         self._lock = threading.Lock()
 
@@ -34,16 +44,32 @@ class MemoryBucket:
             watch(len(data))
         return data
 
+    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        """Read a whole object, and how many seconds ago it was written by the server's clock."""
+        data = MemoryBucket.get(self, key)
+        with self._lock:
+            modified = self._objects[key][1]
+        return data, self._clock() - modified.timestamp()
+
+    def fenced(self, check: Callable[[str], None]) -> Self:
+        """The same bucket, which calls `check` with every key that it is to write or delete."""
+        fenced = copy.copy(self)
+        fenced._before_write = check
+        return fenced
+
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Keep a copy of the data."""
+        self._before_write(key)
         with self._lock:
-            self._objects[key] = (bytes(data), datetime.now(UTC))
+            self._objects[key] = (bytes(data), datetime.fromtimestamp(self._clock(), UTC))
         if watch is not None:
             watch(len(data))
 
     def delete(self, keys: Iterable[str]) -> None:
         """Forget objects."""
         doomed = list(keys)
+        for key in doomed:
+            self._before_write(key)
         with self._lock:
             for key in doomed:
                 self._objects.pop(key, None)

@@ -53,14 +53,14 @@ def _command_line(pid: int) -> str:
     """The command line of a process, empty when it has ended."""
     if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
         try:
-            return Path(f"/proc/{pid}/cmdline").read_text(errors="replace").replace("\0", " ")
+            # As paths are decoded: whatever the locale, a mark is found again.
+            return os.fsdecode(Path(f"/proc/{pid}/cmdline").read_bytes()).replace("\0", " ")
         except (FileNotFoundError, ProcessLookupError):
             return ""
     answer = subprocess.run(
         ["ps", "-ww", "-o", "command=", "-p", str(pid)],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        text=True,
         check=False,
     )
-    return answer.stdout
+    return os.fsdecode(answer.stdout)

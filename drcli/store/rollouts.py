@@ -40,7 +40,7 @@ class Manifest:
         iteration: Number of the checkpoint that drove.
         worker: Who played.
         checkpoint: Name of the checkpoint that drove.
-        session: Start of the worker that wrote it.
+        session: Start of the training, and of the worker in it, that wrote it.
         parts: Objects with the episodes, in the order they were played.
         notes: Free: results of the evaluation, time spent. Must be JSON.
     """
@@ -61,6 +61,10 @@ class Manifest:
     def steps(self) -> int:
         """Number of steps in all parts."""
         return sum(part.steps for part in self.parts)
+
+    def is_of(self, session: str) -> bool:
+        """Whether a worker of this start of the training wrote it."""
+        return belongs(self.session, session)
 
     def to_bytes(self) -> bytes:
         """The manifest as JSON."""
@@ -85,6 +89,22 @@ class Manifest:
                 f"{where} is no manifest: {e!r}.",
                 remedy="Delete it; the worker plays the iteration again.",
             ) from e
+
+
+def session_of_worker(start: str, process: int, drive: int) -> str:
+    """What a worker calls what it writes: no other drive of any start is called so.
+
+    Args:
+        start: Session of the training.
+        process: Of the worker.
+        drive: Counts its drives.
+    """
+    return f"{start}-{process}-{drive}"
+
+
+def belongs(worker_session: str, start: str) -> bool:
+    """Whether something was written by a worker of this start of a training."""
+    return worker_session == start or worker_session.startswith(f"{start}-")
 
 
 def new_session() -> str:

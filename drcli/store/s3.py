@@ -1,13 +1,15 @@
 """A bucket of any S3 server, patient with servers that are starting again."""
 
+import copy
 import io
 import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from email.utils import parsedate_to_datetime
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from drcli import waits
 from drcli.errors import StorageError
@@ -24,6 +26,9 @@ MULTIPART_FROM_BYTES = 64 << 20
 """Below this an object travels in one request, which a server either keeps whole or not at all."""
 
 PART_BYTES = 16 << 20
+HURRIED_PATIENCE_S = 2.0
+"""How long a call may go on asking a silent server once its process was asked to leave."""
+
 _READ_BYTES = 1 << 18
 _CONNECT_TIMEOUT_S = 5
 _PAGE_KEYS = 1000
@@ -41,6 +46,7 @@ class S3Bucket:
         patience_s: For how long a server that does not answer is asked again before the call
             fails; a supervisor starts a dead local server within seconds.
         read_timeout_s: For how long an answer may stall.
+        hurried: Whether this process was asked to leave: its patience is short from then on.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
 
@@ -55,12 +61,15 @@ class S3Bucket:
         *,
         patience_s: float = 60.0,
         read_timeout_s: float = 60.0,
+        hurried: Callable[[], bool] = lambda: False,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
         self._endpoint = endpoint
         self._name = name
         self._patience_s = patience_s
+        self._hurried = hurried
+        self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
         self._client = _client(endpoint, read_timeout_s)
@@ -82,6 +91,20 @@ class S3Bucket:
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing when there is none."""
         return self._patiently(lambda: self._get(key, watch), self._attempt("read", key))
+
+    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        """Read a whole object, and how many seconds ago it was written by the server's clock."""
+        return self._patiently(lambda: self._get_with_age(key), self._attempt("read", key))
+
+    def fenced(self, check: Callable[[str], None]) -> Self:
+        """The same bucket, which calls `check` with every key that it is to write or delete.
+
+        It is called before every try, because between two of them a minute may pass. What it raises
+        ends the call.
+        """
+        fenced = copy.copy(self)
+        fenced._before_write = check
+        return fenced
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Write an object, in one request below 64 MiB and in parts above."""
@@ -177,6 +200,8 @@ class S3Bucket:
                 return call()
             except (BotoCoreError, ClientError, Boto3Error, ConnectionError) as e:
                 patience_s = self._patience_s * patience_share(e)
+                if self._hurried():
+                    patience_s = min(patience_s, HURRIED_PATIENCE_S)
                 waited_s = self._clock() - started_s
                 left_s = patience_s - waited_s
                 if left_s <= 0:
@@ -197,13 +222,24 @@ class S3Bucket:
                 count(len(chunk))
         return b"".join(chunks)
 
+    def _get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        answer = self._client.get_object(Bucket=self._name, Key=key)
+        written = answer.get("LastModified")
+        now = answer["ResponseMetadata"]["HTTPHeaders"].get("date")
+        age_s = None
+        if written is not None and now is not None:
+            age_s = max(0.0, (parsedate_to_datetime(now) - written).total_seconds())
+        return answer["Body"].read(), age_s
+
     def _put_whole(self, key: str, data: bytes) -> None:
+        self._before_write(key)
         self._client.put_object(Bucket=self._name, Key=key, Body=data)
 
     def _put_in_parts(self, key: str, data: bytes, watch: Watch | None) -> None:
         """Write an object with the library that cuts large ones into parts and counts bytes."""
         from boto3.s3.transfer import TransferConfig
 
+        self._before_write(key)
         # One part after the other: the embedded server writes them to disk in that order and
         # would have to hold back in memory what comes too early.
         config = TransferConfig(
@@ -217,6 +253,8 @@ class S3Bucket:
             )
 
     def _delete_batch(self, keys: Sequence[str]) -> None:
+        for key in keys:
+            self._before_write(key)
         answer = self._client.delete_objects(
             Bucket=self._name, Delete={"Objects": [{"Key": key} for key in keys], "Quiet": True}
         )

@@ -41,15 +41,33 @@ _OLD = ("unknown protocol", "unknown flag")
 """What versions of rclone say that cannot serve S3."""
 
 
-def connect(config: StorageConfig, *, patience_s: float = 60.0) -> S3Bucket:
+def connect(
+    config: StorageConfig,
+    *,
+    patience_s: float = 60.0,
+    read_timeout_s: float | None = None,
+    hurried: Callable[[], bool] = lambda: False,
+) -> S3Bucket:
     """Open the configured bucket, starting the local server where needed.
+
+    Args:
+        config: Where it is.
+        patience_s: As in S3Bucket.
+        read_timeout_s: The same; as befits the server if left out.
+        hurried: The same.
 
     Raises:
         StorageError: The server cannot be started or found.
     """
     endpoint = ensure_running(config)
-    read_timeout_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
-    return S3Bucket(endpoint, config.bucket, patience_s=patience_s, read_timeout_s=read_timeout_s)
+    usual_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
+    return S3Bucket(
+        endpoint,
+        config.bucket,
+        patience_s=patience_s,
+        read_timeout_s=read_timeout_s or usual_s,
+        hurried=hurried,
+    )
 
 
 def ensure_running(config: StorageConfig) -> Endpoint:
@@ -287,8 +305,8 @@ def _with_bucket(state: ServerState, config: StorageConfig) -> Endpoint:
 
 @lru_cache(maxsize=4)
 def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
-    """Kept for the same reason."""
-    return S3Bucket(endpoint, name, patience_s=10)
+    """Kept for the same reason, and impatient: only its caller brings a silent server back."""
+    return S3Bucket(endpoint, name, patience_s=2, read_timeout_s=5)
 
 
 def _choose_port(config: StorageConfig, state: ServerState | None) -> int:

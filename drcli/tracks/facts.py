@@ -16,7 +16,8 @@ class TrackFacts:
         closed: Whether it is a loop.
         direction: "clockwise", "counterclockwise" or "open".
         waypoints: How many there are.
-        spacing_m: Mean distance between them.
+        repeated: Numbers of those that repeat the one before, as in many routes of the community.
+        spacing_m: Mean distance between the others.
         line_family: "in" when the white line belongs to the road, else "out".
         source: "own" for one that is built in, else its file.
         difficulty: "easy", "medium" or "hard"; None where nobody said.
@@ -31,6 +32,7 @@ class TrackFacts:
     closed: bool
     direction: str
     waypoints: int
+    repeated: list[int]
     spacing_m: float
     line_family: str
     source: str

@@ -75,7 +75,8 @@ def fetch_track(
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
             f"{address} cannot be reached: {_reason(error)}.",
-            remedy="Check the network, or add a file that you have with `dr-tracks add FILE.npy`.",
+            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add a file that you "
+            "have with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
         raise StorageError(

@@ -85,7 +85,9 @@ def add_track(
     length_m: float | None = None,
     replace: bool = False,
 ) -> TrackFacts:
-    """Check a route file, clean it and put it into the folder.
+    """Check a route file and put it into the folder.
+
+    A file wins over a built-in track of its name.
 
     Args:
         file: A .npy, .csv or .svg file.
@@ -134,11 +136,6 @@ def target_of(name: str, folder: Path, *, replace: bool) -> Path:
             remedy="Choose another with --name.",
         )
     target = folder / f"{name}.npy"
-    if name in known_worlds(None):
-        raise SettingsError(
-            f"{name} is built in, and built-in tracks win over files.",
-            remedy="Choose another name with --name.",
-        )
     if target.exists() and not replace:
         raise SettingsError(
             f"There is a track {name} already: {target}.",
@@ -157,6 +154,7 @@ def _facts(info: WorldInfo) -> TrackFacts:
         closed=info.direction != "open",
         direction=info.direction,
         waypoints=info.waypoints,
+        repeated=info.repeated,
         spacing_m=round(info.spacing_m, 3),
         line_family=info.line_family,
         source=info.source,

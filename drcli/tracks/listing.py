@@ -13,6 +13,9 @@ from pathlib import Path
 from drcli import __version__
 from drcli.tracks.facts import TrackFacts, TrackList
 
+_MEASURED = 2
+"""Counts up when the same files are measured otherwise; 2: repeated rows count as waypoints."""
+
 
 def list_tracks(folder: Path, memory: Path) -> TrackList:
     """All tracks that are built in or lie in the folder.
@@ -42,12 +45,12 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
 
 
 def _state(folder: Path) -> list[list[str | int]]:
-    """Names, sizes and times of all files that define tracks, and our version."""
+    """Names, sizes and times of all files that define tracks, our version, and how it measures."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [folder, *(Path(package) / "assets" / "worlds" for package in packages)]
     files = sorted(path for place in folders for path in place.glob("*"))
-    state: list[list[str | int]] = [[__version__]]
+    state: list[list[str | int]] = [[__version__, _MEASURED]]
     for path in files:
         with suppress(OSError):  # gone again
             status = path.stat()

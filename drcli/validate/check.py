@@ -49,6 +49,7 @@ def with_rules(check: FullCheck) -> FullCheck:
             rules,
             errors=tuple(_untold(rules.errors, check)),
             warnings=tuple(_untold(rules.warnings, check)),
+            notes=tuple(_untold(rules.notes, check)),
         ),
     )
 
@@ -57,6 +58,9 @@ def _untold(violations: tuple[Violation, ...], check: Check) -> Iterator[Violati
     """Those that the check of the settings has not told already."""
     idle = {name for group in check.without_effect for name in group.names}
     for item in violations:
-        told = item.sentence in check.warnings or item.message.endswith(NAMED_BY_CHECK)
+        sentences = (item.sentence, f"{item.sentence} {item.remedy}")
+        told = any(text in check.warnings for text in sentences) or item.message.endswith(
+            NAMED_BY_CHECK
+        )
         if not told and item.message.partition("=")[0] not in idle:
             yield item

@@ -4,13 +4,16 @@ import os
 import secrets
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import SettingsError, StorageError
+from drcli.findings import Finding
 from drcli.job import Job
 from drcli.runs.inputs import InputFile, find
 from drcli.runs.record import RunRecord, run_folder
+from drcli.settings.worlds import fetchable
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -18,7 +21,7 @@ from drcli.validate.elsewhere import as_console, review_actions, review_balance,
 from drcli.validate.examination import FILE_RULES, Examined, Plans, examine
 from drcli.validate.machine import review_gpu, review_memory
 from drcli.validate.parameters import review_parameters
-from drcli.validate.report import Report, Skipped, Violation, by_severity
+from drcli.validate.report import Report, Skipped, Violation, by_severity, of_severity
 from drcli.validate.reward import read_source, review_source
 from drcli.validate.reward_style import review_style
 from drcli.validate.settings import SettingsReview, review_settings
@@ -53,8 +56,10 @@ def validate(
     else:
         found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
     found += review_gpu(reviewed.settings, os.environ if environ is None else environ)
-    errors, warnings = by_severity(_relative(item, directory) for item in found)
-    return Report(str(directory), console_compatible, errors, warnings, tuple(skipped))
+    told = [_relative(item, directory) for item in found]
+    errors, warnings = by_severity(told)
+    notes = of_severity(told, "note")
+    return Report(str(directory), console_compatible, errors, warnings, tuple(skipped), notes)
 
 
 def _with_settings(
@@ -170,8 +175,19 @@ def _examined(
             found.append(Violation("V-50", "error", "", str(error), error.remedy))
             skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed meanwhile."))
             examined = examine(job, files, None, plans)
-    found += examined.violations
+    to_come = {finding.where: finding for finding in fetchable(settings)}
+    found += [_told_without_start(item, to_come) for item in examined.violations]
     return examined
+
+
+def _told_without_start(item: Violation, to_come: Mapping[str, Finding]) -> Violation:
+    """What a start refuses or asks about is no fault of a folder in which nothing is started."""
+    if item.rule == "V-09":
+        return replace(item, severity="note", message=f"There is a model at {item.where}.")
+    if item.rule == "V-05" and item.where in to_come:
+        track = to_come[item.where]
+        return replace(item, severity="note", message=f"{track.what}.", remedy=track.remedy)
+    return item
 
 
 def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from drcli.errors import SettingsError
 
-Severity = Literal["error", "warning"]
+Severity = Literal["error", "warning", "note"]
 
 _TRIAL_FILE = "trial.json"
 """What a trial in a process of its own leaves in its job's folder."""
@@ -20,7 +20,8 @@ class Violation:
 
     Attributes:
         rule: Its number, such as `V-41`.
-        severity: An error keeps a training from starting, a warning does not.
+        severity: An error keeps a training from starting, a warning does not. A note is no fault:
+            it says what a start will ask for.
         where: Place, such as `custom_files/hyperparameters.json line 3`; empty if there is none.
         message: Key, value and what is wrong with it, as a sentence.
         remedy: What to do about it, starting with a verb.
@@ -61,6 +62,7 @@ class Report:
         errors: What keeps a training from starting.
         warnings: What may surprise.
         skipped: Rules that could not be tried.
+        notes: What is as it should be, and what a start needs to be told about it.
     """
 
     directory: str
@@ -68,6 +70,7 @@ class Report:
     errors: tuple[Violation, ...]
     warnings: tuple[Violation, ...]
     skipped: tuple[Skipped, ...]
+    notes: tuple[Violation, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -79,9 +82,14 @@ def by_severity(
     violations: Iterable[Violation],
 ) -> tuple[tuple[Violation, ...], tuple[Violation, ...]]:
     """Errors and warnings, each once, in the order of rules, files and lines."""
+    ordered = list(violations)
+    return of_severity(ordered, "error"), of_severity(ordered, "warning")
+
+
+def of_severity(violations: Iterable[Violation], severity: Severity) -> tuple[Violation, ...]:
+    """Those of one severity, each once, in the order of rules, files and lines."""
     distinct = sorted(dict.fromkeys(violations), key=_position)
-    errors = tuple(violation for violation in distinct if violation.severity == "error")
-    return errors, tuple(violation for violation in distinct if violation.severity == "warning")
+    return tuple(violation for violation in distinct if violation.severity == severity)
 
 
 def refuse(violations: Iterable[Violation]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from drcli.errors import SettingsError
+from drcli.first_step import idle_conditions
 from drcli.runs.inputs import InputFile
 from drcli.textfile import decode
 from drcli.validate.report import Violation
@@ -64,8 +65,12 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Violation]]:
 
 
 def review_source(source: Source) -> list[Violation]:
-    """Rules whose breach shows while a training runs: names that do not exist, progress of 1."""
-    return [*_undefined_names(source), *_progress_of_one(source.tree, source)]
+    """Rules whose breach shows while a training runs: undefined names, idle conditions."""
+    return [
+        *_undefined_names(source),
+        *_progress_of_one(source.tree, source),
+        *_first_steps(source),
+    ]
 
 
 def _uncompilable(error: Exception, name: str, text: str) -> Violation:
@@ -127,6 +132,14 @@ def _progress_of_one(tree: ast.Module, source: Source) -> Iterator[Violation]:
                 "progress == 1 is true for a moment at 1 % of the lap, if ever.",
                 "Write `progress >= 100` for a complete lap: progress runs from 0 to 100.",
             )
+
+
+def _first_steps(source: Source) -> Iterator[Violation]:
+    """V-24: a step before the first one that is paid."""
+    for idle in idle_conditions(source.text):
+        if not source.is_silenced(idle.line):
+            where = source.at(idle.line)
+            yield Violation("V-24", "warning", where, idle.message, idle.remedy)
 
 
 def _is_progress(node: ast.expr) -> bool:

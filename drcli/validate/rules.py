@@ -52,7 +52,8 @@ RULES: tuple[Rule, ...] = (
         "V-05",
         "settings",
         "`DR_WORLD_NAME` is exactly the name of a track that is there",
-        "error with the closest names",
+        "error with the closest names; a track of the community that is not here yet: note, and a "
+        "start offers to fetch it (`DR_TRACKS_FETCH`)",
     ),
     Rule(
         "V-06",
@@ -78,7 +79,7 @@ RULES: tuple[Rule, ...] = (
         "bucket",
         "nothing lies under `DR_LOCAL_S3_MODEL_PREFIX`; a model whose name only begins alike "
         "is no matter",
-        "error",
+        "note; a start without `-w` or `--resume` refuses",
     ),
     Rule(
         "V-10",
@@ -117,7 +118,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-21",
         "reward",
-        "it works, within 5 s a call, on the road, on the start line, after half a lap, off "
+        "it works, within 5 s a call, on the start line, on the road, after half a lap, off "
         "the track and at the finish of your track, and at 155 places more",
         "error",
     ),
@@ -137,8 +138,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-24",
         "reward",
-        "no `else if`, and no `progress == 1`: progress runs from 0 to 100",
-        "error; warning",
+        "no `else if`; no `progress == 1`: progress runs from 0 to 100; no `steps == 0`, "
+        "`steps == 1` and the like: the first call of an episode has `steps` 2",
+        "error; warning; warning",
     ),
     Rule(
         "V-30",
@@ -215,7 +217,8 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "V-44",
         "hyperparameters",
-        "`term_cond_avg_score` 35000 to 100000, `term_cond_max_episodes` 10000 or more",
+        "`term_cond_max_episodes`, which counts iterations, is 100 or more; `term_cond_avg_score`, "
+        "which has no effect, is one of the usual values",
         "warning",
     ),
     Rule(
@@ -258,8 +261,9 @@ DeepRacer on AWS as well.
 _TAIL = """
 ## Report
 
-Errors first, then warnings, each with its rule, place, value and remedy. Exit code 0 without
-errors, 3 with errors, 0 with `--force`. A training need not run; where the bucket is broken or
+Errors first, then warnings, then notes, each with its rule, place, value and remedy. A note is no
+fault: it says what a start has to be told. Exit code 0 without errors, 3 with errors, 0 with
+`--force`. A training need not run; where the bucket is broken or
 files are missing, that is reported and all other rules are tried. Your reward function runs in a
 process of its own.
 
@@ -267,10 +271,10 @@ process of its own.
 
 | key | value |
 | --- | --- |
-| `ok` | whether a training could start |
+| `ok` | whether nothing is wrong: a training could start, told what the notes ask for |
 | `directory` | the working folder; places inside it are named from there |
 | `console_compatible` | whether `--console-compatible` was given |
-| `errors`, `warnings` | lists of `{"rule", "severity", "where", "message", "remedy"}` |
+| `errors`, `warnings`, `notes` | lists of `{"rule", "severity", "where", "message", "remedy"}` |
 | `skipped` | list of `{"rules", "reason"}`: what could not be tried |
 """
 

@@ -1,11 +1,19 @@
 """Log lines that log-guru and other readers of the reference's logs look for, word for word."""
 
 import json
+from collections.abc import Sequence
 
 from drcli.config import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
-from drcli.worker.trace import Episode
+from drcli.worker.trace import Episode, log_lines
+
+EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "
+"""What stands before the reward of an evaluation episode. The rate is 0.0 in the reference whatever
+the laps are, and log-guru knows the line with that number only."""
+
+OWN_LINE = ""
+"""Stands before lines that must begin one: a reward function may have printed half a line."""
 
 
 def start_lines(
@@ -19,7 +27,6 @@ def start_lines(
         "WORLD_NAME": settings.world_name,
     }
     file = "training_params.yaml" if job_type == "TRAINING" else "evaluation_params.yaml"
-    space = json.loads(metadata.action_space_json)
     kind = metadata.action_space_type
     return "\n".join(
         [
@@ -31,34 +38,65 @@ def start_lines(
             f"simapp_version {float(metadata.version)}, "
             f"training_algorithm {metadata.training_algorithm}, action_space_type {kind} "
             "lidar_config {}",
-            f"Action space from file: {space}",
+            f"Action space from file: {_action_space(metadata)}",
             "Using the following hyper-parameters",
             hyperparameters.canonical_json(),
         ]
     )
 
 
-def training_line(episode: Episode, worker: int, total_steps: int, iteration: int) -> str:
-    """The end of a training episode."""
-    return (
-        f"Training> Name=main_level/agent, Worker={worker}, Episode={episode.number + 1}, "
-        f"Total reward={episode.reward:.2f}, Steps={total_steps}, Training iteration={iteration}"
-    )
+def training_lines(
+    episodes: Sequence[Episode],
+    worker: int,
+    track_length_m: float,
+    total_steps: int,
+    iteration: int,
+    wall_clock: float,
+) -> str:
+    """The training episodes of an iteration.
+
+    log-guru stops at an episode number that it has seen before, so what is driven again, after a
+    stop or where rollouts were lost, must not be printed again.
+
+    Args:
+        episodes: In the order of their numbers.
+        worker: Number of the worker, from 0.
+        track_length_m: Length of the centre line.
+        total_steps: Steps driven before them.
+        iteration: Number of the iteration.
+        wall_clock: Unix seconds when they were driven.
+    """
+    lines = [OWN_LINE]
+    for episode in episodes:
+        total_steps += episode.steps
+        lines += [
+            log_lines(episode, track_length_m, wall_clock),
+            f"Training> Name=main_level/agent, Worker={worker}, Episode={episode.number + 1}, "
+            f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
+            f"Training iteration={iteration}",
+        ]
+    return "\n".join(lines)
 
 
 def evaluation_lines(
-    episodes: list[Episode], worker: int, last_episode: int, total_steps: int, iteration: int
+    episodes: Sequence[Episode], worker: int, last_episode: int, total_steps: int, iteration: int
 ) -> str:
-    """The evaluation of one checkpoint during training."""
-    lines = ["## agent: Starting evaluation phase"]
-    share = sum(episode.completed for episode in episodes) / len(episodes)
+    """The evaluation of one checkpoint during training; each begins an iteration for log-guru.
+
+    Args:
+        episodes: In the order of their numbers.
+        worker: Number of the worker, from 0.
+        last_episode: Number of training episodes so far.
+        total_steps: Steps driven until then.
+        iteration: Number of the checkpoint.
+    """
+    lines = [OWN_LINE, "## agent: Starting evaluation phase"]
     for episode in episodes:
         lines += [
             f"Testing> Name=main_level/agent, Worker={worker}, Episode={last_episode}, "
             f"Total reward={episode.reward:.2f}, Steps={total_steps}, "
             f"Training iteration={iteration}",
-            f"## agent: Finished evaluation phase. Success rate = {share}, "
-            f"Avg Total Reward = {episode.reward:.2f}",
+            f"{EVALUATION_END}{episode.reward:.2f}",
         ]
     progress = [float(episode.progress) for episode in episodes]
     mean = sum(progress) / len(progress)
@@ -76,3 +114,11 @@ def epoch_line(surrogate: float, kl: float, entropy: float, epoch: int, lr: floa
         f"Policy training> Surrogate loss={surrogate}, KL divergence={kl}, Entropy={entropy}, "
         f"training epoch={epoch}, learning_rate={lr}"
     )
+
+
+def _action_space(metadata: ModelMetadata) -> object:
+    """The actions as they are counted here: log-guru stops at indices in another order."""
+    space = json.loads(metadata.action_space_json)
+    if isinstance(space, dict):
+        return space
+    return [{name: action[name] for name in ("steering_angle", "speed")} for action in space]

@@ -95,7 +95,8 @@ class Collector:
         if self._absent:
             print(f"Training> Going on without simulation worker {sorted(self._absent)}.")
         try:
-            return self._read(list(manifests.values()))
+            # Not in the order in which they arrived: equal seeds, equal minibatches.
+            return self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
             # Workers that wait for the trainer look after their manifests.
             print(f"Training> {error} Iteration {iteration} is driven again.")

@@ -1,18 +1,32 @@
 """How the workers of a run share the processor of this machine."""
 
+import math
 import os
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
 
 from drcli.config import Settings
 
 OVERLAP_CORES = 4
 """From so many cores on, driving and learning go on at the same time."""
 
+_ROOT = Path("/")
 
-def cores() -> int:
-    """Processor cores that this process may use."""
+
+def cores(root: Path = _ROOT) -> int:
+    """Processor cores that this process may use.
+
+    Those that it may run on (`taskset`), or fewer where a container or a service has a limit
+    (`docker run --cpus`), of which a part counts as a whole.
+
+    Args:
+        root: Where Linux tells the limits, below `proc` and `sys`.
+    """
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        allowed = len(os.sched_getaffinity(0))
+    else:
+        allowed = os.cpu_count() or 1
+    return max(1, min([allowed, *(math.ceil(limit) for limit in _limits(root))]))
 
 
 def overlaps(settings: Settings) -> bool:
@@ -31,3 +45,55 @@ def driving_threads(settings: Settings) -> int:
 def learning_threads(settings: Settings) -> int:
     """Threads of the trainer: all cores where it has them to itself, else half."""
     return max(1, cores() // 2) if overlaps(settings) else cores()
+
+
+def _limits(root: Path) -> Iterator[float]:
+    """Cores that each control group above this process leaves it; nothing where none limits."""
+    try:
+        lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
+    except OSError:  # another system than Linux
+        return
+    for line in lines:
+        if line.count(":") < 2:
+            continue
+        _, controllers, path = line.split(":", 2)
+        unified = controllers == ""
+        if not unified and "cpu" not in controllers.split(","):
+            continue
+        mount = root / "sys/fs/cgroup" / controllers
+        group = PurePosixPath(path.lstrip("/"))
+        # A container sees the path that its group has outside, and its own group at the root.
+        for folder in (mount / group, *(mount / parent for parent in group.parents)):
+            limit = _unified_limit(folder) if unified else _older_limit(folder)
+            if limit is not None:
+                yield limit
+
+
+def _unified_limit(folder: Path) -> float | None:
+    """The limit in `cpu.max`: `150000 100000`, or `max 100000` for none."""
+    words = _words(folder / "cpu.max")
+    return None if len(words) != 2 else _share(*words)
+
+
+def _older_limit(folder: Path) -> float | None:
+    """The limit of version 1 of control groups, whose quota is -1 for none."""
+    words = [
+        *_words(folder / "cpu.cfs_quota_us"),
+        *_words(folder / "cpu.cfs_period_us"),
+    ]
+    return None if len(words) != 2 else _share(*words)
+
+
+def _share(quota: str, period: str) -> float | None:
+    try:
+        used_us, of_us = int(quota), int(period)
+    except ValueError:  # "max"
+        return None
+    return used_us / of_us if used_us > 0 and of_us > 0 else None
+
+
+def _words(file: Path) -> list[str]:
+    try:
+        return file.read_text("ascii", "replace").split()
+    except OSError:
+        return []

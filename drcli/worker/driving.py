@@ -1,7 +1,7 @@
 """Drives episodes side by side: one batch of cars, one policy, whole episodes out."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -223,10 +223,8 @@ class Driver:
         driving = [(car, lane) for car, lane in enumerate(lanes) if lane is not None]
         steering, speed = np.zeros(len(lanes)), np.zeros(len(lanes))
         chosen = []
-        for racer, pilot in enumerate(self._pilots):
-            seats = [(car, lane) for car, lane in driving if lane.plan.racer == racer]
-            if seats:
-                chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
+        for pilot, seats in self._grouped(driving):
+            chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
         with output.limited_prints():
             columns = _Columns.of(self._simulation.step(steering, speed))
         for pilot, seats, observed, decision in chosen:
@@ -236,6 +234,25 @@ class Driver:
                 self._expect(pilot, cut)
         self._trained += sum(lane.plan.phase == "training" for _, lane in driving)
         return [car for car, _ in driving if columns.done[car]]
+
+    def _grouped(
+        self, driving: Sequence[tuple[int, _Lane]]
+    ) -> Iterator[tuple[Pilot, list[tuple[int, _Lane]]]]:
+        """Cars that choose together: those of one pilot and one phase.
+
+        How many rows a matrix product has decides how each of them is rounded. The clock decides
+        whether a checkpoint is evaluated, so evaluation episodes must not be among the rows of the
+        training episodes: equal seeds would not train equally.
+        """
+        for racer, pilot in enumerate(self._pilots):
+            for phase in ("training", "evaluation"):
+                seats = [
+                    (car, lane)
+                    for car, lane in driving
+                    if (lane.plan.racer, lane.plan.phase) == (racer, phase)
+                ]
+                if seats:
+                    yield pilot, seats
 
     def _decide(
         self,

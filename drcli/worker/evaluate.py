@@ -112,7 +112,7 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
         For each racer one episode a trial; the laps of a continuous race are trials.
     """
     s = job.settings
-    bucket = open_bucket(s, job.directory)
+    bucket = open_bucket(s, job.directory, hurried=lifeline.should_stop)
     threads = cores()
     torch.set_num_threads(1)
     crews = [_pilot(job, bucket, racer) for racer in racers]

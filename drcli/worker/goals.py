@@ -1,4 +1,4 @@
-"""When a training is over: time, episodes, iterations, mean score, laps, progress held."""
+"""When a training is over: time, iterations, mean reward, laps, progress held."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from drcli.job import Job
 from drcli.store.history import IterationRecord
 
 SCORED_EPISODES = 100
-"""Episodes over which `term_cond_avg_score` is averaged, as in the lists of the Gym."""
+"""Episodes over which the mean reward is taken, as in the lists of the Gym."""
 
 
 class Goals:
@@ -25,29 +25,33 @@ class Goals:
         self._clock = clock
         self._began_s = clock()
 
-    def reached(self, episodes: int, records: Sequence[IterationRecord]) -> str | None:
+    def reached(self, records: Sequence[IterationRecord]) -> str | None:
         """Why the training is over, as one sentence; None while it goes on.
 
         Args:
-            episodes: Training episodes so far.
             records: The iterations so far, oldest first.
         """
-        job, settings, parameters = self._job, self._job.settings, self._parameters
+        job, settings = self._job, self._job.settings
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
             return "Training is complete: all evaluation laps of a checkpoint were completed."
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
             return f"Training is complete: {minutes:g} minutes are over."
-        if episodes >= parameters.term_cond_max_episodes:
-            return f"Training is complete: {episodes} episodes were driven."
-        if 0 < settings.train_max_iterations <= len(records):
-            return f"Training is complete: {len(records)} iterations were learned from."
-        score = mean_score(records)
-        if score is not None and score >= parameters.term_cond_avg_score:
+        for name, most in (
+            ("DR_TRAIN_MAX_ITERATIONS", settings.train_max_iterations),
+            ("term_cond_max_episodes", self._parameters.term_cond_max_episodes),
+        ):
+            if 0 < most <= len(records):
+                return (
+                    f"Training is complete: {len(records)} iterations were learned from, "
+                    f"{name} is {most}."
+                )
+        score, good_enough = mean_score(records), settings.train_stop_reward
+        if score is not None and good_enough is not None and score >= good_enough:
             return (
                 f"Training is complete: the mean reward of the last {SCORED_EPISODES} episodes "
-                f"is {score:.1f}, term_cond_avg_score is {parameters.term_cond_avg_score:g}."
+                f"is {score:.1f}, DR_TRAIN_STOP_REWARD is {good_enough:g}."
             )
         wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
         means = [_mean(record.evaluation_progress) for record in evaluated[-last:]]

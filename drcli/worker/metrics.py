@@ -6,54 +6,80 @@ from collections.abc import Sequence
 from typing import Any
 
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.worker.share import Share
 from drcli.worker.trace import Episode, training_record
 
 VERSION = 2.0
 """Version of the file's format. Source: the reference simulator."""
 
+_PER_ITERATION = "episodes_per_iteration"
+"""Key of the file that analysis tools ignore: what the numbers of its episodes are counted with."""
+
 
 class TrainingMetrics:
-    """All episodes a worker has driven, in the order in which they lie on its clock."""
+    """All episodes a worker has driven, in the order in which they lie on its clock.
 
-    def __init__(self, bucket: Bucket, key: str, best_model_metric: str) -> None:
+    Analysis tools divide an episode's number by the most episodes that worker 0 drove in one
+    iteration, and take the result for the iteration, in the files of all workers. So a worker that
+    drives 6 episodes beside another's 7 leaves out one number of each iteration. Each record keeps
+    its iteration too, in a key that those tools ignore: after a resume with more episodes, all are
+    numbered again.
+    """
+
+    def __init__(self, bucket: Bucket, key: str, best_model_metric: str, share: Share) -> None:
         self._bucket = bucket
         self._key = key
         self._best_model_metric = best_model_metric
         self._records: list[dict[str, Any]] = []
+        self._per_iteration = share.most
         with contextlib.suppress(ObjectMissing):
-            self._records = json.loads(bucket.get(key))["metrics"]
+            file = json.loads(bucket.get(key))
+            self._records = file["metrics"]
+            counted_with = file.get(_PER_ITERATION, 0)
+            most = max((record["trial"] for record in self._records), default=0)
+            self._per_iteration = max(share.most, counted_with, most)
+        for record in self._records:
+            # Version 0.1.0 kept no iteration, and counted each worker's episodes without gaps.
+            record.setdefault("iteration", (record["episode"] - 1) // share.count)
+            record["episode"] = self._number(record["iteration"], record["trial"])
 
     @property
     def clock_s(self) -> float:
         """Simulation clock after the last episode, seconds."""
         return max((r["metric_time"] for r in self._records), default=0) / 1000.0
 
-    def keep_before(self, first_episode: int) -> None:
-        """Forget training episodes from this number (from 0) on, and their evaluations."""
-        self._records = [r for r in self._records if r["episode"] <= first_episode]
+    def keep_before(self, iteration: int) -> None:
+        """Forget the episodes of this iteration and of later ones, and their evaluations."""
+        self._records = [r for r in self._records if r["iteration"] < iteration]
 
-    def add(self, training: Sequence[Episode], evaluation: Sequence[Episode] = ()) -> None:
+    def add(
+        self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
+    ) -> None:
         """Append one iteration's episodes and publish the file.
 
         Args:
+            iteration: In which they were driven.
             training: In the order of their numbers.
             evaluation: Of the checkpoint that drove them; their records carry the number of the
-                last training episode.
+                iteration's last training episode.
         """
         for trial, episode in enumerate(training, start=1):
-            self._records.append(training_record(episode, episode.number + 1, trial))
-        last = next(
-            (r for r in reversed(self._records) if r["phase"] == "training"),
-            {"episode": 1, "trial": 1},
-        )
-        self._records += [
-            training_record(episode, last["episode"], last["trial"]) for episode in evaluation
-        ]
+            self._records.append(self._record(episode, iteration, trial))
+        last = max((r["trial"] for r in self._records if r["iteration"] == iteration), default=1)
+        self._records += [self._record(episode, iteration, last) for episode in evaluation]
         if not self._records:
             return
         file = {
             "metrics": self._records,
             "version": VERSION,
             "best_model_metric": self._best_model_metric,
+            _PER_ITERATION: self._per_iteration,
         }
         self._bucket.put(self._key, json.dumps(file).encode())
+
+    def _record(self, episode: Episode, iteration: int, trial: int) -> dict[str, Any]:
+        record = training_record(episode, self._number(iteration, trial), trial)
+        return {**record, "iteration": iteration}
+
+    def _number(self, iteration: int, trial: int) -> int:
+        return iteration * self._per_iteration + trial

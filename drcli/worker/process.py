@@ -1,5 +1,6 @@
 """What both kinds of worker share as processes: signals, last words, and a word on what they do."""
 
+import gc
 import json
 import os
 import signal
@@ -10,10 +11,14 @@ import traceback
 from collections.abc import Callable
 from types import FrameType
 
+from drcli.config import Settings
 from drcli.errors import DrError
 from drcli.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+from drcli.store.ownership import Ownership
+from drcli.store.s3 import S3Bucket
 from drcli.worker import output
 
 BUG = 1
@@ -63,6 +68,21 @@ class Activity:
         self._bucket.put(self._key, json.dumps(record).encode())
 
 
+def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:
+    """The bucket of a training, for a worker of it.
+
+    Nothing can be written there once another training has taken the model over, and the patience
+    with a silent server is short once the worker was asked to leave.
+
+    Args:
+        job: The training.
+        settings: Those of the worker.
+        lifeline: Of this process.
+    """
+    bucket = open_bucket(settings, job.directory, hurried=lifeline.should_stop)
+    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session).check)
+
+
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """Run a worker's loop as the main function of a process.
 
@@ -85,6 +105,9 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         raise SystemExit(words.code) from None
     finally:
         output.end_limit()
+        # Else Python looks through all objects for garbage while it ends, which takes most of a
+        # second of processor time that whoever stops a training waits for.
+        gc.freeze()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:

@@ -24,6 +24,11 @@ class Share:
         """Episodes of this worker in every iteration."""
         return self.episodes // self.workers + (self.worker < self.episodes % self.workers)
 
+    @property
+    def most(self) -> int:
+        """Episodes in every iteration of those workers that drive most; worker 0 is one."""
+        return -(-self.episodes // self.workers)
+
     def numbers(self, iteration: int) -> range:
         """Numbers of this worker's episodes in one iteration, counted from 0 for its whole life."""
         return range(iteration * self.count, (iteration + 1) * self.count)

@@ -21,9 +21,8 @@ from drcli.learn.precision import flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
-from drcli.store.rollouts import RolloutWriter
+from drcli.store.rollouts import RolloutWriter, session_of_worker
 from drcli.worker import announce, process
 from drcli.worker.cores import cores, driving_threads, overlaps
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
@@ -31,7 +30,7 @@ from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.share import EvaluationBudget, Share
-from drcli.worker.trace import csv_text, log_lines, schedule
+from drcli.worker.trace import csv_text, schedule
 from drcli.worker.waiting import CheckpointWaiter
 from drcli.worker.world import (
     actions_of,
@@ -65,7 +64,7 @@ class SimWorker:
         self._settings = s
         self._lifeline = lifeline
         self._prefix = s.model_prefix
-        self._bucket = open_bucket(s, job.directory)
+        self._bucket = process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
@@ -107,6 +106,7 @@ class SimWorker:
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
             s.train_best_model_metric,
+            self._share,
         )
         self._total_steps = 0
         self._budget = EvaluationBudget(s.train_eval_share)
@@ -116,12 +116,15 @@ class SimWorker:
         self._drives = 0
         self._warm = False
         self._driven_steps = 0
+        self._driven_before = False
+        self._evaluated_before = False
         self._handed_in_s = time.monotonic()
         self._waiter = CheckpointWaiter(
             self._bucket,
             self._prefix,
             job.session,
             worker,
+            s.workers,
             should_stop=lifeline.should_stop,
             say=self._activity.say,
         )
@@ -150,15 +153,16 @@ class SimWorker:
             self._newest = name.number
             iteration = max(iteration, name.number)
             self._total_steps = name.steps
-            weights = load_tensors(self._checkpoints.load(str(name)).tensors)
-            self._model.load_state_dict(weights)
+            checkpoint = self._checkpoints.load(str(name))
+            self._waiter.learn_from(checkpoint.record)
+            self._model.load_state_dict(load_tensors(checkpoint.tensors))
             self._iterate(iteration, name)
             iteration += 1
 
     def _iterate(self, iteration: int, name: keys.CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish everything about it."""
         numbers = self._share.numbers(iteration)
-        self._metrics.keep_before(numbers.start)
+        self._metrics.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         training: list[Driven] = []
         evaluation: list[Driven] = []
@@ -170,15 +174,18 @@ class SimWorker:
             iteration=iteration,
             worker=self._share.worker,
             checkpoint=str(name),
-            session=f"{self._job.session}-{os.getpid()}-{self._drives}",
+            session=session_of_worker(self._job.session, os.getpid(), self._drives),
         )
         shard: list[Driven] = []
         evaluates = self._evaluates(name)
+        trials = self._trials if evaluates else 0
         begin = time.time()
 
         def collect(episode: Driven) -> None:
             if episode.phase == "evaluation":
                 evaluation.append(episode)
+                if len(evaluation) == trials:  # at once: whatever ends the drive, these count
+                    self._publish_evaluation(name, evaluation)
                 return
             training.append(episode)
             self._driven_steps += episode.steps
@@ -199,7 +206,7 @@ class SimWorker:
                 self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
-            plans = self._plans(numbers, self._trials if evaluates else 0)
+            plans = self._plans(numbers, trials)
             self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon())
         except StopRequested:
             writer.abandon()
@@ -212,8 +219,7 @@ class SimWorker:
             share = steps / (steps + sum(len(e.rows) for e in training))
             if self._warm:  # the first iteration may have compiled, which is nobody's share
                 self._budget.spend(share * (time.time() - begin))
-            evaluation.sort(key=lambda episode: episode.number)
-            self._publish_evaluation(name, evaluation, numbers.stop)
+            self._note_evaluation(iteration, name, evaluation, numbers.stop)
         self._warm = True
 
     def _evaluates(self, name: keys.CheckpointName) -> bool:
@@ -264,39 +270,47 @@ class SimWorker:
     ) -> None:
         episodes.sort(key=lambda episode: episode.number)
         schedule(episodes, self._metrics.clock_s)
-        self._metrics.add(episodes)
+        self._metrics.add(iteration, episodes)
         length_m = self._track.length_m
         trace = csv_text(episodes, length_m, wall_clock)
         key = keys.training_trace(
             self._prefix, iteration, worker=self._share.worker, workers=self._share.workers
         )
+        self._driven_before = self._bucket.exists(key)
+        if not self._driven_before:  # else they are in the log already
+            worker, steps = self._share.worker, self._total_steps
+            lines = announce.training_lines(
+                episodes, worker, length_m, steps, iteration, wall_clock[1]
+            )
+            print(lines)
         self._bucket.put(key, trace.encode())
-        total = self._total_steps
-        for episode in episodes:
-            total += episode.steps
-            print(log_lines(episode, length_m, wall_clock[1]))
-            print(announce.training_line(episode, self._share.worker, total, iteration))
 
-    def _publish_evaluation(
-        self, name: keys.CheckpointName, episodes: list[Driven], last_episode: int
-    ) -> None:
-        schedule(episodes, self._metrics.clock_s)
-        self._metrics.add([], episodes)
+    def _publish_evaluation(self, name: keys.CheckpointName, episodes: list[Driven]) -> None:
+        """Tell the trainer how a checkpoint did in all its trials."""
+        episodes.sort(key=lambda episode: episode.number)
         result = {
             "checkpoint": str(name),
             "progress": [float(e.progress) for e in episodes],
             "reward": [float(e.reward) for e in episodes],
             "lap_s": [float(e.duration_s) for e in episodes if e.completed],
-            "clock_s": self._metrics.clock_s,
         }
-        self._bucket.put(
-            keys.evaluation_result(self._prefix, name.number), json.dumps(result).encode()
-        )
-        print(
-            announce.evaluation_lines(
-                list(episodes), self._share.worker, last_episode, self._total_steps, name.number
-            )
-        )
+        key = keys.evaluation_result(self._prefix, name.number)
+        self._evaluated_before = self._bucket.exists(key)
+        self._bucket.put(key, json.dumps(result).encode())
+
+    def _note_evaluation(
+        self,
+        iteration: int,
+        name: keys.CheckpointName,
+        episodes: list[Driven],
+        last_episode: int,
+    ) -> None:
+        """Put an evaluation into metrics and log, behind the training episodes beside it."""
+        schedule(episodes, self._metrics.clock_s)
+        self._metrics.add(iteration, [], episodes)
+        if not (self._driven_before and self._evaluated_before):  # else it is in the log already
+            worker, steps = self._share.worker, self._total_steps
+            print(announce.evaluation_lines(episodes, worker, last_episode, steps, name.number))
 
 
 def _evaluation_trials(job: Job) -> int:
@@ -310,7 +324,7 @@ def _packed(episodes: list[Driven]) -> Episodes:
         frames=np.stack([frame for e in episodes for frame in e.frames]),
         actions=np.concatenate([_action_column(e.actions) for e in episodes]),
         log_probs=np.concatenate([np.array(e.log_probs, np.float32) for e in episodes]),
-        values=np.concatenate([np.array(e.values, np.float32) for e in episodes]),
+        values=np.concatenate([np.array(e.values) for e in episodes]),
         rewards=np.concatenate([_reward_column(e) for e in episodes]),
         episode_numbers=np.array([e.number for e in episodes]),
         episode_lengths=np.array([e.steps for e in episodes]),
@@ -319,7 +333,7 @@ def _packed(episodes: list[Driven]) -> Episodes:
             "completed": np.array([e.completed for e in episodes]),
             "duration_s": np.array([e.duration_s for e in episodes]),
             "cut": np.array([e.cut for e in episodes]),
-            "last_values": np.array([e.last_value for e in episodes], np.float32),
+            "last_values": np.array([e.last_value for e in episodes]),
             "scans": np.concatenate([np.stack(e.scans) for e in episodes]),
             "states": np.concatenate([np.stack(e.states) for e in episodes]),
         },
@@ -329,8 +343,8 @@ def _packed(episodes: list[Driven]) -> Episodes:
     return packed
 
 
-def _reward_column(episode: Driven) -> NDArray[np.float32]:
-    return np.array([row.reward for row in episode.rows[1:]], dtype=np.float32)
+def _reward_column(episode: Driven) -> NDArray[np.float64]:
+    return np.array([row.reward for row in episode.rows[1:]])
 
 
 def _action_column(

@@ -189,15 +189,23 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
 
 
 def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
-    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read."""
+    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read.
+
+    log-guru divides by the progress at the end of an episode, so that is never printed as 0.0000.
+    """
     return "\n".join(
         f"SIM_TRACE_LOG:{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
-        f"{row.all_wheels_on_track},{row.progress:.4f},{row.closest_waypoint},"
+        f"{row.all_wheels_on_track},{_progress(row)},{row.closest_waypoint},"
         f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},"
         f"{row.crashes},{wall_clock:.4f}"
         for row in episode.rows
     )
+
+
+def _progress(row: Row) -> str:
+    text = f"{row.progress:.4f}"
+    return "0.0001" if row.done and float(text) == 0.0 else text
 
 
 def training_record(episode: Episode, training_number: int, trial: int) -> dict[str, Any]:

@@ -12,32 +12,27 @@ import torch
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from drcli.errors import TrainingFailed
+from drcli.errors import StorageError, TrainingFailed
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
-from drcli.store.bucket import ObjectMissing, get_json
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.collection import RolloutReader
-from drcli.store.connect import open_bucket
 from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.scores import UNFINISHED_MS, tie_break_of
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
-from drcli.worker.learning import Learner, build_learner, policy_spec
+from drcli.worker.learning import Learner, build_learner
 from drcli.worker.process import Activity, Lifeline, StopRequested
+from drcli.worker.scoring import Scoring
 from drcli.worker.waiting import DOUBT_S
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of one iteration apart from those of the next."""
-
-REMEMBERED_SCORES = 3
-"""How many of the newest checkpoints may still be waiting for their evaluation after a restart."""
 
 
 class Trainer:
@@ -49,7 +44,7 @@ class Trainer:
         self._settings = s
         self._lifeline = lifeline
         self._prefix = s.model_prefix
-        self._bucket = open_bucket(s, job.directory)
+        self._bucket = process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
@@ -62,15 +57,27 @@ class Trainer:
         )
         print("Using the following hyper-parameters")
         print(parameters.canonical_json(metadata.training_algorithm))
-        spec = policy_spec(metadata, parameters)
+        self._found = self._checkpoints.load_latest(with_optimizer=True)
+        counters = {} if self._found is None else self._found.record.counters
         compute = choose_compute(
-            s.torch_precision, spec, parameters.batch_size, learning_threads(s)
+            s.torch_precision,
+            parameters.batch_size,
+            learning_threads(s),
+            before=counters.get("number_format"),
         )
         print(f"Compute> {compute.reason}")
+        self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
+        self._scoring = Scoring(
+            self._bucket,
+            self._prefix,
+            self._checkpoints,
+            self._history,
+            s.train_best_model_metric,
+        )
         self._goals = Goals(job, parameters)
-        self._reader = RolloutReader(self._bucket, self._prefix)
+        self._reader = RolloutReader(self._bucket, self._prefix, job.session)
         self._collector = Collector(self._reader, s.workers, s.train_max_steps_per_iteration)
         self._number = 0
         self._steps = 0
@@ -79,13 +86,22 @@ class Trainer:
         self._started = time.monotonic()
         self._cycle_began = time.monotonic()
         self._doubted = time.monotonic()
-        self._unscored: set[int] = set()
         self._collapsed = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="optimizer-upload")
         self._optimizer_upload: Future[object] | None = None
 
     def run(self) -> None:
-        """Learn until there is a reason to end."""
+        """Learn until there is a reason to end; evaluations that were driven by then are scored."""
+        try:
+            self._train()
+        except (StopRequested, TrainingFailed):
+            try:
+                self._scoring.score_all(self._newest())
+            except StorageError as error:
+                print(f"Checkpoint> The last evaluation is not scored yet: {error}")
+            raise
+
+    def _train(self) -> None:
         self._restore()
         while (reason := self._reason_to_end()) is None:
             self._doubted = time.monotonic()
@@ -103,7 +119,7 @@ class Trainer:
 
     def _restore(self) -> None:
         """Go on from the newest intact checkpoint, or publish the first one."""
-        found = self._checkpoints.load_latest(with_optimizer=True)
+        found, self._found = self._found, None
         if found is None:
             self._publish()
             return
@@ -119,13 +135,10 @@ class Trainer:
         self._episodes = int(record.counters["episodes"])
         self._elapsed_before_s = float(record.counters["elapsed_s"])
         self._history.restore(self._number, record.counters.get("learned"))
-        self._unscored = {
-            r.iteration
-            for r in self._history.records[-REMEMBERED_SCORES:]
-            if not r.evaluation_progress
-        }
+        self._scoring.restore(self._history.records)
         self._checkpoints.point_to(record)
         print(f"Checkpoint> Restoring from path={record.name}")
+        self._scoring.score_all(self._newest())
         self._recall()
 
     def _recall(self) -> None:
@@ -159,7 +172,7 @@ class Trainer:
     def _is_wait_over(self) -> bool:
         """Between two looks for rollouts: obey signals, score evaluated checkpoints."""
         self._activity.say(f"waits for rollouts of iteration {self._number}")
-        self._score()
+        self._scoring.score(self._newest())
         self._doubt()
         return self._lifeline.should_stop() or self._reason_to_end() is not None
 
@@ -192,9 +205,10 @@ class Trainer:
                 steps_before=self._steps,
             )
         except UpdateInterruptedError:
-            # The rollouts stay in the bucket: a resumed trainer repeats this update from them.
+            # Nothing is lost: a resumed training drives this iteration again, and learns from it.
             raise StopRequested from None
         except NonFiniteLossError as error:
+            self._await_evaluation(collected)
             raise self._not_a_number(error) from None
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
@@ -204,8 +218,7 @@ class Trainer:
         self._episodes += len(collected.rewards)
 
         last = stats[-1] if stats else EpochStats(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        if collected.evaluates is not None:
-            self._unscored.add(collected.evaluates)
+        self._scoring.expect(self._number - 1, collected.evaluates)
         record = IterationRecord(
             iteration=self._number - 1,
             checkpoint=collected.checkpoint,
@@ -227,12 +240,14 @@ class Trainer:
             exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
             elapsed_s=self._elapsed_s(),
         )
-        reason = self._goals.reached(self._episodes, [*self._history.records, record])
+        reason = self._goals.reached([*self._history.records, record])
         if reason is not None:
             self._mark_end(reason)
         self._publish(record)
         self._history.add(record)
-        self._score()
+        if reason is not None:
+            self._await_evaluation(collected)
+        self._scoring.score(self._newest())
         self._watch_health()
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
@@ -243,9 +258,8 @@ class Trainer:
         return TrainingFailed(
             f"NaN detected in loss function, aborting training. Iteration {self._number}: {error} "
             "The weights before it are kept as the last checkpoint.",
-            remedy="Lower `lr` to a third, keep rewards between -10 and 10, or set "
-            "`max_grad_norm` to 0.5 in hyperparameters.json, then go on with "
-            f"`dr-start-training --resume`.{back}",
+            remedy="Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, "
+            f"then go on with `dr-start-training --resume`.{back}",
         )
 
     def _watch_health(self) -> None:
@@ -254,6 +268,12 @@ class Trainer:
         if fallen is not None and not self._collapsed:
             print(f"Training> Warning: {fallen}.")
         self._collapsed = fallen is not None
+
+    def _await_evaluation(self, collected: Collected) -> None:
+        """Wait for what is still being evaluated beside the last iteration."""
+        if collected.evaluates is not None:
+            self._activity.say(f"waits for the evaluation of checkpoint {collected.evaluates}")
+            self._scoring.wait(collected.evaluates, collected.drive_s, self._lifeline.should_stop)
 
     # Publishing.
 
@@ -274,6 +294,7 @@ class Trainer:
             counters={
                 "episodes": self._episodes,
                 "elapsed_s": self._elapsed_s(),
+                "number_format": self._number_format,
                 "learned": None if learned is None else fields_of(learned),
             },
         )
@@ -290,36 +311,13 @@ class Trainer:
             self._optimizer_upload.result()
             self._optimizer_upload = None
 
-    def _score(self) -> None:
-        """Take note of evaluations that have arrived, and of the best checkpoint."""
-        for iteration in sorted(self._unscored):
-            key = keys.evaluation_result(self._prefix, iteration)
-            try:
-                result = get_json(self._bucket, key)
-            except ObjectMissing:
-                continue
-            self._unscored.discard(iteration)
-            self._history.add_evaluation(iteration, result["progress"], result["lap_s"])
-            metric = self._settings.train_best_model_metric
-            self._checkpoints.record_evaluation(
-                result["checkpoint"],
-                metric_of(metric, result),
-                lower_is_better=metric == "laptime",
-                tie_break=tie_break_of(metric, result["progress"], result["lap_s"]),
-            )
-            best = keys.CheckpointName.parse(self._checkpoints.best_name() or "")
-            if best is not None:
-                print(
-                    f"Best checkpoint number: {best.number}, Last checkpoint number: {self._number}"
-                )
-
     # The end.
 
     def _elapsed_s(self) -> float:
         return self._elapsed_before_s + time.monotonic() - self._started
 
     def _reason_to_end(self) -> str | None:
-        return self._goals.reached(self._episodes, self._history.records)
+        return self._goals.reached(self._history.records)
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers, wherever they run, to drive no further iteration."""
@@ -328,6 +326,7 @@ class Trainer:
 
     def _finish(self, reason: str) -> None:
         """Leave everything complete, and the reason for the supervisor."""
+        self._scoring.score_all(self._newest())
         self._join_upload()
         self._mark_end(reason)
         self._forget_rollouts(before=self._number)
@@ -338,15 +337,6 @@ class Trainer:
 
 def _print_epoch(stats: EpochStats) -> None:
     print(announce.epoch_line(stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr))
-
-
-def metric_of(metric: str, result: dict[str, list[float]]) -> float:
-    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
-    if metric != "laptime":
-        return float(np.mean(result[metric]))
-    unfinished = len(result["progress"]) - len(result["lap_s"])
-    times_ms = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
-    return float(np.mean(times_ms))
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:

@@ -47,13 +47,14 @@ OFFSETS = (0.0, 0.3, -0.3, 1.0)
 """Distances to the left of the centre line, in widths of the road: the last is off the track."""
 
 STATES = {
-    "on the road": POSITIONS // 4,
     "on the start line": 0,
+    "on the road": POSITIONS // 4,
     "after half a lap": POSITIONS // 2,
     "off the track": 3 * POSITIONS + POSITIONS // 4,
     "at the finish": POSITIONS - 1,
 }
-"""Five of the samples, tried first and each for itself. Source: the console's validator."""
+"""Five of the samples, tried first and each for itself. Source: the console's validator. The first
+is the first call of an episode, in which functions set up what they keep for its other calls."""
 
 TRIAL_SPEED_MPS = 1.0
 

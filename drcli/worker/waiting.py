@@ -2,11 +2,12 @@
 
 import json
 import time
+from collections import deque
 from collections.abc import Callable
 
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import CheckpointStore, Record
 from drcli.store.rollouts import find_manifest
 from drcli.worker.process import StopRequested
 
@@ -14,8 +15,12 @@ POLL_S = 0.06
 """Pause between two looks for a new checkpoint, seconds."""
 
 QUIET_SHARE = 0.7
-"""Share of the time that the last checkpoint took in which nobody looks for the next one: each
-look takes processor time from the learner that is waited for."""
+"""Share of the time that learning takes in which nobody looks for the next checkpoint: each look
+takes processor time from the learner that is waited for."""
+
+REMEMBERED = 5
+"""Of how many checkpoints the time that learning took is remembered. The shortest of them counts,
+and none alone: what once took long was held up, and need not be so again."""
 
 LONGEST_NAP_S = 0.25
 """Pause between two looks for a request to leave, seconds."""
@@ -37,6 +42,7 @@ class CheckpointWaiter:
         prefix: str,
         session: str,
         worker: int,
+        workers: int = 1,
         *,
         should_stop: Callable[[], bool],
         say: Callable[[str], None],
@@ -50,6 +56,7 @@ class CheckpointWaiter:
             prefix: Of the model.
             session: Name of this start of the training.
             worker: Index of the worker that waits, from 0.
+            workers: How many there are.
             should_stop: Asked whether to leave.
             say: Told what is waited for.
             clock: Monotonic seconds, for tests.
@@ -65,7 +72,24 @@ class CheckpointWaiter:
         self._say = say
         self._clock = clock
         self._pause = pause
-        self._s_per_step = 0.0
+        self._workers = workers
+        self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
+
+    def learn_from(self, record: Record) -> None:
+        """Take from a checkpoint's record how long the trainer learned to make it.
+
+        What the worker itself waited for it would not do: its own pauses are in that.
+        """
+        learned = record.counters.get("learned") or {}
+        seconds, steps = learned.get("learn_s"), learned.get("steps")
+        if seconds is not None and steps:
+            self._learn_s_per_step.append(seconds / steps)
+
+    def _quiet_s(self, steps: int) -> float:
+        """How long nobody need look for a checkpoint that is learned from so many own steps."""
+        if len(self._learn_s_per_step) < 2:
+            return 0.0
+        return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
 
     def wait(
         self, number: int, newest: int, steps: int, since_s: float
@@ -89,7 +113,7 @@ class CheckpointWaiter:
         """
         looked_for_end = -FINISHED_EVERY_S
         doubted = self._clock()
-        quiet_until = since_s + QUIET_SHARE * self._s_per_step * steps
+        quiet_until = since_s + self._quiet_s(steps)
         while True:
             self._obey()
             name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
@@ -100,8 +124,6 @@ class CheckpointWaiter:
                     return None
                 looked_for_end = self._clock()
             if found:
-                if steps:
-                    self._s_per_step = (self._clock() - since_s) / steps
                 return name
             if name is not None and self._clock() - doubted > DOUBT_S:
                 if self._is_lost(name):
@@ -117,7 +139,11 @@ class CheckpointWaiter:
     def _is_lost(self, newest: keys.CheckpointName) -> bool:
         """Whether the trainer waits for an iteration that this worker has handed in long since."""
         manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
-        if manifest is not None and manifest.checkpoint in self._checkpoints.drivers(newest):
+        if (
+            manifest is not None
+            and manifest.is_of(self._session)
+            and manifest.checkpoint in self._checkpoints.drivers(newest)
+        ):
             return False
         # A trainer that has just learned from them, or ended, may have deleted them.
         return self._checkpoints.latest_name() == str(newest) and not self._finished()

@@ -7,6 +7,7 @@ from typing import Literal
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.model_metadata import ModelMetadata
+from drcli.settings.worlds import can_be_fetched, remedy
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.worker import output
@@ -35,10 +36,15 @@ def load_world(settings: Settings) -> Track:
         return load_track(settings.world_name, settings.tracks_folder)
     except TrackError as error:
         where = settings.source("DR_WORLD_NAME")
+        if can_be_fetched(settings):
+            raise SettingsError(
+                f"DR_WORLD_NAME={settings.world_name} ({where}) is a track of the community and "
+                "not here yet.",
+                remedy=remedy(settings),
+            ) from None
         raise SettingsError(
             f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
-            remedy="Correct the name; `dr-tracks list` tells what there is, `dr-tracks fetch` and "
-            "`dr-tracks add` bring more.",
+            remedy=remedy(settings),
         ) from None
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -45,6 +46,12 @@ _WHEELS = np.array(
     ]
 )
 _SETTLE_STEPS = 30
+
+_VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
+"""Numbers of the model in which cars may differ from each other."""
+
+_BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
+"""Attributes of a batch of cars that are MuJoCo's batch, or views of it."""
 
 
 @dataclass(frozen=True)
@@ -177,12 +184,9 @@ class CarBatch:
             longest_latency_s: Largest latency that `vary` will be given, seconds.
         """
         self._parameters = parameters or CarParameters()
-        model = car_model(self._parameters, longest_latency_s=longest_latency_s)
-        self._batch = Batch(model, nsim=num_cars, nthread=num_threads)
-        self._qpos: Floats = self._batch.bind("qpos")
-        self._qvel: Floats = self._batch.bind("qvel")
-        self._ctrl: Floats = self._batch.bind("ctrl")
-        self._rest_height_m, self._rest_pitch_rad = _rest_pose(model)
+        self._longest_latency_s = longest_latency_s
+        self._build(num_cars, num_threads)
+        self._rest_height_m, self._rest_pitch_rad = _rest_pose(self._batch.model)
 
         self.origin_xy: Floats = np.zeros((num_cars, 2))
         self.front_xy: Floats = np.zeros((num_cars, 2))
@@ -192,6 +196,36 @@ class CarBatch:
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the motion of the cars depends on. MuJoCo's own batch cannot be copied."""
+        varied = {name: self._batch.expanded(name) for name in _VARIED}
+        return {
+            **{name: value for name, value in self.__dict__.items() if name not in _BOUND},
+            "num_threads": self._batch.nthread,
+            "physics": self._batch.state.copy(),
+            "varied": {n: values.copy() for n, values in varied.items() if values is not None},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build a batch of its own for a copy, in the same state."""
+        num_threads, physics, varied = (
+            state.pop(name) for name in ("num_threads", "physics", "varied")
+        )
+        self.__dict__.update(state)
+        self._build(len(physics), num_threads)
+        for name, values in varied.items():
+            self._batch.expand(name)[:] = values
+        if varied:
+            self._batch.set_const()
+        self._batch.state[:] = physics
+
+    def _build(self, num_cars: int, num_threads: int) -> None:
+        model = car_model(self._parameters, longest_latency_s=self._longest_latency_s)
+        self._batch = Batch(model, nsim=num_cars, nthread=num_threads)
+        self._qpos: Floats = self._batch.bind("qpos")
+        self._qvel: Floats = self._batch.bind("qvel")
+        self._ctrl: Floats = self._batch.bind("ctrl")
 
     def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
         """Make cars unlike the calibrated one, until told otherwise. Call it before `place`.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +59,19 @@ class FrameRenderer:
         self._solids = solids
         self._lighting = lighting
         self._after = after
-        self._pool = ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
+        self._num_threads = num_threads
+        self._pool = _pool(num_threads)
         self._jobs: list[tuple[slice, Floats, Floats]] = []
         self._futures: list[Future[None]] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the threads; nothing is being rendered between `finish` and `start`."""
+        return {**self.__dict__, "_pool": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Give a copy threads of its own."""
+        self.__dict__.update(state)
+        self._pool = _pool(self._num_threads)
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
         """Begin to render the frames of some cars.
@@ -117,6 +128,11 @@ class FrameRenderer:
             )
         if self._after is not None:
             self._after(rows)
+
+
+def _pool(num_threads: int) -> ThreadPoolExecutor | None:
+    """Threads beside the caller's own; they begin with the first job."""
+    return ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
 
 
 def _runs(cars: Ints) -> list[tuple[int, int]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from drsim.grain import grain_tile
 from drsim.jit import kernel
 from drsim.look import Look
+from drsim.polyline import without_repeats
 from drsim.track import Track
 
 Floats = NDArray[np.float64]
@@ -48,7 +49,7 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
     side = _side_of_road(track, look, grid)
     marks = np.zeros((grid.rows, grid.columns), np.uint8)
     _stamp_dashes(
-        _texels(center, grid),
+        _texels(without_repeats(center), grid),
         look.dash_width_m / grid.texel_m,
         look.dash_length_m / grid.texel_m,
         look.dash_pitch_m / grid.texel_m,
@@ -86,7 +87,7 @@ def _texels(points: Floats, grid: Grid) -> Floats:
 
 def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
     """Distance to the nearest border in texels: positive on the road, cut off past the lines."""
-    inner, outer = _texels(track.inner, grid), _texels(track.outer, grid)
+    inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
     crossed = np.zeros((grid.rows, grid.columns), np.bool_)
     if track.closed:
         _cross_ring(inner, crossed)
@@ -200,7 +201,7 @@ def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Byt
     if look.kerb_light and look.kerb_width_m > 0.0:
         reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
         for line in (track.inner, track.outer):
-            border = _texels(line[::-1] if track.reverse else line, grid)
+            border = _texels(without_repeats(line[::-1] if track.reverse else line), grid)
             length = float(np.hypot(*np.diff(border, axis=0).T).sum())
             pairs = max(round(0.5 * length * grid.texel_m / look.kerb_stripe_m), 1)
             _stamp_stripes(border, reach, 0.5 * length / pairs, side, stripes)

@@ -1,17 +1,63 @@
 """The one way this package compiles its hot loops with numba."""
 
+import os
+import stat
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+_numba_config: Any = numba.config  # its names are made when it is loaded
+
 
 def kernel(function: F) -> F:
     """Compile a function of numbers and arrays to machine code that runs without the GIL.
 
-    The compiled code is cached beside the module, so that only the first run on a machine pays
-    for the compilation.
+    The compiled code is cached, so that only the first run on a machine pays for the compilation:
+    where NUMBA_CACHE_DIR says, else beside the module, else in the user's home, else in a folder of
+    the user's own below the temporary one. Where none of them can be written, every process
+    compiles for itself.
     """
-    return cast(F, numba.njit(cache=True, nogil=True, fastmath=False)(function))
+    try:
+        if not _numba_config.CACHE_DIR and _home_is_unknown():
+            _use_temporary_folder()
+        return _compiled(function, cache=True)
+    except RuntimeError:  # numba's word for: there is no place for a cache
+        pass
+    try:
+        _use_temporary_folder()
+        return _compiled(function, cache=True)
+    except (OSError, RuntimeError):
+        return _compiled(function, cache=False)
+
+
+def _compiled(function: F, *, cache: bool) -> F:
+    return cast(F, numba.njit(cache=cache, nogil=True, fastmath=False)(function))
+
+
+def _home_is_unknown() -> bool:
+    """Whether numba would make a folder named `~` in the current one."""
+    try:
+        Path.home()
+    except RuntimeError:
+        return "XDG_CACHE_HOME" not in os.environ
+    return False
+
+
+def _use_temporary_folder() -> None:
+    """Let numba cache below the temporary folder, if nobody else can put code there.
+
+    Raises:
+        OSError: The folder cannot be made, or others can write to it.
+    """
+    folder = Path(tempfile.gettempdir()) / f"drsim-kernels-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    others_write = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or others_write:
+        raise PermissionError(f"{folder} is not this user's own")
+    _numba_config.CACHE_DIR = str(folder)

@@ -1,5 +1,7 @@
 """Compiled geometry of polylines: the nearest point on one, and whether rings contain a point."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,55 +11,107 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_SHORTEST_M = 1e-12
-"""A segment no longer than this is a repeated point; its direction would be noise."""
+SAME_M = 1e-9
+"""Neighbouring points no farther apart count as one point. Source: the reference simulator."""
 
 _NEIGHBOURS = 4
 """Points in a row that are tested together: the wheels of a car are near each other."""
 
-_END = 1.0 - 1e-12
-"""From this share of a segment on a point counts as its end: a waypoint itself must not come out as
-a hair before the waypoint, which is all that rounding leaves of it."""
+_HAIR = 1e-12
+"""A point this near to an end of a segment, as a share of its length, counts as that end: a
+waypoint itself must not come out as a hair before the waypoint, which is all that rounding leaves
+of it."""
+
+
+def vertices(points: Floats) -> tuple[Ints, Ints]:
+    """Rows of a polyline that are one and the same point, because a row repeats the one before.
+
+    Args:
+        points: Rows in metres. Shape (n, 2).
+
+    Returns:
+        First and last row of each vertex. Each of shape (m,), m <= n.
+    """
+    first = [0]
+    for row in range(1, len(points)):
+        apart = points[row] - points[first[-1]]
+        if math.hypot(apart[0], apart[1]) > SAME_M:
+            first.append(row)
+    return np.array(first, np.int64), np.array([*first[1:], len(points)], np.int64) - 1
+
+
+def without_repeats(points: Floats) -> Floats:
+    """The vertices of a polyline, each once; the very last row, which closes a ring, stays.
+
+    Args:
+        points: Rows in metres. Shape (n, 2).
+
+    Returns:
+        Shape (m, 2), m <= n.
+    """
+    first, last = vertices(points)
+    return points[[*first[:-1], last[-1]]]
 
 
 def segments(points: Floats) -> Floats:
     """The segments of a polyline, laid out for the kernels of this module.
 
+    The figures are the same on every processor: none comes from a routine that NumPy has more than
+    one of.
+
     Args:
-        points: Vertices in metres. Shape (n, 2).
+        points: Rows in metres; a row may repeat the one before. Shape (n, 2).
 
     Returns:
         Rows: x and y where each segment starts, x and y where it ends, the inverse of its squared
-        length, and the distance along the polyline where it starts and where it ends. Segments
-        without length are left out. Shape (7, n - 1) or less.
+        length, the distance along the polyline where it starts and where it ends, and its
+        direction in radians. The length of the whole line does not depend on the end from which
+        it is measured. Shape (8, m - 1) for m vertices.
     """
-    start, end = points[:-1], points[1:]
-    real = np.hypot(*(end - start).T) > _SHORTEST_M
-    start, end = start[real], end[real]
-    length_m = np.hypot(*(end - start).T)
+    line = without_repeats(points)
+    start, end = line[:-1], line[1:]
+    x, y = (end - start).T
+    length_m = np.hypot(x, y)
     end_m = np.cumsum(length_m)
     start_m = np.concatenate([[0.0], end_m[:-1]])
-    return np.stack([*start.T, *end.T, 1.0 / length_m**2, start_m, end_m])
+    end_m[-1:] = math.fsum(length_m)
+    yaw_rad = [math.atan2(*step) for step in zip(y.tolist(), x.tolist(), strict=True)]
+    return np.stack([*start.T, *end.T, 1.0 / length_m**2, start_m, end_m, yaw_rad])
 
 
 @kernel
 def locate(
-    xy: Floats, center: Floats, inner: Floats, outer: Floats, closed: bool, is_ccw: bool
+    xy: Floats,
+    center: Floats,
+    inner: Floats,
+    outer: Floats,
+    first: Ints,
+    last: Ints,
+    closed: bool,
+    is_ccw: bool,
+    backward: bool,
 ) -> tuple[Floats, Floats, Floats, Ints, Ints, Ints, Floats, Bools]:
     """Where points lie relative to a track.
 
+    Which way it is driven decides how the result is told, and about nothing that is measured: a
+    width or a distance is the same number for a car that has turned round.
+
     Args:
         xy: Points in metres. Shape (m, 2).
-        center: Segments of the centre line, none without length. Shape (7, n - 1).
-        inner: Segments of the inner border. Shape (7, n - 1).
-        outer: Segments of the outer border. Shape (7, n - 1).
+        center: Segments of the centre line. Shape (8, v - 1) for v vertices.
+        inner: Segments of the inner border. Shape (8, ...).
+        outer: Segments of the outer border. Shape (8, ...).
+        first: First row of each vertex of the centre line. Shape (v,).
+        last: Last row of each. Shape (v,).
         closed: Whether the centre line ends where it begins.
         is_ccw: Whether the inner border lies to the left of the driving direction.
+        backward: Whether it is driven from its last row to its first one; rows are then counted
+            from its end.
 
     Returns:
         The fields of `drsim.track.Location`, in their order.
     """
-    m, rows = xy.shape[0], center.shape[1] + 1
+    m, end = xy.shape[0], center.shape[1]
     distance_m, center_xy, from_center_m = np.empty(m), np.empty((m, 2)), np.empty(m)
     previous, following, nearest = (
         np.empty(m, np.int64),
@@ -69,23 +123,34 @@ def locate(
     for i in range(m):
         x, y = xy[i, 0], xy[i, 1]
         k, along, cx, cy = _nearest(center, x, y, scratch)
-        if (
-            along >= 1.0
-        ):  # exactly on a waypoint: that one is behind, as in a bisection to the right
-            k += 1
-            distance_m[i] = center[6, k - 1]
-        else:
-            distance_m[i] = center[5, k] + along * (center[6, k] - center[5, k])
-        ahead = k + 1 if k + 1 < rows else 0
         _, _, ix, iy = _nearest(inner, cx, cy, scratch)
         _, _, ox, oy = _nearest(outer, cx, cy, scratch)
         center_xy[i, 0], center_xy[i, 1] = cx, cy
         from_center_m[i] = np.hypot(x - cx, y - cy)
-        previous[i], following[i] = k, ahead
-        nearest[i] = k if _square_to(center, k, x, y) <= _square_to(center, ahead, x, y) else ahead
         width_m[i] = np.hypot(ix - ox, iy - oy)
         inner_is_nearer = np.hypot(x - ix, y - iy) < np.hypot(x - ox, y - oy)
         left[i] = inner_is_nearer == is_ccw
+
+        # A point exactly at a vertex has that vertex behind it, as in a bisection to the right.
+        at_vertex = along <= 0.0 or along >= 1.0
+        if along >= 1.0:
+            k += 1
+            distance_m[i] = center[6, k - 1]
+        else:
+            distance_m[i] = center[5, k] + along * (center[6, k] - center[5, k])
+        if not backward:
+            behind, ahead = k, k + 1 if k < end else 0
+            previous[i], following[i] = last[behind], first[ahead]
+        else:
+            if closed and at_vertex and k == 0:
+                k = end  # driven this way round, the lap begins there too
+                distance_m[i] = center[6, end - 1]
+            distance_m[i] = center[6, end - 1] - distance_m[i]
+            behind = k if at_vertex else k + 1
+            ahead = behind - 1 if behind > 0 else end
+            previous[i], following[i] = last[end] - first[behind], last[end] - last[ahead]
+        behind_is_nearer = _square_to(center, behind, x, y) <= _square_to(center, ahead, x, y)
+        nearest[i] = previous[i] if behind_is_nearer else following[i]
     return distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
 
 
@@ -95,7 +160,7 @@ def project(xy: Floats, line: Floats) -> Floats:
 
     Args:
         xy: Points in metres. Shape (m, 2).
-        line: Segments. Shape (7, n - 1).
+        line: Segments. Shape (8, n - 1).
 
     Returns:
         Distances in metres. Shape (m,).
@@ -162,9 +227,10 @@ def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float,
     """
     ax, ay, bx, by = line[0, k], line[1, k], line[2, k], line[3, k]
     along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[4, k]
-    if along >= _END:
+    if along >= 1.0 - _HAIR:
         return 1.0, bx, by
-    along = max(along, 0.0)
+    if along <= _HAIR:
+        return 0.0, ax, ay
     return along, ax + along * (bx - ax), ay + along * (by - ay)
 
 

@@ -91,8 +91,8 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Rendering
 
-    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (package
-    pygame). The `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top",
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (extra
+    `rendering`). The `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top",
     coloured pictures of (480, 640, 3) from behind the car and from above the track.
     """
 
@@ -162,6 +162,10 @@ class RacerEnv(gym.Env[Perceived, Any]):
         self._running = False
         self._camera_man: CameraMan | None = None
         self._window: Window | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the window: a copy opens one of its own when it is shown."""
+        return {**self.__dict__, "_window": None}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

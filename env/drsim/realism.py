@@ -3,6 +3,7 @@
 Everything is off by default. With the same seed an episode is disturbed in the same way.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -210,7 +211,7 @@ def _blur(picture: NDArray[np.float32], sigma_px: float) -> None:
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)
     weights = np.empty(2 * reach + 1, np.float32)
     for k in range(-reach, reach + 1):
-        weights[k + reach] = np.exp(-0.5 * (k / sigma_px) ** 2)
+        weights[k + reach] = math.exp(-0.5 * (k / sigma_px) ** 2)
     weights /= weights.sum()
     line = np.empty(max(rows, columns), np.float32)
     for row in range(rows):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from drsim import svg
 from drsim.borders import LENGTHS_M, checked_length, road_along
 from drsim.errors import TrackError
+from drsim.polyline import SAME_M, vertices
 from drsim.track import Track
 
 Floats = NDArray[np.float64]
@@ -16,9 +17,6 @@ Floats = NDArray[np.float64]
 DEFAULT_WIDTH_M = 1.07
 """Width of a road of which only the centre line is known: 3.5 feet, as on 97 of the reference
 simulator's 127 tracks."""
-
-_DUPLICATE_M = 1e-9
-"""Neighbouring centre points nearer than this count as one. Source: the reference simulator."""
 
 _MIN_ROWS = 4
 """Fewest rows that make a loop: a triangle and the closing row."""
@@ -43,7 +41,7 @@ def read_route(
     width_m: float | None = None,
     length_m: float | None = None,
 ) -> Track:
-    """The track of a route file, checked and cleaned.
+    """The track of a route file, checked.
 
     The last part of the file's name says what it is:
 
@@ -55,8 +53,9 @@ def read_route(
     - `.svg`: a drawing whose first path, polyline or polygon is the centre line. Its size is no
       measure, so `length_m` is needed.
 
-    Where only the centre line is known, waypoints are spread evenly along it and the borders are
-    drawn beside it.
+    With all 6 columns every row is a waypoint, also one that repeats the row before: racers count
+    rows. Where only the centre line is known, waypoints are spread evenly along it and the borders
+    are drawn beside it.
 
     Args:
         file: The route file.
@@ -106,6 +105,8 @@ def _read(file: Path, name: str, width_m: float | None, length_m: float | None) 
         rows = _checked(_array(data) if suffix == ".npy" else _table(_text(data)))
     if rows.shape[1] == 6 and width_m is None:
         return _bordered(name, rows, length_m)
+    first, _ = vertices(rows[:, :2])
+    rows = rows[first]
     if width_m is not None:
         widths_m = np.full(len(rows), float(width_m))
     elif rows.shape[1] == 3:
@@ -194,7 +195,7 @@ def _table(text: str) -> Floats:
 
 
 def _checked(array: NDArray[np.generic]) -> Floats:
-    """The rows of an array, none of them repeated."""
+    """The rows of an array that is a route."""
     if (
         array.ndim != 2
         or array.shape[1] not in (2, 3, 6)
@@ -212,31 +213,20 @@ def _checked(array: NDArray[np.generic]) -> Floats:
             f"row {wrong[0]} holds {rows[wrong[0]].tolist()}: every value must be a finite "
             f"number of metres within {_FURTHEST_M:.0e}. Correct or remove that row."
         )
-    rows = _without_duplicates(rows)
-    if len(rows) < _MIN_ROWS:
+    distinct = len(vertices(rows[:, :2])[0])
+    if distinct < _MIN_ROWS:
         raise TrackError(
-            f"it has {len(rows)} distinct rows; a track needs at least {_MIN_ROWS}. "
+            f"it has {distinct} distinct rows; a track needs at least {_MIN_ROWS}. "
             "Export the route again."
         )
     return rows
-
-
-def _without_duplicates(rows: Floats) -> Floats:
-    """Rows whose centre point differs from that of the row kept before; the last row stays."""
-    kept = [0]
-    for k in range(1, len(rows)):
-        if np.hypot(*(rows[k, :2] - rows[kept[-1], :2])) > _DUPLICATE_M:
-            kept.append(k)
-    if len(kept) > 1:
-        kept[-1] = max(kept[-1], len(rows) - 1)
-    return rows[kept]
 
 
 def _bordered(name: str, rows: Floats, length_m: float | None) -> Track:
     """The track of rows that hold the borders too."""
     if length_m is not None:
         rows = rows * (checked_length(length_m) / np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
-    closed = bool(np.abs(rows[0] - rows[-1]).max() <= _DUPLICATE_M)
+    closed = bool(np.abs(rows[0] - rows[-1]).max() <= SAME_M)
     if closed:
         rows[-1] = rows[0]
     center, inner, outer = (rows[:, k : k + 2].copy() for k in (0, 2, 4))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,21 @@ class Scene:
     wall_greys: NDArray[np.float32]
     sky_grey: float
 
+    def __deepcopy__(self, _: dict[int, Any]) -> "Scene":
+        """Itself: nothing ever changes it, and it is large."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields, with the words apart: their overlap would be lost, at twice the size."""
+        pairs = np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
+        state = {**self.__dict__, "texels": pairs}
+        state.pop("ground", None)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Lay the words over each other again."""
+        self.__dict__.update({**state, "texels": _words(state["texels"])})
+
     @cached_property
     def ground(self) -> Bytes:
         """Greys of the full-size ground picture. Shape (rows, columns); row 0 has the least y."""
@@ -100,7 +116,7 @@ def build_scene(track: Track, look: Look | None = None) -> Scene:
     for (first, pitch, _, rows), picture in zip(levels, pictures, strict=True):
         _pack(picture, pairs[first : first + pitch * rows].reshape(rows, pitch))
     return Scene(
-        texels=np.ndarray(used, np.uint32, pairs, strides=(2,)),
+        texels=_words(pairs),
         levels=levels,
         x_m=grid.x_m,
         y_m=grid.y_m,
@@ -110,6 +126,11 @@ def build_scene(track: Track, look: Look | None = None) -> Scene:
         wall_greys=np.array(look.walls.greys, np.float32),
         sky_grey=look.sky_grey,
     )
+
+
+def _words(pairs: Pairs) -> Words:
+    """Each pair of texels together with the pair that follows it. Shape one less."""
+    return np.ndarray(len(pairs) - 1, np.uint32, pairs, strides=(2,))
 
 
 def _pitch(columns: int) -> int:

@@ -42,7 +42,6 @@ class Simulation:
     Attributes:
         track: The track in the direction given.
         frames: Current camera frames of each car, grey. A live view. Shape (n, eyes, 120, 160).
-        observations: Those of the first eye. A live view. Shape (n, 120, 160).
         scans: Current values of the lidar sensor; of width 0 without one. Shape (n, d).
         traffic: The obstacles, bots and rivals of each car; None where a car is alone.
     """
@@ -110,7 +109,6 @@ class Simulation:
             randomize=randomize,
         )
         self.frames = self._senses.frames
-        self.observations = self.frames[:, 0]
         self.scans = self._senses.scans
         self._cars = CarBatch(
             num_cars, num_threads, car_parameters, longest_latency_s=realism.longest_latency_s
@@ -223,6 +221,11 @@ class Simulation:
             done = np.flatnonzero(result.done)
             self._cars.place(done, self._placing.aside(done, fraction[done]))
         return result
+
+    @property
+    def observations(self) -> NDArray[np.uint8]:
+        """Current camera frames of the first eye, grey. A live view. Shape (n, 120, 160)."""
+        return self.frames[:, 0]
 
     @property
     def poses(self) -> Floats:

@@ -73,4 +73,19 @@ def _slopes(points: Floats, chord_m: Floats) -> Floats:
     np.add.at(matrix, (here, here), 2 * (a + b))
     np.add.at(matrix, (here, after), a)
     right = 3 * (b[:, None] * secant[before] + a[:, None] * secant)
-    return np.linalg.solve(matrix, right).astype(np.float64, copy=False)
+    return _solved(matrix, right)
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """The solution of equations whose diagonal outweighs the rest of each row, by elimination.
+
+    Linear algebra libraries add in another order on each kind of processor, but the waypoints of a
+    world must be the same numbers on all of them.
+    """
+    rows = np.concatenate([matrix, right], axis=1)
+    for k in range(len(matrix)):
+        rows[k] /= rows[k, k]
+        factor = rows[:, k : k + 1].copy()
+        factor[k] = 0.0
+        rows -= factor * rows[k]
+    return rows[:, len(matrix) :]

@@ -1,8 +1,8 @@
 """Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,9 @@ class Location:
         from_center_m: Distance of the point from it. Shape (m,).
         previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
         next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
-            index is the waypoint that repeats waypoint 0. Shape (m,).
+            index is the waypoint that repeats waypoint 0. Where another waypoint repeats the one
+            before, it is the first of the two that lies ahead and the second that lies behind.
+            Shape (m,).
         nearest: The one of the two that is nearer by straight distance. Shape (m,).
         track_width_m: Distance between the projections of the nearest centre-line point on the two
             borders. Shape (m,).
@@ -52,12 +54,15 @@ class Track:
 
     Attributes:
         name: World name.
-        center: Centre line in metres, no two neighbours equal. On a closed track the last row
-            repeats the first one. Shape (n, 2).
+        center: Centre line in metres, a row for each waypoint, in their numbering. On a closed
+            track the last row repeats the first one. Any row may repeat the one before, as in 59
+            routes of the reference simulator: it counts as a waypoint. Shape (n, 2).
         inner: Border on the inside of the loop, row by row beside `center`. Shape (n, 2).
         outer: Border on the outside of the loop. Shape (n, 2).
         closed: Whether the track is a loop.
         reverse: Whether it is driven against the order of its definition.
+        turned: The same road the other way round, for a track that was made by turning that one.
+            All that must be equal in both directions, to the last bit, is computed there.
     """
 
     name: str
@@ -66,22 +71,38 @@ class Track:
     outer: Floats
     closed: bool
     reverse: bool = False
+    turned: "Track | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: every car of a simulation shares them."""
         for line in (self.center, self.inner, self.outer):
             line.flags.writeable = False
 
+    def __deepcopy__(self, _: dict[int, Any]) -> "Track":
+        """Itself: nothing can change it."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields; what follows from them is worked out again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the arrays read-only in a copy, too."""
+        self.__dict__.update(state)
+        self.__post_init__()
+
     @cached_property
     def length_m(self) -> float:
         """Length of the centre line."""
-        return float(self._center_segments[6, -1])
+        return float(self._as_given._center_segments[6, -1])
 
     @cached_property
     def is_ccw(self) -> bool:
         """Whether it is driven counter-clockwise; an open track, in the order of its definition."""
         if not self.closed:
             return not self.reverse
+        if self.turned is not None:
+            return not self.turned.is_ccw
         x, y = (self.center - self.center[0]).T
         return bool(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0)
 
@@ -100,6 +121,8 @@ class Track:
 
     def reversed(self) -> "Track":
         """The same road, driven the other way."""
+        if self.turned is not None:
+            return replace(self.turned, name=self.name, reverse=not self.reverse)
         return Track(
             name=self.name,
             center=np.ascontiguousarray(self.center[::-1]),
@@ -107,6 +130,7 @@ class Track:
             outer=np.ascontiguousarray(self.outer[::-1]),
             closed=self.closed,
             reverse=not self.reverse,
+            turned=self,
         )
 
     def locate(self, xy: Floats) -> Location:
@@ -115,14 +139,17 @@ class Track:
         Args:
             xy: Points in metres. Shape (m, 2).
         """
+        road = self._as_given
         return Location(
             *polyline.locate(
                 np.ascontiguousarray(xy, dtype=np.float64),
-                self._center_segments,
-                self._inner_segments,
-                self._outer_segments,
+                road._center_segments,
+                road._inner_segments,
+                road._outer_segments,
+                *road._vertices,
                 self.closed,
                 self.is_ccw,
+                self.turned is not None,
             )
         )
 
@@ -136,7 +163,7 @@ class Track:
             One answer a point. Shape (...).
         """
         points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
-        return polyline.inside_road(points, *self._rings).reshape(xy.shape[:-1])
+        return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
 
     def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
         """Poses on a lane that look along it.
@@ -158,6 +185,15 @@ class Track:
             return poses
         line = self._lanes[lane]
         return _poses_on(line, polyline.project(np.ascontiguousarray(poses[:, :2]), line))
+
+    @property
+    def _as_given(self) -> "Track":
+        """The track that was turned to make this one, or this one."""
+        return self if self.turned is None else self.turned
+
+    @cached_property
+    def _vertices(self) -> tuple[Ints, Ints]:
+        return polyline.vertices(self.center)
 
     @cached_property
     def _center_segments(self) -> Floats:
@@ -191,5 +227,4 @@ def _poses_on(line: Floats, along_m: Floats) -> Floats:
     k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
     start, end = line[0:2, k], line[2:4, k]
     share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
-    step = end - start
-    return np.stack([*(start + share * step), np.arctan2(step[1], step[0])], axis=1)
+    return np.stack([*(start + share * (end - start)), line[7, k]], axis=1)

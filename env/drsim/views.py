@@ -65,8 +65,9 @@ class Window:
             import pygame
         except ImportError:
             raise DependencyNotInstalled(
-                'render_mode="human" needs the package pygame: pip install pygame, or choose '
-                'render_mode="rgb_array".'
+                'render_mode="human" needs the package pygame, which the extra "rendering" brings: '
+                "`scripts/install.sh rendering` in the project's folder, or `pip install "
+                'pygame-ce`. Or choose render_mode="rgb_array".'
             ) from None
         self._pygame: Any = pygame
         pygame.display.init()

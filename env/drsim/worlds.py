@@ -11,6 +11,7 @@ import numpy as np
 
 from drsim.errors import TrackError
 from drsim.look import look_of
+from drsim.polyline import vertices
 from drsim.routes import read_route
 from drsim.spline import ClosedSpline
 from drsim.track import Track
@@ -51,7 +52,8 @@ class WorldInfo:
         width_m: Width of the road.
         direction: Which way round it is driven; "open" if it is no loop.
         waypoints: How many there are; on a loop the last one repeats the first.
-        spacing_m: Mean distance between waypoints.
+        repeated: Numbers of those that repeat the one before.
+        spacing_m: Mean distance between waypoints, but for those.
         line_family: "in" when the white line belongs to the road, "out" when it lies beyond.
         source: "own" for a definition of ours, else the path of the route file.
         difficulty: "easy", "medium" or "hard"; None for a route file, which does not say.
@@ -63,6 +65,7 @@ class WorldInfo:
     width_m: Width
     direction: Direction
     waypoints: int
+    repeated: list[int]
     spacing_m: float
     line_family: Literal["in", "out"]
     source: str
@@ -79,8 +82,8 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
             - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
               up in `tracks_dir` first, and means what it means without its ending where there is
               no such file at all;
-            - name of one of our own definitions, or of such a file in `tracks_dir`, without its
-              ending;
+            - name of such a file in `tracks_dir` without its ending, or else of one of our own
+              definitions;
             - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
               `reinvent_base` on other ground;
             - one of these names followed by `_cw` or `_ccw`: that world, driven clockwise or
@@ -107,13 +110,15 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
     own = file.parent == _DEFINITIONS
     definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
     width_m = track.locate(track.center).track_width_m
+    first, _ = vertices(track.center)
     return WorldInfo(
         name=track.name,
         length_m=track.length_m,
         width_m=Width(float(width_m.mean()), float(width_m.min()), float(width_m.max())),
         direction=_direction(track),
         waypoints=len(track.center),
-        spacing_m=track.length_m / (len(track.center) - 1),
+        repeated=np.setdiff1d(np.arange(len(track.center)), first).tolist(),
+        spacing_m=track.length_m / (len(first) - 1),
         line_family=look_of(track.name).border_side,
         source="own" if own else str(file),
         difficulty=definition.get("difficulty"),
@@ -192,10 +197,10 @@ def _base(world: str) -> str:
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:
-    """The file that defines each world, by name; our own win."""
+    """The file that defines each world, by name; the racer's win over ours."""
     folders = [(_DEFINITIONS, ".json")]
     if tracks_dir is not None:
-        folders += [(tracks_dir, suffix) for suffix in _ROUTE_FILES]
+        folders = [*((tracks_dir, suffix) for suffix in _ROUTE_FILES), *folders]
     return {
         name.removesuffix(suffix): folder / name
         for folder, suffix in reversed(folders)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-SIMULATION = {"torch", "mujoco", "numba", "numpy", "gymnasium", "drsim"}
+SIMULATION = {"torch", "mujoco", "numba", "numpy", "gymnasium", "drsim", "scipy", "shapely"}
 STORAGE = {"boto3", "botocore", "moto"}
 PROGRAM = "import sys; from drcli.cli import main\ntry: main(sys.argv[1:])\nfinally: "
 

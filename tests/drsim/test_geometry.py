@@ -1,5 +1,10 @@
 """Track geometry on random closed routes and on our own worlds, with shapely as the judge."""
 
+import math
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import shapely
@@ -178,14 +183,59 @@ def test_driven_the_other_way_distances_add_up_to_a_lap_and_sides_swap(track, se
 
     there, back = track.locate(points), track.reversed().locate(points)
 
-    np.testing.assert_allclose(there.from_center_m, back.from_center_m, atol=1e-9)
     lap_m = there.distance_m + back.distance_m
-    same = np.hypot(*(there.center_xy - back.center_xy).T) < 1e-7
-    off_m = np.abs(lap_m[same]) % track.length_m
-    np.testing.assert_allclose(np.minimum(off_m, track.length_m - off_m), 0.0, atol=1e-6)
-    clear = same & (there.from_center_m > 1e-6)  # on the line itself there are no sides
-    np.testing.assert_array_equal(there.left_of_center[clear], ~back.left_of_center[clear])
+    off_m = np.abs(lap_m) % track.length_m
+    np.testing.assert_allclose(np.minimum(off_m, track.length_m - off_m), 0.0, atol=1e-9)
+    np.testing.assert_array_equal(there.left_of_center, ~back.left_of_center)
     assert track.is_ccw != track.reversed().is_ccw
+
+
+@settings(max_examples=40)
+@given(track=tracks(), seed=st.integers(0, 2**32 - 1))
+def test_a_car_that_turns_round_is_told_the_same_figures_to_the_last_bit(track, seed):
+    points, back = points_near(track, seed), track.reversed()
+
+    for other in (back, back.reversed()):
+        assert other.length_m == track.length_m
+        assert other.bounds == track.bounds
+        np.testing.assert_array_equal(other.on_road(points), track.on_road(points))
+        there, here = other.locate(points), track.locate(points)
+        for name in ("center_xy", "from_center_m", "track_width_m"):
+            np.testing.assert_array_equal(getattr(there, name), getattr(here, name))
+
+
+@settings(max_examples=40)
+@given(track=tracks(), seed=st.integers(0, 2**32 - 1))
+def test_a_car_that_turns_round_has_behind_it_what_was_ahead(track, seed):
+    points, last = points_near(track, seed), len(track.center) - 1
+
+    there, back = track.locate(points), track.reversed().locate(points)
+
+    between = (there.center_xy[:, None] != track.center).any(axis=2).all(axis=1)
+    np.testing.assert_array_equal(back.previous[between], last - there.next[between])
+    np.testing.assert_array_equal(back.next[between], last - there.previous[between])
+    # At a waypoint that one is behind the car, whichever way it looks.
+    at = np.flatnonzero(~between)
+    behind = track.center[np.stack([there.previous[at], last - back.previous[at]])]
+    np.testing.assert_array_equal(behind, np.stack([there.center_xy[at]] * 2))
+
+
+def test_a_route_is_as_long_as_the_same_rows_in_the_other_order():
+    track = load_track("switchback")
+    lines = (line[::-1].copy() for line in (track.center, track.inner, track.outer))
+
+    assert Track("other", *lines, closed=True).length_m == track.length_m
+
+
+def test_directions_along_a_track_do_not_depend_on_how_many_are_asked_for_at_once():
+    track = load_track("switchback")
+    at_m = np.linspace(0.0, track.length_m, 501)
+
+    at_once = track.pose_at(at_m)[:, 2]
+
+    x, y = np.diff(track.center, axis=0).T
+    each = {math.atan2(*step) for step in zip(y.tolist(), x.tolist(), strict=True)}
+    assert set(at_once.tolist()) <= each
 
 
 @settings(max_examples=40)
@@ -197,3 +247,33 @@ def test_a_step_over_the_finish_line_is_as_short_along_the_line_as_elsewhere(tra
     before, after = track.locate(poses[:, :2]).distance_m
 
     assert (after - before) % track.length_m == pytest.approx(step_m, abs=1e-6)
+
+
+FIGURES = """
+import numpy as np
+from drsim.worlds import known_worlds, load_track
+for name in known_worlds():
+    track = load_track(name)
+    poses = track.pose_at(np.linspace(0.0, track.length_m, 500))
+    print(name, track.length_m.hex(), hash((track.center.tobytes(), poses.tobytes())))
+"""
+"""Prints a line for each of our worlds, which differs if a single bit of its figures does."""
+
+
+def test_our_worlds_are_the_same_numbers_on_a_processor_without_wide_instructions():
+    wide = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+    narrow = {"NPY_DISABLE_CPU_FEATURES": " ".join(wide), "OPENBLAS_CORETYPE": "Nehalem"}
+
+    here, there = (
+        subprocess.run(
+            [sys.executable, "-c", FIGURES],
+            env={**os.environ, "PYTHONHASHSEED": "0", **without},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout.splitlines()
+        for without in ({}, narrow)
+    )
+
+    assert len(here) == len(known_worlds())
+    assert here == there

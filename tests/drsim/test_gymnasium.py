@@ -1,14 +1,19 @@
 """The environments as Gymnasium sees them: ids, spaces, checks, seeds, pictures."""
 
+import copy
 import importlib.util
+import pickle
 import sys
+import tomllib
 import warnings
+from functools import partial
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
-from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import drsim
@@ -333,9 +338,93 @@ def test_without_pygame_a_window_is_refused_with_the_remedy(oval, monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = RacerEnv(oval, render_mode="human")
 
-    with pytest.raises(DependencyNotInstalled, match="pip install pygame"):
+    with pytest.raises(DependencyNotInstalled, match='extra "rendering"'):
         env.reset(seed=0)
     env.close()
+
+
+def test_the_extra_for_rendering_brings_what_windows_and_videos_need():
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
+
+    needed = " ".join(project["project"]["optional-dependencies"]["rendering"])
+
+    assert "pygame" in needed
+    assert "moviepy" in needed
+
+
+COPIES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+
+DIFFERENT = {
+    "race": "object_avoidance",
+    "sensors": ("STEREO_CAMERAS", "LIDAR"),
+    "randomize": "textures",
+    "realism": drsim.Realism(image_noise=3, latency_s=0.02, friction=0.2, mass=0.1),
+}
+
+
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize("arguments", [{}, DIFFERENT, {"race": "head_to_bot"}])
+def test_a_copy_made_in_the_middle_of_an_episode_goes_on_like_its_original(oval, arguments, copied):
+    env = RacerEnv(oval, render_mode="rgb_array", **arguments)
+    env.reset(seed=3)
+    env.render()
+    for action in (2, 7, 1):
+        env.step(action)
+
+    twin = copied(env)
+
+    for action in [2, 3, 2, 0, 9] * 3 + [0] * 40:
+        mine, its = env.step(action), twin.step(action)
+        assert data_equivalence(mine, its)
+        if mine[2]:
+            assert data_equivalence(env.reset(), twin.reset())
+    np.testing.assert_array_equal(env.render(), twin.render())
+    env.close()
+    assert twin.step(1)[0] is not None  # it has a simulation of its own
+    twin.close()
+
+
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+def test_a_copy_of_many_cars_goes_on_like_its_original(oval, copied):
+    envs = RacerVectorEnv(6, oval, race="head_to_bot", rules=EpisodeRules(max_steps=9))
+    envs.reset(seed=1)
+    envs.step(np.arange(6))
+
+    twin = copied(envs)
+
+    for _ in range(20):
+        assert data_equivalence(envs.step(np.arange(6)), twin.step(np.arange(6)))
+    envs.close()
+    twin.close()
+
+
+def test_a_copy_costs_no_second_picture_of_the_world_and_compiles_nothing_again(oval):
+    env = RacerEnv(oval)
+    scene = env._simulation._senses._scene
+
+    there = pickle.loads(pickle.dumps(scene))
+
+    assert copy.deepcopy(env)._simulation._senses._scene is scene
+    assert (there.texels.strides, there.texels.dtype) == (scene.texels.strides, scene.texels.dtype)
+    np.testing.assert_array_equal(there.texels, scene.texels)
+    assert not pickle.loads(pickle.dumps(oval)).center.flags.writeable
+    env.close()
+
+
+def test_environments_work_in_processes_of_their_own_that_are_started_afresh(oval):
+    plain, spare = RacerEnv(oval), RacerEnv(oval)
+    envs = gym.vector.AsyncVectorEnv(
+        [partial(copy.deepcopy, env) for env in (plain, spare)], context="spawn"
+    )
+
+    there, _ = envs.reset(seed=5)
+    here = [env.reset(seed=5 + k)[0] for k, env in enumerate((plain, spare))]
+
+    np.testing.assert_array_equal(there, np.stack(here))
+    stepped = envs.step(np.array([1, 2]))
+    np.testing.assert_array_equal(stepped[0][0], plain.step(1)[0])
+    for env in (envs, plain, spare):
+        env.close()
 
 
 def test_with_pygame_a_window_shows_every_step(oval, monkeypatch):

@@ -76,14 +76,36 @@ def test_a_path_too_long_for_the_file_system_is_refused_in_a_sentence():
         read("x" * 5000 + ".npy")
 
 
-def test_repeated_rows_are_dropped_and_the_closing_row_is_kept(tmp_path):
-    rows = square_rows()
+@pytest.mark.parametrize("ending", [".npy", ".csv"])
+def test_a_repeated_row_stays_a_waypoint_from_reading_to_writing_and_back(tmp_path, ending):
+    twice = square_rows()[[0, 0, 1, 1, 2, 3, 3, 4, 4]]
+    if ending == ".npy":
+        file = Path(saved(tmp_path, twice))
+    else:
+        file = written(tmp_path, "\n".join(",".join(map(str, row)) for row in twice.tolist()))
+
+    track = read_route(file)
+    write_route(track, tmp_path / "copy.npy")
+    write_route(track.reversed(), tmp_path / "turned.npy")
+
+    np.testing.assert_array_equal(track.center, twice[:, :2])
+    assert track.closed
+    assert track.length_m == 16.0
+    np.testing.assert_array_equal(np.load(tmp_path / "copy.npy"), twice)
+    np.testing.assert_array_equal(np.load(tmp_path / "turned.npy"), twice[::-1])
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+def test_a_centre_line_with_repeated_rows_gets_even_waypoints_like_one_without(tmp_path, columns):
+    rows = 3 * square_rows()[:, [0, 1, 1]]
+    rows[:, 2] = 1.0
     twice = rows[[0, 0, 1, 1, 2, 3, 3, 4, 4]]
 
-    track = read(saved(tmp_path, twice))
+    plain = read(saved(tmp_path, rows[:, :columns], "plain"))
+    track = read(saved(tmp_path, twice[:, :columns], "twice"))
 
-    np.testing.assert_array_equal(track.center, rows[:, :2])
-    assert track.closed
+    np.testing.assert_array_equal(track.center, plain.center)
+    assert np.hypot(*np.diff(track.center, axis=0).T).min() > 0.1
 
 
 def test_a_loop_that_closes_up_to_rounding_is_closed_exactly(tmp_path):

@@ -279,6 +279,27 @@ def test_an_evaluated_car_that_leaves_the_track_waits_and_goes_on_where_it_left(
     assert going_on.steps[0] == row.steps[0] + 31
 
 
+def test_each_episode_begins_its_calls_with_step_two_and_being_put_back_begins_no_new_count(
+    simulate,
+):
+    told, driven_steps = [], []
+    simulation = simulate(
+        reward_function=lambda params: told.append(params["steps"]) or 1.0,
+        rules=EpisodeRules.evaluation(max_resets=3, off_track_penalty_s=0.2),
+    )
+    for _ in range(2):
+        simulation.reset(np.array([0]), np.array([0.6]))
+        for _ in range(60):
+            row = simulation.step(np.array([-30.0]), np.array([1.2]))
+            if row.driven[0]:
+                driven_steps.append(row.steps[0])
+        assert row.resets[0] > 0
+
+    assert told == driven_steps
+    assert [k for k, steps in enumerate(told) if steps == 2] == [0, len(told) // 2]
+    assert min(told) == 2
+
+
 def test_a_car_is_put_back_on_the_lane_it_left_from(simulate, track):
     simulation = simulate(num_cars=2, rules=EpisodeRules.evaluation(max_resets=1))
     simulation.reset(np.array([0, 1]), np.zeros(2))

@@ -159,8 +159,17 @@ def test_a_route_file_is_described_by_its_numbers(tmp_path):
     assert info.length_m == 16.0
     assert info.width_m == pytest.approx(3 * (5**0.5,))  # between two corners
     assert (info.direction, info.waypoints, info.spacing_m) == ("clockwise", 5, 4.0)
+    assert info.repeated == []
     assert (info.line_family, info.source) == ("out", path)
     assert (info.difficulty, info.about) == (None, "")
+
+
+def test_waypoints_that_repeat_the_one_before_are_named(tmp_path):
+    saved(tmp_path, square_rows()[[0, 0, 1, 2, 2, 2, 3, 4]])
+
+    info = describe("mine", tmp_path)
+
+    assert (info.waypoints, info.repeated, info.spacing_m) == (8, [1, 4, 5], 4.0)
 
 
 def test_a_world_of_ours_is_described_in_words_too():
@@ -188,11 +197,26 @@ def test_what_is_unknown_is_not_described_either(tmp_path):
         describe("mine", tmp_path)
 
 
-def test_our_own_world_wins_over_a_file_of_its_name_unless_the_path_is_given(tmp_path):
-    path = saved(tmp_path, square_rows(), "reinvent_base")
+@pytest.mark.parametrize("ending", [".npy", ".csv"])
+def test_a_file_of_the_racer_wins_over_our_world_of_its_name(tmp_path, ending):
+    rows = square_rows()
+    if ending == ".npy":
+        saved(tmp_path, rows, "reinvent_base")
+    else:
+        np.savetxt(tmp_path / "reinvent_base.csv", rows, delimiter=",")
 
-    assert load_track("reinvent_base", tmp_path).length_m == pytest.approx(17.71, abs=0.005)
-    assert load_track(path).length_m == 16.0
+    for world in ("reinvent_base", "reinvent_base_cw", "reinvent_wood", "reinvent_wood_ccw"):
+        assert load_track(world, tmp_path).length_m == 16.0
+    assert describe("reinvent_base", tmp_path).source == str(tmp_path / f"reinvent_base{ending}")
+    assert load_track("reinvent_base").length_m == pytest.approx(17.71, abs=0.005)
+    assert load_track("bean", tmp_path).length_m == load_track("bean").length_m
+
+
+@needs_routes
+def test_in_a_folder_of_community_routes_reinvent_base_is_the_route_itself():
+    rows = np.load(ROUTES / "reinvent_base.npy")
+
+    np.testing.assert_array_equal(load_track("reinvent_base", ROUTES).center, rows[:, :2])
 
 
 def test_an_unknown_world_names_the_closest_ones_and_where_to_put_the_file(tmp_path):
@@ -247,16 +271,15 @@ def test_reinvent_base_keeps_to_the_route_that_racers_know_within_2_cm():
 
 
 @needs_routes
-def test_every_reference_route_loads_and_59_of_them_lose_one_repeated_row():
+def test_every_reference_route_loads_with_all_its_rows():
     files = sorted(ROUTES.glob("*.npy"))
 
     routes = [load_track(str(file)) for file in files]
 
     assert len(routes) == 127
-    dropped = [
-        len(np.load(file)) - len(route.center) for file, route in zip(files, routes, strict=True)
-    ]
-    assert sorted(dropped) == [0] * 68 + [1] * 59
+    for file, route in zip(files, routes, strict=True):
+        lines = np.concatenate([route.center, route.inner, route.outer], axis=1)
+        np.testing.assert_array_equal(lines, np.load(file))
     assert [route.name for route in routes if not route.closed] == ["Straight_track"]
     assert sum(route.closed and route.is_ccw for route in routes) == 88
     assert {route.name for route in routes} <= set(known_worlds(ROUTES))

@@ -36,7 +36,7 @@ class Workspace:
             "batch_size": 32,
             "num_epochs": 3,
             "num_episodes_between_training": 4,
-            "term_cond_max_episodes": 12,
+            "term_cond_max_episodes": 3,
         }
         self.write_custom_files()
 

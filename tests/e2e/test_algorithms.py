@@ -21,9 +21,9 @@ METADATA = {
 }
 
 
-def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(workspace):
+def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(workspace, log_guru):
     workspace.hyperparameters |= {
-        "term_cond_max_episodes": 8,
+        "term_cond_max_episodes": 2,
         "stack_size": 2,
         "exploration_type": "additive_noise",
         "sac_learning_starts": 20,
@@ -37,7 +37,7 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     )
 
     trained = workspace.run("start-training", "--json")
-    workspace.hyperparameters["term_cond_max_episodes"] = 12
+    workspace.hyperparameters["term_cond_max_episodes"] = 3
     (workspace.folder / "custom_files" / "hyperparameters.json").write_text(
         json.dumps(workspace.hyperparameters)
     )
@@ -61,3 +61,9 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     latest = CheckpointStore(workspace.bucket(), workspace.prefix).load_latest(with_optimizer=True)
     assert latest is not None
     assert latest.optimizer is not None
+    assert latest.record.counters["number_format"] in ("fp32", "bf16")
+    # Driven again after the resume or not, each of a worker's episodes is in its log once.
+    for worker in ("sim-0", "sim-1"):
+        reading = log_guru(workspace.log(worker))
+        assert reading.continuous
+        assert len(reading.episodes) == 6

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
     assert workspace.run("start-training").returncode == 0
 

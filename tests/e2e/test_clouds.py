@@ -64,7 +64,7 @@ def connect(workspace, tmp_path) -> Callable[..., None]:
 def test_a_model_is_trained_and_looked_at_in_a_bucket_elsewhere(workspace, serve, connect, cloud):
     endpoint = serve("rclone")
     connect(endpoint, cloud)
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
 
     training = workspace.run("start-training")

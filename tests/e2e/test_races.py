@@ -14,8 +14,8 @@ REWARD = """    assert len(params["objects_location"]) == 3, params["objects_loc
 """
 
 
-def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace, log_guru):
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files(REWARD)
     obstacles = {
         "DR_RACE_TYPE": "OBJECT_AVOIDANCE",
@@ -46,6 +46,7 @@ def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace):
     assert float(starts[0]["Y"]) != pytest.approx(float(starts[1]["Y"]), abs=0.1)
     assert float(starts[1]["progress"]) < 0 < float(starts[0]["progress"])
     assert len(json.loads((bucket / report["opponent"]["metrics"]).read_text())["metrics"]) == 1
+    assert len(log_guru(workspace.log("sim-0")).episodes) == 4
 
 
 def test_more_obstacles_than_fit_are_refused_before_anything_starts(workspace):

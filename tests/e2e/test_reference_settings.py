@@ -14,7 +14,7 @@ REFERENCE = Path(__file__).resolve().parents[1] / "data" / "reference"
 def test_the_files_of_the_reference_train_and_evaluate(workspace):
     for name in ("run.env", "system.env"):
         (workspace.folder / name).write_bytes((REFERENCE / name).read_bytes())
-    workspace.hyperparameters |= {"num_episodes_between_training": 2, "term_cond_max_episodes": 2}
+    workspace.hyperparameters |= {"num_episodes_between_training": 2, "term_cond_max_episodes": 1}
     workspace.write_custom_files()
 
     checked = workspace.run("config", "check")

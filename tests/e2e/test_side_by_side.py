@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_of_two_starts_one_trains_and_an_experiment_trains_beside_it(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
     write(plan_experiment(workspace.folder, "beside", {}))
     workspace.environment["DR_TRAIN_MIN_EVAL_TRIALS"] = "1"

@@ -9,7 +9,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 
-def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace):
+def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace, log_guru):
     trained = workspace.run("start-training", "--json")
     evaluated = workspace.run("evaluate", "--json")
 
@@ -21,6 +21,11 @@ def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(works
     assert evaluated.returncode == 0, evaluated.stderr
     trials = json.loads(evaluated.stdout.splitlines()[-1])["trials"]
     _assert_deepracer_utils_agrees(workspace.model, report, laps=len(trials))
+    reading = log_guru(workspace.log("sim-0"))
+    assert (reading.model, len(reading.episodes)) == ("model", 12)
+    assert len(reading.evaluations) == sum(
+        bool(r["evaluation_progress"]) for r in report["history"]
+    )
 
 
 def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> None:
@@ -48,7 +53,7 @@ def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> Non
 
 
 def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
+    workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
     assert workspace.run("start-training").returncode == 0
 
@@ -98,16 +103,39 @@ def test_two_trainings_cannot_share_a_prefix(workspace):
     assert workspace.status()["state"] == "stopped"
 
 
-def test_two_workers_share_the_episodes(workspace):
-    workspace.write_run_env(DR_WORKERS=2)
+def test_three_workers_share_episodes_that_do_not_divide_evenly(workspace, log_guru):
+    workspace.write_run_env(DR_WORKERS=3)
 
     trained = workspace.run("start-training", "--json")
 
     assert trained.returncode == 0, trained.stderr + workspace.logs()
     model = workspace.model
-    assert (model / "metrics" / "TrainingMetrics_1.json").exists()
-    for worker in (0, 1):
-        traces = model / str(worker) / "training-simtrace"
-        assert len(list(traces.glob("*-iteration.csv"))) == 3
     history = json.loads(trained.stdout.splitlines()[-1])["history"]
     assert [r["episodes"] for r in history] == [4, 4, 4]
+    logs = [log_guru(workspace.log(f"sim-{worker}")) for worker in range(3)]
+    assert [len(reading.episodes) for reading in logs] == [6, 3, 3]
+    assert [len(reading.evaluations) for reading in logs] == [
+        sum(bool(r["evaluation_progress"]) for r in history),
+        0,
+        0,
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from deepracer.logs import DeepRacerLog
+        from deepracer.logs.metrics import TrainingMetrics
+
+        log = DeepRacerLog(model_folder=str(model))
+        log.load()
+        traces = log.dataframe()
+        metrics = TrainingMetrics("none", region="us-east-1")
+        for worker, file in enumerate(
+            ["TrainingMetrics", "TrainingMetrics_1", "TrainingMetrics_2"]
+        ):
+            metrics.addRound("", fname=str(model / "metrics" / f"{file}.json"), worker=worker)
+    for worker, share in enumerate([2, 1, 1]):
+        mine = traces[traces["worker"] == worker]
+        assert [mine[mine["iteration"] == n]["episode"].nunique() for n in range(3)] == [share] * 3
+        records = metrics.getTraining()
+        records = records[records["worker"] == worker]
+        assert [(records["iteration"] == n).sum() for n in range(3)] == [share] * 3
+    assert sorted(traces["unique_episode"].unique()) == list(range(12))

@@ -49,7 +49,7 @@ def whole(bucket: S3Bucket, prefix: str) -> str:
 
 def test_an_uploaded_model_drives_the_same_laps_elsewhere(new_workspace, uploads):
     home, away = new_workspace(), new_workspace()
-    home.hyperparameters["term_cond_max_episodes"] = 8
+    home.hyperparameters["term_cond_max_episodes"] = 2
     home.write_custom_files()
     home.write_run_env(DR_UPLOAD_S3_PREFIX="team/fast-1", DR_EVAL_CHECKPOINT="best")
     common = "DR_CLOUD=local\nDR_LOCAL_S3_BUCKET={}\nDR_UPLOAD_S3_BUCKET=uploads\n"

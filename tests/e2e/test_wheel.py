@@ -54,7 +54,7 @@ def test_an_installed_wheel_trains_an_iteration_in_an_empty_folder(wheel, tmp_pa
     shutil.copytree(shipped, folder / "custom_files")
     hyperparameters = folder / "custom_files" / "hyperparameters.json"
     values = json.loads(hyperparameters.read_text())
-    hyperparameters.write_text(json.dumps({**values, "term_cond_max_episodes": 20}))
+    hyperparameters.write_text(json.dumps({**values, "term_cond_max_episodes": 1}))
 
     version = _run(dr, "--version", folder=folder)
     _run(dr, "start-training", folder=folder)

@@ -72,7 +72,7 @@ class PaperRun:
         job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
-        return RunPlan(job, Inputs(*files), self.warnings, None, wiped=self.wiped)
+        return RunPlan(job, Inputs(*files), self.warnings, None, "Ends some day.", wiped=self.wiped)
 
     def launch(self, plan: RunPlan) -> int:
         self.asked.append("launch")
@@ -192,7 +192,13 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     size = {"length_m": 17.7, "width_m": 1.07, "least_width_m": 0.5, "greatest_width_m": 1.1}
     facts = TrackFacts(
         **{"name": TRACK, **size, "closed": True, "direction": "counterclockwise"},
-        **{"waypoints": 119, "spacing_m": 0.15, "line_family": "out", "source": "own"},
+        **{
+            "waypoints": 119,
+            "spacing_m": 0.15,
+            "repeated": [17, 38],
+            "line_family": "out",
+            "source": "own",
+        },
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
     answer("tracks.listing.list_tracks", TrackList(f"{folder}/tracks", [facts], []))

@@ -17,6 +17,7 @@ def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, cap
     assert "Training of model s3://bucket/model starting." in said
     assert "World reinvent_base, 2 workers, seed 7." in said
     assert "   custom_files/reward_function.py\n" in said
+    assert "\nEnds some day.\n" in said
 
 
 def test_after_a_launch_the_next_three_commands_stand_ready_to_paste(dr, run, make_report, capsys):

@@ -3,6 +3,7 @@
 import http.server
 import json
 import socket
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 
 from drcli.cli import main
+from drcli.commands.bringing import bring_tracks
+from drcli.config import load_settings
+from drcli.errors import Aborted, StorageError
 from drcli.tracks import fetch, folder
 from drsim.errors import TrackError
 from drsim.worlds import load_track
@@ -113,6 +117,41 @@ def test_an_added_track_can_be_raced_on_by_its_name(route, working_folder, capsy
     assert [file.name for file in (working_folder / "tracks").iterdir()] == ["loop.npy"]
 
 
+def test_an_added_track_takes_the_place_of_a_built_in_one_and_says_so(
+    route, working_folder, capsys
+):
+    code, out, words = run(capsys, "add", str(route), "--name", "reinvent_base", "--json")
+    _, shown, _ = run(capsys, "show", "reinvent_base", "--json")
+    _, listed, _ = run(capsys, "list", "--json")
+
+    file = str(working_folder / "tracks" / "reinvent_base.npy")
+    assert code == 0
+    assert report(out)["source"] == file
+    assert "reinvent_base is a built-in track too" in words
+    assert report(shown)["facts"]["source"] == file
+    sources = {track["name"]: track["source"] for track in report(listed)["tracks"]}
+    assert sources["reinvent_base"] == sources["reinvent_wood"] == file
+
+
+def test_shown_and_listed_are_the_waypoints_of_the_file_repeated_ones_included(
+    route, working_folder, capsys
+):
+    run(capsys, "add", str(route))
+    file = working_folder / "tracks" / "loop.npy"
+    rows = np.load(file)
+    np.save(working_folder / "mine.npy", np.insert(rows, 7, rows[7], axis=0))
+
+    _, added, _ = run(capsys, "add", str(working_folder / "mine.npy"), "--json")
+    _, shown, _ = run(capsys, "show", "mine", "--json")
+    _, words, _ = run(capsys, "show", "mine")
+
+    assert f"{len(rows) + 1} waypoints, 0.20 m apart; 8 repeats 7" in words
+    assert report(added)["repeated"] == [8]
+    assert report(added)["waypoints"] == len(rows) + 1
+    assert report(shown)["facts"]["waypoints"] == len(rows) + 1
+    assert len(np.load(working_folder / "tracks" / "mine.npy")) == len(rows) + 1
+
+
 def test_a_track_is_replaced_only_when_told(route, capsys):
     run(capsys, "add", str(route))
 
@@ -167,7 +206,6 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
         (["add", "run.env"], "run.env"),
         (["add", "loop.csv", "--name", "a b"], "'a b' is no name for a track"),
         (["add", "loop.csv", "--name", "../up"], "'../up' is no name for a track"),
-        (["add", "loop.csv", "--name", "reinvent_base"], "reinvent_base is built in"),
         (["add", "loop.csv", "--width", "-1"], "loop.csv"),
         (["show", "reinvent_base", "--png", "no/such/map.png"], "no/such/map.png cannot be"),
         (["fetch", "Oval_track", "--from", "ftp://x"], "ftp://x"),
@@ -176,7 +214,6 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
         (["fetch", "Oval_track", "--from", "http://x y/"], "http://x y/"),
         (["fetch", "Oval_track", "--from", "https://"], "https://"),
         (["fetch", "../Oval_track"], "'../Oval_track' is no name for a track"),
-        (["fetch", "reinvent_base"], "reinvent_base is built in"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence_with_a_remedy(route, capsys, arguments, sentence):
@@ -365,3 +402,102 @@ def test_a_server_that_does_not_speak_http_is_named(working_folder, capsys, monk
     assert code == 4
     assert "cannot be reached" in words
     assert "Traceback" not in words
+
+
+@pytest.fixture
+def needs(web, working_folder, monkeypatch):
+    """Settings that name a track of the community, which a server has."""
+    offers, address = web
+    track = load_track("reinvent_base")
+    save = working_folder / "route.npy"
+    np.save(save, np.hstack([track.center, track.inner, track.outer]))
+    offers["/routes/Spain_track.npy"] = save.read_bytes()
+
+    def load(fetches: str, world: str = "Spain_track"):
+        (working_folder / "run.env").write_text(
+            f"DR_WORLD_NAME={world}\nDR_TRACKS_URL={address}\nDR_TRACKS_FETCH={fetches}\n"
+        )
+        return load_settings(working_folder, environ={})
+
+    return load
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Somebody who sits there and answers."""
+
+    def answer(text: str) -> None:
+        monkeypatch.setattr("drcli.asking.may_ask", lambda: True)
+        monkeypatch.setattr(
+            sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: text)
+        )
+
+    return answer
+
+
+def test_a_start_fetches_a_track_of_the_community_where_the_setting_says_so(
+    needs, working_folder, capsys
+):
+    settings = needs("always")
+
+    bring_tracks(settings)
+    bring_tracks(settings)  # it is here now
+
+    assert (working_folder / "tracks" / "Spain_track.npy").exists()
+    assert capsys.readouterr().err.count("Fetched Spain_track: 17.") == 1
+
+
+def test_a_start_asks_on_a_terminal_before_it_fetches(needs, working_folder, terminal, capsys):
+    terminal("y\n")
+
+    bring_tracks(needs("ask"))
+
+    assert "Fetch it now? [y/N]" in capsys.readouterr().err
+    assert (working_folder / "tracks" / "Spain_track.npy").exists()
+
+
+def test_who_says_no_fetches_nothing(needs, working_folder, terminal):
+    terminal("\n")
+
+    with pytest.raises(Aborted):
+        bring_tracks(needs("ask"))
+
+    assert not (working_folder / "tracks").exists()
+
+
+@pytest.mark.parametrize("fetches", ["ask", "never"])
+def test_without_a_terminal_or_against_the_setting_nothing_is_fetched(
+    needs, working_folder, capsys, fetches
+):
+    bring_tracks(needs(fetches))
+
+    assert not (working_folder / "tracks").exists()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_start_that_reaches_no_server_names_the_command_that_fetches(
+    needs, working_folder, monkeypatch
+):
+    monkeypatch.setenv("no_proxy", "*")
+    settings = needs("always").replaced(tracks_url="http://127.0.0.1:9/routes")
+
+    with pytest.raises(StorageError) as error:
+        bring_tracks(settings)
+
+    assert "`dr-tracks fetch Spain_track`" in error.value.remedy
+
+
+def test_a_start_refuses_a_track_of_the_community_that_nobody_fetched(
+    needs, working_folder, capsys
+):
+    needs("ask")
+    code = 0
+    try:
+        main(["start-training", "-q"])
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+
+    words = capsys.readouterr().err
+    assert code == 3
+    assert "Spain_track" in words
+    assert "`dr-tracks fetch Spain_track`" in words

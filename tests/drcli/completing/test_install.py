@@ -1,6 +1,7 @@
 """`dr completion`: what it prints and where it puts that."""
 
 import json
+import pwd
 
 import pytest
 
@@ -38,6 +39,22 @@ def test_an_unknown_shell_is_refused_with_the_known_ones(dr, home, monkeypatch, 
 
     assert code == 3
     assert "SHELL=tcsh is none of bash, zsh, fish" in capsys.readouterr().err
+
+
+def test_a_user_without_a_home_is_told_so(dr, home, monkeypatch, capsys):
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", _no_user)
+
+    code = dr("completion", "install", "bash")
+
+    said = capsys.readouterr().err
+    assert code == 3
+    assert "The home folder of this user is not known" in said
+    assert "dr completion show bash" in said
+
+
+def _no_user(number):
+    raise KeyError(number)
 
 
 @pytest.mark.parametrize(("shell", "start_file"), [("bash", ".bashrc"), ("zsh", ".zshrc")])

@@ -1,68 +1,130 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
 
 from drcli.learn import precision
-from drcli.learn.policy import PolicySpec
-from drcli.learn.precision import choose_compute
+from drcli.learn.buffer import Rollout
+from drcli.learn.policy import ActorCritic
+from drcli.learn.ppo import PPO, PPOConfig
+from drcli.learn.precision import Compute, choose_compute
+from drcli.learn.spec import PolicySpec
 
 
 @pytest.fixture
-def tried(monkeypatch):
-    """Speeds in fp32 and bf16 to pretend; returns the batch sizes that were tried."""
-    sizes: list[int] = []
+def processor(monkeypatch):
+    """Pretend a processor with or without matrix units for bfloat16, and no GPU."""
+    for name in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
 
-    def pretend(fp32: float, bf16: float) -> list[int]:
-        def speed(compute, spec, batch_size, seconds):
-            sizes.append(batch_size)
-            return bf16 if compute.bf16 else fp32
-
-        monkeypatch.setattr(precision, "_samples_per_s", speed)
-        return sizes
+    def pretend(amx: bool) -> None:
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": amx})
 
     return pretend
 
 
-def test_the_faster_format_is_taken_and_the_reason_names_both_speeds(tried):
-    tried(fp32=100.0, bf16=300.0)
+@pytest.mark.parametrize("amx", [True, False])
+def test_the_format_follows_from_the_processor_and_the_reason_names_it(processor, amx):
+    processor(amx)
 
-    compute = choose_compute("auto", PolicySpec(2), batch_size=64, threads=1)
+    compute = choose_compute("auto", batch_size=64, threads=1)
 
-    assert compute.bf16
-    assert "100" in compute.reason
-    assert "300" in compute.reason
-
-
-def test_a_hopeless_format_is_not_tried_on_a_whole_minibatch(tried):
-    sizes = tried(fp32=100.0, bf16=10.0)
-
-    compute = choose_compute("auto", PolicySpec(2), batch_size=64, threads=1)
-
-    assert not compute.bf16
-    assert 64 not in sizes
+    assert compute.bf16 is amx
+    assert compute.reason.startswith("bf16" if amx else "fp32")
+    assert "AMX" in compute.reason
 
 
+def test_small_parts_are_not_worth_the_casts(processor):
+    processor(amx=True)
+
+    assert not choose_compute("auto", batch_size=16, threads=1).bf16
+
+
+@pytest.mark.parametrize(
+    ("limit", "bf16"),
+    [("AVX512_CORE_BF16", False), ("avx2", False), ("AVX512_CORE_AMX", True), ("DEFAULT", True)],
+)
+def test_a_limit_on_the_kernels_instructions_is_obeyed(processor, monkeypatch, limit, bf16):
+    processor(amx=True)
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
+
+    assert choose_compute("auto", batch_size=64, threads=1).bf16 is bf16
+
+
+@pytest.mark.parametrize("amx", [True, False])
 @pytest.mark.parametrize(("wanted", "bf16"), [("fp32", False), ("bf16", True)])
-def test_a_racer_who_insists_gets_the_format_untried(tried, wanted, bf16):
-    sizes = tried(fp32=1.0, bf16=1.0)
+def test_a_racer_who_insists_gets_the_format(processor, amx, wanted, bf16):
+    processor(amx)
 
-    compute = choose_compute(wanted, PolicySpec(2), batch_size=64, threads=1)
-
-    assert compute.bf16 == bf16
-    assert sizes == []
+    assert choose_compute(wanted, batch_size=64, threads=1, before="fp32").bf16 == bf16
 
 
-def test_both_formats_really_run(monkeypatch):
-    monkeypatch.setattr(precision, "TRIAL_S", 0.0)
+@pytest.mark.parametrize(("before", "amx"), [("fp32", True), ("bf16", False)])
+def test_a_training_keeps_its_format_on_another_processor_and_says_so(processor, before, amx):
+    processor(amx)
 
-    compute = choose_compute("auto", PolicySpec(2), batch_size=2, threads=1)
+    compute = choose_compute("auto", batch_size=64, threads=1, before=before)
 
-    assert compute.device.type == ("cuda" if torch.cuda.is_available() else "cpu")
+    assert compute.number_format == before
+    assert "as the training began" in compute.reason
+    assert "DR_TORCH_PRECISION" in compute.reason
+
+
+def test_a_checkpoint_that_names_no_format_gets_that_of_the_processor(processor):
+    processor(amx=True)
+
+    assert choose_compute("auto", batch_size=64, threads=1, before=None).bf16
+
+
+def test_this_processor_is_known():
+    assert isinstance(precision.has_bfloat16_units(), bool)
+    assert "amx_bf16" in torch.cpu.get_capabilities() or not sys.platform.startswith("linux")
 
 
 def test_choosing_leaves_the_arithmetic_of_everybody_else_alone():
     smallest = np.array([2.0**-1074])
 
-    choose_compute("fp32", PolicySpec(2), batch_size=8, threads=1)
+    choose_compute("fp32", batch_size=8, threads=1)
 
     assert (smallest * 1.0)[0] > 0.0
+
+
+@pytest.mark.parametrize("bf16", [False, True])
+def test_an_update_beside_a_busy_program_gives_the_same_bytes(bf16):
+    quiet = _updated(bf16)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        beside = [_updated(bf16) for _ in range(2)]
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+    for weights in beside:
+        assert all(torch.equal(one, other) for one, other in zip(quiet, weights, strict=True))
+
+
+def _updated(bf16: bool) -> list[torch.Tensor]:
+    """Weights after an update by two threads, each with a part of every minibatch."""
+    torch.manual_seed(0)
+    model = ActorCritic(PolicySpec(3, network="COMPACT_CONVOLUTIONAL_NETWORK"))
+    compute = Compute(torch.device("cpu"), bf16, "test", threads=2, parts=2)
+    random = np.random.default_rng(0)
+    steps = 64
+    rollout = Rollout(
+        random.integers(0, 255, (steps, 1, 120, 160), dtype=np.uint8),
+        random.integers(0, 3, steps),
+        np.full(steps, -1.1, np.float32),
+        np.zeros(steps),
+        random.random(steps),
+        np.array([steps]),
+        last_values=np.zeros(1),
+        cut=np.zeros(1, np.bool_),
+        scans=np.empty((steps, 0), np.float32),
+        states=np.empty((steps, 0), np.float32),
+    )
+    PPO(model, PPOConfig(batch_size=32, num_epochs=2, lr=1e-3), compute).update(rollout, 1)
+    return [tensor.clone() for tensor in model.state_dict().values()]

@@ -37,16 +37,19 @@ def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, caps
 
 
 def test_a_check_of_a_failing_file_names_the_line_and_exits_3(racer, dr, capsys):
-    (racer / "bad.py").write_text(BAD)
+    waits = "\n\ndef begins(params):\n    return params['steps'] == 1\n"
+    (racer / "bad.py").write_text(BAD + waits)
 
     code = dr("reward", "check", "bad.py")
 
     out, err = capsys.readouterr()
     assert code == 3
     assert "Error: bad.py line 2 (works)" in out
+    assert "Warning: bad.py line 6 (first-step)" in out
+    assert "`params['steps'] == 1` is never true" in " ".join(out.split())
     assert "KeyError: 'sped'" in out
     assert "Did you mean `speed`?" in out
-    assert "bad.py has 1 error." in err
+    assert "bad.py has 1 error" in err
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def test_a_supervisor_that_is_not_ready_in_time_is_ended(job, started):
     files = (InputFile(name, b"", "") for name in ("reward", "hyperparameters", "metadata"))
 
     with pytest.raises(WorkerDied, match="did not start"):
-        training.launch(RunPlan(job, Inputs(*files), [], None))
+        training.launch(RunPlan(job, Inputs(*files), [], None, ""))
 
     assert [process.returncode for process in processes] == [-15]
 

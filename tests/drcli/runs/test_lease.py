@@ -3,14 +3,32 @@
 import json
 import os
 import socket
+import subprocess
+import sys
 import time
+from dataclasses import replace
 
 import pytest
 
 from drcli.errors import SettingsError
 from drcli.runs import lease
+from drcli.runs.machine import started_s
 from drcli.store import keys
 from drcli.store.memory import MemoryBucket
+from drcli.store.ownership import read_lease, write_lease
+
+
+class Server:
+    """A server with a clock of its own."""
+
+    def __init__(self) -> None:
+        self.now_s = 1_000_000.0
+        self.bucket = MemoryBucket(clock=lambda: self.now_s)
+
+
+@pytest.fixture
+def server() -> Server:
+    return Server()
 
 
 @pytest.fixture
@@ -19,23 +37,86 @@ def bucket():
 
 
 def test_the_prefix_of_somebody_else_is_refused_and_named(bucket):
-    lease.renew(bucket, "model", "theirs")
+    lease.take(bucket, "model", "theirs")
 
     with pytest.raises(SettingsError, match=f"trained by process {os.getpid()}"):
         lease.refuse_other_owner(bucket, "model", "ours")
 
 
 def test_the_own_prefix_is_not_refused(bucket):
-    lease.renew(bucket, "model", "ours")
+    lease.take(bucket, "model", "ours")
 
     lease.refuse_other_owner(bucket, "model", "ours")
 
 
-def test_a_note_that_was_not_renewed_means_nothing(bucket):
-    note = {"session": "theirs", "host": "elsewhere", "pid": 1, "renewed": time.time() - 61.0}
-    bucket.put(keys.lease("model"), json.dumps(note).encode())
+def test_a_note_that_was_not_renewed_means_nothing(server):
+    lease.take(server.bucket, "model", "theirs")
+    server.now_s += 61.0
+
+    assert lease.holder(server.bucket, "model") is None
+
+
+def test_the_clock_of_the_machine_that_asks_makes_no_note_stale(server, monkeypatch):
+    lease.take(server.bucket, "model", "theirs")
+    server.now_s += 9.0
+    monkeypatch.setattr(time, "time", lambda: server.now_s + 75.0)
+
+    assert lease.holder(server.bucket, "model").age_s == 9.0
+
+
+def test_where_the_server_tells_no_time_the_clocks_of_the_machines_have_to_do(monkeypatch):
+    class Timeless(MemoryBucket):
+        def get_with_age(self, key):
+            return self.get(key), None
+
+    bucket = Timeless()
+    lease.take(bucket, "model", "theirs")
+    now_s = time.time()
+    monkeypatch.setattr(time, "time", lambda: now_s + 61.0)
 
     assert lease.holder(bucket, "model") is None
+
+
+def test_a_prefix_that_was_given_back_is_free_and_says_who_had_it(bucket):
+    lease.take(bucket, "model", "theirs")
+    lease.release(bucket, "model", "theirs")
+
+    lease.refuse_other_owner(bucket, "model", "ours")
+
+    assert lease.holder(bucket, "model") is None
+    assert read_lease(bucket, "model").session == "theirs"
+
+
+def test_nobody_gives_back_what_another_has_taken(bucket):
+    lease.take(bucket, "model", "theirs")
+    lease.release(bucket, "model", "ours")
+
+    assert lease.holder(bucket, "model").session == "theirs"
+
+
+def test_a_process_of_this_machine_that_is_gone_owns_nothing(bucket):
+    theirs = lease.take(bucket, "model", "theirs")
+    dead = subprocess.Popen([sys.executable, "-S", "-c", "pass"])
+    write_lease(bucket, "model", replace(theirs, pid=dead.pid, pid_started=started_s(dead.pid)))
+    dead.wait()
+
+    lease.refuse_other_owner(bucket, "model", "ours")
+
+
+def test_a_process_that_got_the_number_of_the_owner_is_not_the_owner(bucket):
+    theirs = lease.take(bucket, "model", "theirs")
+    write_lease(bucket, "model", replace(theirs, pid_started=1.0))
+
+    lease.refuse_other_owner(bucket, "model", "ours")
+
+
+def test_a_container_with_the_same_host_name_is_another_machine(bucket):
+    theirs = lease.take(bucket, "model", "theirs")
+    other = theirs.machine.replace("pid:[", "pid:[1")
+    write_lease(bucket, "model", replace(theirs, machine=other, pid=2**22 + 1))
+
+    with pytest.raises(SettingsError, match="is being trained by process"):
+        lease.refuse_other_owner(bucket, "model", "ours")
 
 
 @pytest.mark.parametrize(

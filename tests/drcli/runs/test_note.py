@@ -22,6 +22,7 @@ def test_a_start_notes_seed_settings_versions_and_machine(racer):
     assert note["versions"].keys() == {"python", "drcli", "torch", "mujoco", "numpy", "numba"}
     assert all(note["versions"].values())
     assert note["machine"]["cores"] >= 1
+    assert note["machine"]["processor"]
     assert note["earlier"] == []
 
 

@@ -1,12 +1,16 @@
 """The notes that runs leave on this machine, whatever state they are in."""
 
 import os
+import subprocess
+import sys
+import time
 
 import psutil
 import pytest
 
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.record import RunRecord, WorkerRecord, run_folder
+from drcli.runs.machine import started_s
+from drcli.runs.record import RunRecord, WorkerRecord, is_alive, run_folder
 from drcli.runs.status import inspect
 from drcli.runs.stopping import running_trainings, stop_runs
 
@@ -47,3 +51,29 @@ def test_a_damaged_note_of_an_evaluation_is_none(tmp_path, content):
     assert EvaluationRecord.read(folder) is None
     assert running_evaluations(tmp_path) == []
     assert stop_runs(tmp_path) == []
+
+
+def test_a_process_stays_alive_when_somebody_sets_the_clock(monkeypatch):
+    began_s = started_s(os.getpid())
+    monkeypatch.setattr(psutil.Process, "create_time", lambda self: time.time() + 75.0)
+
+    assert is_alive(os.getpid(), began_s)
+
+
+def test_a_process_that_got_the_number_of_another_is_not_that_one():
+    assert not is_alive(os.getpid(), started_s(os.getpid()) - 2.0)
+
+
+def test_notes_of_older_versions_tell_the_time_of_day():
+    assert is_alive(os.getpid(), psutil.Process().create_time())
+    assert not is_alive(os.getpid(), psutil.Process().create_time() - 1000.0)
+
+
+def test_what_is_left_of_a_process_that_ended_is_not_alive():
+    child = subprocess.Popen([sys.executable, "-S", "-c", "pass"])
+    began_s = started_s(child.pid)
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+
+    assert not is_alive(child.pid, began_s)
+    child.wait()
+    assert not is_alive(child.pid, began_s)

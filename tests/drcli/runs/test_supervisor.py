@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +14,12 @@ import pytest
 
 from drcli.config import load_settings
 from drcli.job import Job, LastWords
-from drcli.runs import supervisor
+from drcli.runs import lease, supervisor
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord
+from drcli.runs.renewal import Renewal
 from drcli.runs.supervisor import Supervisor
+from drcli.store import keys
 from drcli.store.memory import MemoryBucket
 
 ENDS, LATE, STAYS = "pass", "import time; time.sleep(1)", "import time; time.sleep(60)"
@@ -56,6 +60,8 @@ class Stage:
         )
         self.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
         self.server_restarts = 0
+        self.bucket = MemoryBucket()
+        self.revive_server: Callable[[], None] = lambda: None
 
     def start_process(self, job, name, module, *arguments, gpus=""):
         script = self.scripts[name].pop(0)
@@ -82,12 +88,14 @@ class Stage:
             pid_started=0.0,
             started_at=time.time(),
         )
+        taken = lease.take(self.bucket, "model", "start")
         return Supervisor(
             self.job,
-            MemoryBucket(),
+            self.bucket,
             record,
+            Renewal(self.bucket, "model", taken),
             open_bucket=MemoryBucket,
-            revive_server=lambda: None,
+            revive_server=self.revive_server,
             restart_server=self.restart_server,
         ).run()
 
@@ -162,3 +170,106 @@ def test_what_would_only_repeat_ends_the_run_at_once(stage):
     stage.scripts["trainer"] = [LastWords("No such action.", "Correct it.", 3, final=True)]
 
     assert stage.run() == 3
+
+
+def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone(
+    stage, monkeypatch
+):
+    monkeypatch.setattr(supervisor, "LOOK_S", 0.05)
+    stage.scripts = {"trainer": [STAYS], "sim-0": [STAYS]}
+    start = stage.start_process
+
+    def start_process(job, name, *rest, **options):
+        if name == "sim-0":
+            lease.take(stage.bucket, "model", "theirs")
+        return start(job, name, *rest, **options)
+
+    monkeypatch.setattr(supervisor, "start_process", start_process)
+    began = time.monotonic()
+
+    assert stage.run() == 8
+
+    assert time.monotonic() - began < 15.0
+    record = RunRecord.read(stage.job.folder)
+    assert "took it over" in record.message
+    assert [info.key for info in stage.bucket.list("")] == [keys.lease("model")]
+    assert lease.holder(stage.bucket, "model").session == "theirs"
+
+
+class Silent(MemoryBucket):
+    """A bucket that answers nobody any more, once it is told so."""
+
+    silent = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.end = threading.Event()
+
+    def hang(self) -> None:
+        if self.silent:
+            self.end.wait(60.0)
+
+    def get_with_age(self, key):
+        self.hang()
+        return super().get_with_age(key)
+
+    def put(self, key, data, *, watch=None):
+        self.hang()
+        super().put(key, data, watch=watch)
+
+    def list(self, folder):
+        self.hang()
+        return super().list(folder)
+
+
+def test_a_silent_bucket_holds_up_neither_the_workers_nor_the_end(stage, monkeypatch):
+    for name in ("LOOK_PATIENCE_S", "LOGS_PATIENCE_S", "RELEASE_PATIENCE_S"):
+        monkeypatch.setattr(supervisor, name, 0.05)
+    stage.bucket = Silent()
+    stage.revive_server = stage.bucket.hang
+    stage.scripts = {"trainer": [STAYS], "sim-0": ["raise SystemExit(1)", STAYS]}
+    start = stage.start_process
+
+    def start_process(job, name, *rest, **options):
+        stage.bucket.silent = True
+        if len(stage.scripts[name]) == 1 and name == "sim-0":  # it is brought back
+            signal.raise_signal(signal.SIGTERM)
+        return start(job, name, *rest, **options)
+
+    monkeypatch.setattr(supervisor, "start_process", start_process)
+    began = time.monotonic()
+
+    code = stage.run()
+    stage.bucket.end.set()
+
+    assert code == 143
+    assert time.monotonic() - began < 10.0
+    assert RunRecord.read(stage.job.folder).state == "stopped"
+
+
+def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_evaluated(stage):
+    order = stage.job.folder / "order"
+    tells = (
+        "import signal, sys, time\n"
+        "def leave(*_):\n"
+        f"    open({str(order)!r}, 'a').write('{{}} ')\n"
+        "    sys.exit()\n"
+        "signal.signal(signal.SIGTERM, leave)\n"
+        f"open({str(order)!r} + '-{{}}', 'w').close()\n"
+        "time.sleep(60)"
+    )
+    names = ("trainer", "sim-0")
+    stage.scripts = {name: [tells.format(name, name)] for name in names}
+
+    def stop_once_they_run() -> None:
+        deadline = time.monotonic() + 20.0
+        while not all(order.with_name(f"order-{name}").exists() for name in names):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=stop_once_they_run).start()
+
+    assert stage.run() == 143
+
+    assert order.read_text().split() == ["sim-0", "trainer"]

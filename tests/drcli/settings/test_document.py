@@ -8,6 +8,7 @@ import pytest
 
 from drcli.config import catalogue
 from drcli.settings.document import settings_page
+from drcli.settings.former import FORMER
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -31,7 +32,7 @@ def test_the_page_is_current_or_else_run_the_script():
 def test_every_setting_has_one_row():
     rows = [line for line in settings_page().splitlines() if line.startswith("| `DR_")]
 
-    assert sorted(row.split("`")[1] for row in rows) == sorted(catalogue())
+    assert sorted(row.split("`")[1] for row in rows) == sorted([*catalogue(), *FORMER])
 
 
 def test_a_row_holds_default_meaning_range_and_file():

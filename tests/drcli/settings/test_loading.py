@@ -108,11 +108,13 @@ def test_unknown_names_are_kept_with_a_warning(folder):
 
 
 def test_names_that_only_the_environment_has_share_one_warning(folder):
-    settings = folder.load("", environ={"DR_TRAIN_COMPOSE_FILE": "a", "DR_DOCKER_FILE_SEP": "-f"})
+    settings = folder.load("", environ={"DR_XAUTHORITY": "a", "DR_WORKER": "4"})
 
     assert settings.warnings == (
-        "environment: unknown and without effect here: DR_TRAIN_COMPOSE_FILE, DR_DOCKER_FILE_SEP.",
+        "environment: unknown and without effect here: DR_XAUTHORITY, "
+        "DR_WORKER (did you mean DR_WORKERS?).",
     )
+    assert settings.workers == 1
 
 
 def test_the_content_of_a_file_can_be_tried_before_it_is_written(folder):

@@ -1,5 +1,7 @@
 """Settings that are refused, and in which words."""
 
+import pwd
+
 import pytest
 
 from drcli.config import load_settings
@@ -334,3 +336,18 @@ def test_of_very_many_warnings_only_some_are_listed(folder):
     settings = folder.load("".join(f"A{k}=1\n" for k in range(100)))
 
     assert settings.warnings[-1] == "And 60 more like these."
+
+
+def test_a_path_in_the_home_of_a_user_who_has_none_is_refused(folder, monkeypatch):
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", _no_user)
+    folder.write("system.env", "DR_S3_DATA_DIR=~/bucket\n")
+
+    refusal = folder.refusal("")
+
+    assert "system.env line 1: DR_S3_DATA_DIR=~/bucket: the home folder" in str(refusal)
+    assert "Write the whole path, or set HOME." in refusal.remedy
+
+
+def _no_user(number):
+    raise KeyError(number)

@@ -1,11 +1,15 @@
 """The names of tracks, known without the simulation."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from drcli.settings import worlds
 from drsim.errors import TrackError
 from drsim.worlds import known_worlds, load_track
+
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 
 
 def test_the_names_are_those_that_the_simulation_knows(tmp_path):
@@ -64,3 +68,48 @@ def test_the_missing_track_of_a_worker_is_placed_in_its_file(folder):
 
     assert finding.where == "worker-2.env line 1"
     assert finding.remedy.startswith("Did you mean bean?")
+
+
+def test_every_world_of_the_community_is_known_by_name():
+    assert len(worlds.COMMUNITY) == 127
+    assert set(worlds.SAME_ROUTE) < worlds.COMMUNITY
+
+
+@pytest.mark.skipif(not ROUTES.is_dir(), reason="the community's routes are not beside the project")
+def test_the_names_of_the_community_are_those_of_its_files():
+    assert {path.stem for path in ROUTES.rglob("*.npy")} == worlds.COMMUNITY
+
+
+@pytest.mark.parametrize(
+    "world", ["reInvent2019_track", "LGSWide", "arctic_pro_ccw", "LGSWide.npy"]
+)
+def test_a_track_of_the_community_that_is_not_here_can_be_fetched(folder, world):
+    settings = folder.load(f"DR_WORLD_NAME={world}\n")
+
+    (finding,) = worlds.fetchable(settings)
+
+    name = world.removesuffix(".npy")
+    assert list(worlds.missing(settings)) == []
+    assert worlds.to_fetch(settings) == [name]
+    assert f"`dr-tracks fetch {name}`" in finding.remedy
+    assert f"`dr-tracks add {name}.npy`" in finding.remedy
+
+
+@pytest.mark.parametrize("world", ["reinvent_base", "reinvent_wood", "reinvent_base_cw", "nowhere"])
+def test_nothing_else_is_fetched(folder, world):
+    assert worlds.to_fetch(folder.load(f"DR_WORLD_NAME={world}\n")) == []
+
+
+def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
+    for worker, world in ((2, "Spain_track"), (3, "LGSWide"), (4, "Spain_track")):
+        folder.write(f"worker-{worker}.env", f"DR_WORLD_NAME={world}\n")
+
+    settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=4\nDR_WORLD_NAME=LGSWide\n")
+
+    assert worlds.to_fetch(settings) == ["LGSWide", "Spain_track"]
+    assert [finding.where for finding in worlds.fetchable(settings)] == [
+        "run.env line 3",
+        "worker-2.env line 1",
+        "worker-3.env line 1",
+        "worker-4.env line 1",
+    ]

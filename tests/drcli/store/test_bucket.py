@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.errors import StorageError
+from drcli.errors import OwnershipLost, StorageError
 from drcli.store.bucket import ObjectDamaged, ObjectMissing, get_json, put_json
 
 
@@ -83,3 +83,42 @@ def test_a_watcher_is_told_every_byte_that_travels(bucket):
 
     assert data == b"0123456789"
     assert sum(sent) == sum(read) == 10
+
+
+def test_an_object_tells_how_old_it_is(bucket):
+    bucket.put("a/b", b"x")
+
+    data, age_s = bucket.get_with_age("a/b")
+
+    assert data == b"x"
+    assert 0.0 <= age_s < 60.0
+
+
+def test_the_age_of_a_missing_object_is_missing_too(bucket):
+    with pytest.raises(ObjectMissing):
+        bucket.get_with_age("a/none")
+
+
+def test_a_fenced_bucket_asks_before_everything_that_it_changes(bucket):
+    asked = []
+    fenced = bucket.fenced(asked.append)
+    fenced.put("a/b", b"x")
+    fenced.put("a/c", b"x", watch=lambda more: None)
+    fenced.delete(["a/b"])
+
+    assert fenced.get("a/c") == b"x"
+    assert bucket.exists("a/c")
+    assert asked == ["a/b", "a/c", "a/b"]
+
+
+def test_what_a_fence_says_no_to_does_not_happen(bucket):
+    def refuse(key: str) -> None:
+        raise OwnershipLost("Theirs.", remedy="Leave it.")
+
+    bucket.put("a/b", b"x")
+    fenced = bucket.fenced(refuse)
+    for change in (lambda: fenced.put("a/b", b"y"), lambda: fenced.delete(["a/b"])):
+        with pytest.raises(OwnershipLost):
+            change()
+
+    assert bucket.get("a/b") == b"x"

@@ -405,3 +405,10 @@ def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):
     assert store.drivers(CheckpointName(0, 0)) == ["0_Step-0.ckpt"]
     assert store.drivers(CheckpointName(2, 200)) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
     assert store.drivers(CheckpointName(9, 900)) == ["9_Step-900.ckpt"]
+
+
+def test_a_first_checkpoint_that_was_only_begun_is_none(memory):
+    """Its trainer was killed between weights and record; the next one begins anew."""
+    memory.put(keys.checkpoint_tensors("model", "0_Step-0.ckpt"), b"weights")
+
+    assert CheckpointStore(memory, "model").load_latest() is None

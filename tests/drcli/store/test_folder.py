@@ -1,5 +1,8 @@
 """The embedded server's bucket as plain files."""
 
+import os
+import time
+
 import pytest
 
 from drcli.store.bucket import ObjectMissing
@@ -21,6 +24,8 @@ def test_objects_are_read_as_the_server_gives_them_out(bucket):
 
     assert bucket.get("m/model/1.ckpt", watch=watched.append) == b"one"
     assert watched == [3]
+    os.utime(bucket._folder / "m/model/1.ckpt", (0, time.time() - 100.0))
+    assert bucket.get_with_age("m/model/1.ckpt") == (b"one", pytest.approx(100.0, abs=5.0))
     assert bucket.name == "bucket"
 
 

@@ -144,3 +144,35 @@ def test_what_lies_beside_the_models_is_no_name_for_a_model():
     folders = {keys.run_folder("m"), keys.rollouts_folder("m")}
 
     assert {folder.partition("/")[0] for folder in folders} == set(BESIDE_MODELS)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        keys.coach_checkpoint("model"),
+        keys.deepracer_checkpoints("model"),
+        keys.history("model"),
+        keys.finished("model"),
+        keys.training_trace("model", 3),
+        keys.training_metrics("model/metrics"),
+        keys.evaluation_result("model", 3),
+        keys.rollout_manifest("model", 3, 0),
+    ],
+)
+def test_what_readers_go_by_decides(key):
+    assert keys.decides(key)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        keys.checkpoint_tensors("model", "3_Step-9.ckpt"),
+        keys.checkpoint_optimizer("model", "3_Step-9.ckpt"),
+        keys.checkpoint_record("model", "3_Step-9.ckpt"),
+        keys.rollout_part("model", 3, 0, "start-1-1", 0),
+        keys.status("model", "trainer"),
+        keys.log("model", "sagemaker", "trainer"),
+    ],
+)
+def test_what_another_object_must_name_first_decides_nothing(key):
+    assert not keys.decides(key)

@@ -18,11 +18,11 @@ CHECKPOINT = "3_Step-900.ckpt"
 
 
 def played(steps: int, number: int = 0) -> Episodes:
-    column = np.arange(steps, dtype=np.float32)
+    column = np.arange(steps, dtype=np.float64)
     return Episodes(
         frames=np.full((steps, 1, 12, 16), number, np.uint8),
         actions=np.arange(steps),
-        log_probs=column,
+        log_probs=column.astype(np.float32),
         values=column,
         rewards=column,
         episode_numbers=np.array([number]),
@@ -146,6 +146,18 @@ def test_a_manifest_of_another_checkpoint_counts_as_missing(memory, reader, cloc
 
     assert arrived[0].session == "new"
     assert 20.0 <= clock.now_s < 21.5
+
+
+def test_a_manifest_of_another_start_counts_as_missing_and_its_parts_are_left(memory, clock):
+    reader = RolloutReader(memory, PREFIX, "ours", clock=clock, pause=clock.pause)
+    hand_in(memory, 0, session="theirs-7-1")
+    hand_in(memory, 1, session="ours-7-1")
+
+    arrived = reader.wait_manifests(3, [CHECKPOINT], [0, 1], patience_s=1.0)
+
+    assert [m.session for m in arrived.values()] == ["ours-7-1"]
+    assert all("ours-7-1" in key for key in reader._fetched)
+    reader.close()
 
 
 def test_the_wait_says_who_is_missing_and_goes_on_without(memory, reader, clock):

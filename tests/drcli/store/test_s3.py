@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from botocore.exceptions import ClientError, EndpointConnectionError
 from botocore.response import StreamingBody
 
 from drcli import waits
-from drcli.errors import StorageError
+from drcli.errors import OwnershipLost, StorageError
 from drcli.store import failures, profiles, s3
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
@@ -93,6 +94,59 @@ def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeyp
     assert max(clock.pauses_s) == 1.0
     assert "bucket/m/k at http://127.0.0.1:1 (DR_REMOTE_MINIO_URL)" in str(failure.value)
     assert "DR_REMOTE_MINIO_URL" in failure.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("headers", "age_s"),
+    [
+        ({"date": "Sun, 22 Nov 2026 09:01:10 GMT"}, 70.0),
+        ({"date": "Sun, 22 Nov 2026 08:59:59 GMT"}, 0.0),
+        ({}, None),
+    ],
+)
+def test_how_old_an_object_is_says_the_clock_of_the_server_alone(monkeypatch, headers, age_s):
+    bucket = S3Bucket(REMOTE, "bucket")
+    found = {
+        "Body": io.BytesIO(b"data"),
+        "LastModified": datetime(2026, 11, 22, 9, tzinfo=UTC),
+        "ResponseMetadata": {"HTTPHeaders": headers},
+    }
+    monkeypatch.setattr(bucket._client, "get_object", lambda **_: found)
+
+    assert bucket.get_with_age("k") == (b"data", age_s)
+
+
+def test_whoever_was_asked_to_leave_has_little_patience(scripted, clock):
+    bucket = scripted(SILENT, repeat=True)
+    bucket._hurried = lambda: clock.now_s > 20.0
+
+    with pytest.raises(StorageError, match="nothing answers"):
+        bucket.get("k")
+
+    assert 20.0 < clock.now_s < 22.0
+
+
+def test_a_short_failure_is_overcome_by_one_that_was_asked_to_leave(scripted):
+    bucket = scripted(SILENT, SILENT)
+    bucket._hurried = lambda: True
+
+    assert bucket.get("k") == b"data"
+
+
+def test_a_write_that_is_tried_again_asks_its_fence_again(clock, monkeypatch):
+    bucket = S3Bucket(LOCAL, "bucket", clock=clock, pause=clock.pause)
+
+    def put_object(**_: object) -> None:
+        raise SILENT
+
+    def check(key: str) -> None:
+        if clock.now_s > 5.0:
+            raise OwnershipLost("Theirs.", remedy="Leave it.")
+
+    monkeypatch.setattr(bucket._client, "put_object", put_object)
+
+    with pytest.raises(OwnershipLost):
+        bucket.fenced(check).put("k", b"data")
 
 
 def test_a_server_with_an_inner_failure_gets_a_tenth_of_the_patience(scripted, clock):

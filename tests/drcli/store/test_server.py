@@ -24,6 +24,7 @@ from drcli.store.s3 import S3Bucket
 
 FIND = """
 import sys
+import time
 from pathlib import Path
 from drcli.store import server
 from drcli.store.endpoint import StorageConfig
@@ -43,7 +44,9 @@ def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     with closing(server.connect(local)) as bucket:
         bucket.probe()
         bucket.put("model/x/y", b"content")
+        _, age_s = bucket.get_with_age("model/x/y")
 
+    assert 0.0 <= age_s < 60.0
     assert (local.data_dir / "bucket" / "model" / "x" / "y").read_bytes() == b"content"
     assert [path.name for path in (local.data_dir / "bucket").iterdir()] == ["model"]
 

@@ -209,7 +209,7 @@ def test_a_slash_at_the_end_of_address_and_name_is_no_matter(mover, theirs):
 
 
 def test_a_model_that_is_being_trained_is_not_overwritten(mover, theirs):
-    lease.renew(mover.here, "mine", "session")
+    lease.take(mover.here, "mine", "session")
 
     with pytest.raises(SettingsError, match="is being trained"):
         mover.download(URL, "mine")

@@ -17,7 +17,7 @@ def bucket():
     put_model(bucket, "team/model-1/inside", numbers=(4,))
     put_model(bucket, "other", numbers=(9,))
     bucket.put("custom_files/reward_function.py", b"")
-    lease.renew(bucket, "other", "session")
+    lease.take(bucket, "other", "session")
     return bucket
 
 

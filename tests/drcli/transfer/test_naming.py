@@ -104,7 +104,7 @@ def test_our_own_model_is_not_wiped(mover, increment):
 
 
 def test_a_model_that_is_being_trained_is_not_wiped(mover, increment):
-    lease.renew(mover.there, "team/model-2", "theirs")
+    lease.take(mover.there, "team/model-2", "theirs")
 
     with pytest.raises(SettingsError, match="is being trained"):
         increment(wiping=True)

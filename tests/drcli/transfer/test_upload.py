@@ -332,7 +332,7 @@ def test_a_bucket_of_the_same_name_elsewhere_is_another_one(mover):
 
 
 def test_a_model_that_is_being_trained_is_no_target(mover):
-    lease.renew(mover.here, TARGET, "theirs")
+    lease.take(mover.here, TARGET, "theirs")
 
     with pytest.raises(SettingsError, match="model-1 is being trained by process"):
         mover.upload(local=True)

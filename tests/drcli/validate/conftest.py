@@ -80,7 +80,9 @@ class Folder:
 
     def breaches(self, rule: str, *, console: bool = False) -> list[Violation]:
         report = self.report(console=console)
-        return [item for item in (*report.errors, *report.warnings) if item.rule == rule]
+        return [
+            item for item in (*report.errors, *report.warnings, *report.notes) if item.rule == rule
+        ]
 
 
 @pytest.fixture

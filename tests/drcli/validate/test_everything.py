@@ -56,8 +56,7 @@ def test_the_files_that_the_reference_ships_have_no_errors(folder):
 
     report = folder.report()
 
-    assert report.errors == ()
-    assert {item.rule for item in report.warnings} == {"V-44"}
+    assert (report.errors, report.warnings) == ((), ())
 
 
 def test_findings_of_all_files_come_at_once(folder):
@@ -353,7 +352,7 @@ def test_programs_read_keys_that_stay(folder, dr, capsys):
 
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == [
-        *("directory", "console_compatible", "errors", "warnings", "skipped", "ok"),
+        *("directory", "console_compatible", "errors", "warnings", "skipped", "notes", "ok"),
     ]
     assert (printed["ok"], printed["console_compatible"]) == (True, True)
     assert printed["warnings"] == [

@@ -128,6 +128,13 @@ CASES = (
         ("run.env line 1", "DR_WORLD_NAME=reinvent_bas", "reinvent_base"),
     ),
     Case(
+        "V-05",
+        lambda f: f.settings(DR_WORLD_NAME="reinvent_base_cw"),
+        lambda f: f.settings(DR_WORLD_NAME="reInvent2019_track"),
+        "note",
+        ("run.env line 1", "a track of the community", "`dr-tracks fetch reInvent2019_track`"),
+    ),
+    Case(
         "V-06",
         lambda f: f.settings(DR_HOST_X="False"),
         lambda f: f.settings(DR_HOST_X="True", DR_SAGEMAKER_CUDA_DEVICES="0"),
@@ -166,8 +173,8 @@ CASES = (
         "V-09",
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
-        "error",
-        ("Selected path s3://bucket/model-1 exists. Delete it, or use -w option.", "Replace it"),
+        "note",
+        ("There is a model at s3://bucket/model-1.", "Replace it"),
     ),
     Case(
         "V-10",
@@ -192,8 +199,8 @@ CASES = (
     ),
     Case(
         "V-13",
-        lambda f: lease.renew(f.bucket, "model-2", "abc"),
-        lambda f: lease.renew(f.bucket, "model-1", "abc"),
+        lambda f: lease.take(f.bucket, "model-2", "abc"),
+        lambda f: lease.take(f.bucket, "model-1", "abc"),
         "warning",
         ("s3://bucket/model-1", "is being trained by process"),
     ),
@@ -307,6 +314,13 @@ CASES = (
         lambda f: f.reward(reward("return 9.0 if params['progress'] == 1 else 1.0")),
         "warning",
         ("line 2", "progress >= 100"),
+    ),
+    Case(
+        "V-24",
+        lambda f: f.reward(reward("return 9.0 if params['steps'] <= 2 else 1.0")),
+        lambda f: f.reward(reward("return 9.0 if params['steps'] == 1 else 1.0")),
+        "warning",
+        ("line 2", "`params['steps'] == 1` is never true", "steps <= 2"),
     ),
     Case(
         "V-24",
@@ -475,10 +489,10 @@ CASES = (
     ),
     Case(
         "V-44",
-        lambda f: f.hyperparameters(term_cond_avg_score=35_000, term_cond_max_episodes=100_000),
-        lambda f: f.hyperparameters(term_cond_avg_score=350.0),
+        lambda f: f.hyperparameters(term_cond_avg_score=350.0, term_cond_max_episodes=1000),
+        lambda f: f.hyperparameters(term_cond_avg_score=500.0),
         "warning",
-        ("term_cond_avg_score=350", "Write 100000"),
+        ("term_cond_avg_score=500", "DR_TRAIN_STOP_REWARD"),
     ),
     Case(
         "V-45",

@@ -1,10 +1,13 @@
 """A reward function that harms the process it is tried in is told as a finding."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 from threading import Event
 
 import pytest
@@ -15,6 +18,8 @@ from drcli.runs.inputs import InputFile
 from drcli.validate.examination import examine
 from drcli.validate.report import find_tried
 from drcli.validate.trial import try_inputs
+
+ROOT = Path(__file__).resolve().parents[3]
 
 HANGING = "def reward_function(params):\n    while True:\n        pass\n"
 
@@ -139,3 +144,25 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     [found] = find_tried(tmp_path)
     assert (found.rule, found.where) == ("V-21", "mine.py line 3")
     assert "swallows what is raised to end it" in found.message
+
+
+def test_a_reward_function_may_import_all_that_the_console_allowed(tried):
+    before = """
+import math
+import random
+
+import numpy
+from scipy.spatial import KDTree
+from shapely.geometry import LineString, Point
+"""
+    body = """
+    line = LineString(params["waypoints"])
+    off = line.distance(Point(params["x"], params["y"]))
+    near, _ = KDTree(numpy.array(params["waypoints"])).query([params["x"], params["y"]])
+    return math.exp(-off) + float(near) + random.random()
+"""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    needed = {re.split("[^a-z]", line)[0] for line in project["dependencies"]}
+
+    assert tried(before, body) == []
+    assert {"numpy", "scipy", "shapely"} <= needed

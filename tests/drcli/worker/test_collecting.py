@@ -58,8 +58,8 @@ def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0
             frames=np.zeros((steps, 1, 12, 16), np.uint8),
             actions=np.zeros(steps, np.int64),
             log_probs=np.zeros(steps, np.float32),
-            values=np.zeros(steps, np.float32),
-            rewards=np.ones(steps, np.float32),
+            values=np.zeros(steps),
+            rewards=np.ones(steps),
             episode_numbers=np.arange(episodes)[::-1].copy() + 10 * worker,
             episode_lengths=np.array(lengths),
             extras={

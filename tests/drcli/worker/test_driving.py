@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from drcli.learn.acting import SideBySide
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.spec import PolicySpec
@@ -43,7 +44,7 @@ def drive(
     )
     driven: list[Driven] = []
     plans = [Plan(number, "training", 0.2 * number) for number in range(episodes)]
-    Driver(simulation, [Pilot(ActorCritic(spec).eval(), actions)], seed).drive(
+    Driver(simulation, [Pilot(fresh(spec), actions)], seed).drive(
         plans, driven.append, epsilon=epsilon
     )
     simulation.close()
@@ -87,6 +88,46 @@ def test_an_episode_is_the_same_beside_other_ones():
 
     assert alone.actions == beside.actions
     np.testing.assert_array_equal(np.stack(alone.frames), np.stack(beside.frames))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_evaluations_do_not_change_a_bit_of_the_training_episodes(threads):
+    """The clock decides whether a checkpoint is evaluated; equal seeds must train equally."""
+    alone, beside = (
+        trained_beside(trials, SideBySide(fresh(PolicySpec(3, network=COMPACT)), threads))
+        for trials in (0, 5)
+    )
+
+    assert [e.actions for e in alone] == [e.actions for e in beside]
+    assert [e.log_probs for e in alone] == [e.log_probs for e in beside]
+    assert [e.values for e in alone] == [e.values for e in beside]
+
+
+def fresh(spec: PolicySpec) -> ActorCritic:
+    """An untrained policy, whose critic expects something."""
+    torch.manual_seed(0)
+    policy = ActorCritic(spec).eval()
+    policy.returns.scale.fill_(1.0)
+    return policy
+
+
+def trained_beside(trials: int, policy: SideBySide) -> list[Driven]:
+    """Twenty training episodes, beside so many of an evaluation."""
+    torch.set_num_threads(1)
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=20 + trials,
+        reward_function=centre_line_reward,
+        rules=EpisodeRules(max_steps=6),
+        num_threads=1,
+    )
+    plans = [Plan(number, "training", 0.05 * number) for number in range(20)]
+    plans += [Plan(trial, "evaluation", 0.2 * trial) for trial in range(trials)]
+    driven: list[Driven] = []
+    Driver(simulation, [Pilot(policy, STRAIGHT)], 5).drive(plans, driven.append)
+    simulation.close()
+    training = [episode for episode in driven if episode.phase == "training"]
+    return sorted(training, key=lambda episode: episode.number)
 
 
 def test_blind_actions_follow_the_schedule_of_the_steps_driven():

@@ -60,29 +60,32 @@ def goals(tmp_path):
 
 
 def test_a_training_without_goals_goes_on(goals):
-    assert goals().reached(99_999, [record(k) for k in range(50)]) is None
+    assert goals().reached([record(k) for k in range(50)]) is None
 
 
 def test_the_time_of_this_start_counts(goals):
     times = iter([1_000.0, 1_059.0, 1_061.0])
     limited = goals(max_minutes=1.0, clock=lambda: next(times))
 
-    assert limited.reached(0, []) is None
-    assert limited.reached(0, []) == "Training is complete: 1 minutes are over."
+    assert limited.reached([]) is None
+    assert limited.reached([]) == "Training is complete: 1 minutes are over."
 
 
-def test_episodes_are_episodes_and_not_iterations(goals):
-    limited = goals(term_cond_max_episodes=100)
+def test_the_files_that_everybody_has_train_as_long_as_they_did_elsewhere(goals):
+    limited = goals(term_cond_max_episodes=1000, term_cond_avg_score=350)
+    records = [record(k, episodes=20, mean_reward=400.0) for k in range(1000)]
 
-    assert limited.reached(99, [record(k) for k in range(5)]) is None
-    assert limited.reached(100, []) == "Training is complete: 100 episodes were driven."
+    assert limited.reached(records[:999]) is None
+    assert limited.reached(records) == (
+        "Training is complete: 1000 iterations were learned from, term_cond_max_episodes is 1000."
+    )
 
 
 def test_iterations_can_be_limited(goals):
     limited = goals("DR_TRAIN_MAX_ITERATIONS=3")
 
-    assert limited.reached(40, [record(0), record(1)]) is None
-    assert "3 iterations were learned from" in limited.reached(60, [record(k) for k in range(3)])
+    assert limited.reached([record(0), record(1)]) is None
+    assert "3 iterations were learned from" in limited.reached([record(k) for k in range(3)])
 
 
 def test_the_mean_score_is_that_of_the_last_hundred_episodes():
@@ -92,12 +95,12 @@ def test_the_mean_score_is_that_of_the_last_hundred_episodes():
     assert mean_score(records[1:]) is None
 
 
-def test_a_mean_score_can_end_the_training(goals):
-    limited = goals(term_cond_avg_score=350)
+def test_a_mean_reward_can_end_the_training(goals):
+    limited = goals("DR_TRAIN_STOP_REWARD=350")
     good = [record(k, mean_reward=351.0) for k in range(5)]
 
-    assert limited.reached(80, good[:4]) is None
-    assert "term_cond_avg_score is 350" in limited.reached(100, good)
+    assert limited.reached(good[:4]) is None
+    assert "DR_TRAIN_STOP_REWARD is 350" in limited.reached(good)
 
 
 def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(goals):
@@ -105,8 +108,8 @@ def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(
     nearly = record(0, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 3)
     all_laps = record(1, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 4)
 
-    assert limited.reached(0, [nearly]) is None
-    assert "all evaluation laps" in limited.reached(0, [nearly, all_laps, record(2)])
+    assert limited.reached([nearly]) is None
+    assert "all evaluation laps" in limited.reached([nearly, all_laps, record(2)])
 
 
 def test_progress_must_be_held_for_some_evaluations_in_a_row(goals):
@@ -115,7 +118,7 @@ def test_progress_must_be_held_for_some_evaluations_in_a_row(goals):
 
     def after(*evaluations):
         return limited.reached(
-            0, [record(k, evaluation_progress=list(e)) for k, e in enumerate(evaluations)]
+            [record(k, evaluation_progress=list(e)) for k, e in enumerate(evaluations)]
         )
 
     assert after(good) is None

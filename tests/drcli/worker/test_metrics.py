@@ -1,12 +1,17 @@
 import json
+import warnings
+from pathlib import Path
 
 import pytest
 
+from drcli.store import keys
 from drcli.store.memory import MemoryBucket
 from drcli.worker.metrics import TrainingMetrics
+from drcli.worker.share import Share
 from drcli.worker.trace import Episode, Row
 
 KEY = "model/metrics/TrainingMetrics.json"
+TWO_EPISODES = Share(0, workers=1, episodes=2)
 
 
 @pytest.fixture
@@ -15,12 +20,12 @@ def bucket() -> MemoryBucket:
 
 
 def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(bucket):
-    metrics = TrainingMetrics(bucket, KEY, "progress")
+    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
 
     for iteration in range(2):
         first = 2 * iteration
-        metrics.add([_episode(first), _episode(first + 1)])
-        metrics.add([], [_episode(0, "evaluation")])
+        metrics.add(iteration, [_episode(first), _episode(first + 1)])
+        metrics.add(iteration, [], [_episode(0, "evaluation")])
 
     records = json.loads(bucket.get(KEY))["metrics"]
     assert [(r["phase"], r["episode"], r["trial"]) for r in records] == [
@@ -34,24 +39,103 @@ def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(b
 
 
 def test_a_restarted_worker_continues_the_file_and_forgets_the_iteration_it_repeats(bucket):
-    first = TrainingMetrics(bucket, KEY, "progress")
-    first.add([_episode(0), _episode(1)])
-    first.add([], [_episode(0, "evaluation")])
-    first.add([_episode(2), _episode(3)])
+    first = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    first.add(0, [_episode(0), _episode(1)])
+    first.add(0, [], [_episode(0, "evaluation")])
+    first.add(1, [_episode(2), _episode(3)])
 
-    second = TrainingMetrics(bucket, KEY, "progress")
-    second.keep_before(2)
-    second.add([_episode(2), _episode(3)])
+    second = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    second.keep_before(1)
+    second.add(1, [_episode(2), _episode(3)])
 
     records = json.loads(bucket.get(KEY))["metrics"]
     assert [r["episode"] for r in records] == [1, 2, 2, 3, 4]
 
 
 def test_the_clock_goes_on_after_the_last_record(bucket):
-    metrics = TrainingMetrics(bucket, KEY, "progress")
-    metrics.add([_episode(0)])
+    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    metrics.add(0, [_episode(0)])
 
-    assert TrainingMetrics(bucket, KEY, "progress").clock_s == pytest.approx(1.0)
+    assert TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES).clock_s == pytest.approx(1.0)
+
+
+def test_episodes_that_do_not_divide_evenly_are_found_in_their_iterations(bucket, tmp_path):
+    for iteration in range(4):
+        for worker in range(3):
+            if (worker, iteration) != (2, 1):  # which was late
+                _drive(bucket, Share(worker, workers=3, episodes=20), iteration)
+
+    found = _episodes_of_iterations(bucket, tmp_path, workers=3)
+
+    assert found[0] == [7, 7, 7, 7]
+    assert found[1] == [7, 7, 7, 7]
+    assert found[2] == [6, 0, 6, 6]
+
+
+def test_a_resume_with_more_or_fewer_episodes_leaves_the_iterations_before_it(bucket, tmp_path):
+    for iteration, episodes in enumerate([8, 8, 20, 20, 5]):
+        for worker in range(3):
+            _drive(bucket, Share(worker, workers=3, episodes=episodes), iteration)
+
+    found = _episodes_of_iterations(bucket, tmp_path, workers=3)
+
+    assert found == {0: [3, 3, 7, 7, 2], 1: [3, 3, 7, 7, 2], 2: [2, 2, 6, 6, 1]}
+
+
+def test_an_iteration_that_is_driven_again_after_a_resume_replaces_the_first(bucket, tmp_path):
+    for iteration in (0, 1, 2, 1, 2):
+        _drive(bucket, Share(0, workers=1, episodes=3), iteration)
+
+    assert _episodes_of_iterations(bucket, tmp_path, workers=1) == {0: [3, 3, 3]}
+
+
+def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
+    share = Share(2, workers=3, episodes=5)  # one episode beside the two of worker 0
+    record = {"phase": "training", "trial": 1, "metric_time": 1000}
+    old = {"metrics": [{**record, "episode": 1}, {**record, "episode": 2}]}
+    bucket.put(KEY, json.dumps(old).encode())
+
+    metrics = TrainingMetrics(bucket, KEY, "progress", share)
+    metrics.add(2, [_episode(2)])
+
+    records = json.loads(bucket.get(KEY))["metrics"]
+    assert [r["episode"] for r in records] == [1, 3, 5]
+
+
+def _drive(bucket: MemoryBucket, share: Share, iteration: int) -> None:
+    """One iteration of a worker that was started for it."""
+    key = keys.training_metrics("model/metrics", share.worker)
+    metrics = TrainingMetrics(bucket, key, "progress", share)
+    metrics.keep_before(iteration)
+    metrics.add(iteration, [_episode(number) for number in share.numbers(iteration)])
+    if share.worker == 0:
+        metrics.add(iteration, [], [_episode(0, "evaluation")])
+
+
+def _episodes_of_iterations(
+    bucket: MemoryBucket, folder: Path, workers: int
+) -> dict[int, list[int]]:
+    """Training episodes of each iteration by worker, as deepracer-utils counts them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from deepracer.logs.metrics import TrainingMetrics as Reader
+
+        reader = Reader("none", region="us-east-1")
+        for worker in range(workers):
+            file = folder / f"{worker}.json"
+            file.write_bytes(bucket.get(keys.training_metrics("model/metrics", worker)))
+            reader.addRound("model", fname=str(file), worker=worker)
+    episodes = reader.getTraining()
+    evaluations = reader.getEvaluation()
+    assert sorted(evaluations["iteration"]) == sorted(set(episodes["iteration"]))
+    last = episodes["iteration"].max()
+    return {
+        worker: [
+            int(((episodes["worker"] == worker) & (episodes["iteration"] == iteration)).sum())
+            for iteration in range(last + 1)
+        ]
+        for worker in range(workers)
+    }
 
 
 def _episode(number: int, phase: str = "training") -> Episode:

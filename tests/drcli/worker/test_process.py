@@ -78,3 +78,17 @@ def test_whatever_ends_a_worker_leaves_last_words(job, kind):
     assert code != 0
     assert words is not None
     assert words.message == f"sim-0 failed: {kind}: why"
+
+
+def test_whatever_a_reward_function_prints_reaches_the_log_in_any_locale(job, monkeypatch):
+    for name, value in {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}.items():
+        monkeypatch.setenv(name, value)
+
+    done = subprocess.run(
+        [sys.executable, "-c", r"print('Kurve \u2192 \ud800')"],
+        env=job.to_environment(),
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+
+    assert done.stdout.decode() == "Kurve → \\ud800\n"

@@ -73,35 +73,89 @@ def test_the_checkpoint_that_is_there_is_taken_at_once(world):
     assert world.now_s == 0.0
 
 
+def learn_from(world, *learn_s: float, steps: int = 500) -> None:
+    """Checkpoints that the trainer learned so long from so many steps to make."""
+    for number, seconds in enumerate(learn_s):
+        learned = {"learn_s": seconds, "steps": steps}
+        record = world.store.save(number, steps * number, b"", counters={"learned": learned})
+        world.waiter.learn_from(record)
+
+
 def test_nobody_looks_while_the_learner_cannot_be_ready_yet(world):
-    world.publish(0)
-    world.at(10.0, lambda: world.publish(1))
-    world.waiter.wait(1, newest=0, steps=500, since_s=0.0)
-    took_s = world.now_s
-    world.looks_s.clear()
+    learn_from(world, 10.0, 10.0)
+    world.hand_in(1, "1_Step-500.ckpt")
+    world.at(20.0, lambda: world.publish(2))
 
     # Twice the steps take twice the time.
-    world.at(took_s + 20.0, lambda: world.publish(2))
-    name = world.waiter.wait(2, newest=1, steps=1000, since_s=took_s)
+    name = world.waiter.wait(2, newest=1, steps=1000, since_s=0.0)
 
     assert name.number == 2
     first, second = world.looks_s[:2]
-    assert first == took_s
-    assert second >= took_s + QUIET_SHARE * 19.0
-    assert world.now_s < took_s + 20.5
+    assert first == 0.0
+    assert second == pytest.approx(QUIET_SHARE * 20.0)
+    assert world.now_s < 20.5
+
+
+def test_where_several_workers_drive_the_learner_takes_as_much_longer(world):
+    learn_from(world, 10.0, 10.0)
+    world.waiter._workers = 4
+    world.at(10.0, lambda: world.publish(2))
+
+    world.waiter.wait(2, newest=1, steps=125, since_s=0.0)
+
+    assert world.looks_s[1] == pytest.approx(QUIET_SHARE * 10.0)
+
+
+@pytest.mark.parametrize("stalled_at", range(4))
+def test_a_stalled_trainer_is_waited_for_once(world, stalled_at):
+    """Whatever the trainer stood still for, the next checkpoints are waited for as ever."""
+    learn_s = [0.3] * 8
+    learn_s[stalled_at] = 20.0
+    world.publish(0)
+    waits_s = []
+    for number, seconds in enumerate(learn_s, start=1):
+        began_s = world.now_s
+        learned = {"learn_s": seconds, "steps": 500}
+
+        def publish(number=number, learned=learned) -> None:
+            world.store.save(number, 500 * number, b"", counters={"learned": learned})
+
+        world.at(began_s + seconds, publish)
+        name = world.waiter.wait(number, newest=number - 1, steps=500, since_s=began_s)
+        world.waiter.learn_from(world.store.record(str(name)))
+        waits_s.append(world.now_s - began_s)
+
+    del waits_s[stalled_at]
+    assert max(waits_s) < 0.5
+
+
+def test_a_learner_that_became_faster_is_not_waited_for_as_long_as_before(world):
+    learn_from(world, 10.0, 10.0, 10.0, 1.0)
+    world.at(1.0, lambda: world.publish(4))
+
+    world.waiter.wait(4, newest=3, steps=500, since_s=0.0)
+
+    assert world.now_s < 1.5
+
+
+def test_a_checkpoint_that_says_nothing_of_learning_is_no_measure(world):
+    world.waiter.learn_from(world.store.save(0, 0, b"", counters={"learned": None}))
+    world.waiter.learn_from(world.store.save(1, 0, b""))
+    world.at(1.0, lambda: world.publish(2))
+
+    world.waiter.wait(2, newest=1, steps=500, since_s=0.0)
+
+    assert world.now_s < 1.5
 
 
 def test_what_the_worker_did_meanwhile_does_not_make_it_come_late(world):
-    world.publish(0)
-    world.at(10.0, lambda: world.publish(1))
-    world.waiter.wait(1, newest=0, steps=500, since_s=0.0)
-    handed_in_s = world.now_s
-    world.at(handed_in_s + 10.0, lambda: world.publish(2))
+    learn_from(world, 10.0, 10.0)
+    world.at(10.0, lambda: world.publish(2))
 
     world.pause(8.0)  # evaluates
-    world.waiter.wait(2, newest=1, steps=500, since_s=handed_in_s)
+    world.waiter.wait(2, newest=1, steps=500, since_s=0.0)
 
-    assert world.now_s < handed_in_s + 10.5
+    assert world.now_s < 10.5
 
 
 def test_a_checkpoint_from_before_the_last_is_taken_too(world):
@@ -125,10 +179,8 @@ def test_the_end_of_an_earlier_start_does_not(world):
 
 
 def test_a_request_to_leave_is_obeyed_in_the_quiet_time_as_well(world):
-    world.publish(0)
-    world.at(100.0, lambda: world.publish(1))
-    world.waiter.wait(1, newest=0, steps=10, since_s=0.0)
-    asked_s = world.now_s + 20.0
+    learn_from(world, 100.0, 100.0, steps=10)
+    asked_s = 20.0
     world.at(asked_s, lambda: setattr(world, "stops", True))
 
     with pytest.raises(StopRequested):
@@ -152,6 +204,15 @@ def test_an_iteration_whose_rollouts_the_trainer_refuses_is_driven_again(world):
     world.publish(0)
     world.publish(1)
     world.hand_in(1, "1_Step-99.ckpt")
+
+    assert world.waiter.wait(2, newest=1, steps=10, since_s=0.0).number == 1
+
+
+def test_an_iteration_that_another_start_handed_in_over_ours_is_driven_again(world):
+    world.publish(0)
+    world.publish(1)
+    manifest = Manifest(1, 0, "1_Step-100.ckpt", "an earlier start", ())
+    world.bucket.put(keys.rollout_manifest(PREFIX, 1, 0), manifest.to_bytes())
 
     assert world.waiter.wait(2, newest=1, steps=10, since_s=0.0).number == 1
 

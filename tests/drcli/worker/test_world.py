@@ -4,7 +4,7 @@ import pytest
 
 from drcli.config import Settings, load_settings
 from drcli.errors import SettingsError
-from drcli.worker.trial import sample_params
+from drcli.worker.trial import sample_params, try_inputs
 from drcli.worker.world import load_race, race_of, randomize_of, realism_of
 from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.realism import Realism
@@ -142,3 +142,19 @@ def test_a_reward_function_is_tried_among_the_objects_of_its_race():
 
     assert {len(params["objects_location"]) for params in calls} == {4}
     assert {params["is_crashed"] for params in calls} == {True, False}
+
+
+def test_a_trial_begins_with_the_first_call_of_an_episode(settings, tmp_path):
+    keeps_state = """
+START = {}
+
+
+def reward_function(params):
+    if params["steps"] == 2:
+        START["progress"] = params["progress"]
+    return params["progress"] - START["progress"]
+"""
+    file = tmp_path / "reward_function.py"
+    file.write_text(keeps_state)
+
+    assert try_inputs(settings(), (file, "mine.py")) == []

@@ -1,0 +1,33 @@
+"""Fetches the community's tracks that a start needs and that are not here."""
+
+from drcli.config import Settings
+
+
+def bring_tracks(settings: Settings) -> None:
+    """Fetch what is missing, as DR_TRACKS_FETCH says: always, or when somebody says yes.
+
+    What is not fetched is refused later, together with everything else that is wrong.
+
+    Raises:
+        Aborted: Somebody said no.
+        SettingsError: DR_TRACKS_URL is no address, or what came is no track.
+        StorageError: The server has no such file or cannot be reached.
+    """
+    from drcli.settings.worlds import to_fetch
+
+    names = to_fetch(settings)
+    if not names or settings.tracks_fetch == "never":
+        return
+    from drcli import asking, console
+
+    asks = settings.tracks_fetch == "ask"
+    if asks and not asking.may_ask():
+        return
+    from drcli.tracks.fetch import fetch_track
+
+    for name in names:
+        if asks:
+            question = f"The track {name} is the community's and not here. Fetch it now?"
+            asking.agree(question, yes=False)
+        facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
+        console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

@@ -1,0 +1,76 @@
+"""The size of the returns, so that the critic learns numbers of one size from any reward.
+
+The idea is PopArt's (van Hasselt et al., 2016, "Learning values across many orders of magnitude"):
+targets are divided by a running size, and the last layer is rescaled whenever that changes, so that
+what the critic says stays as it is. Their mean is not taken off: with it, the shipped example
+needed twice as many steps to its first evaluation lap.
+"""
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+FOLLOW = 0.3
+"""Weight of one iteration in the running size: it has caught up with returns that grow with the
+car's skill after a few iterations, and no single one decides it."""
+
+UNITS = 5.0
+"""Size of the returns in the critic's own units. That of the shipped example's, whose rewards are
+at most 1: with 3 and with 30 units it needed more steps to its first evaluation lap."""
+
+
+class ReturnScale(nn.Module):
+    """How much reward one of the critic's own units is worth.
+
+    Both numbers are stored with the weights, so a resumed training goes on with them exactly. They
+    and all sums of rewards are of double precision: rewards times any constant then lead to the
+    very same single-precision numbers in the network, and train it alike to the byte.
+
+    Attributes:
+        scale: Reward of one unit; 0 before the first returns, so that a fresh critic expects 0
+            whatever the size of a reward. Scalar, float64.
+        weight: Sum of the weights of what the scale is a mean of, 0 to 1. Scalar, float64.
+    """
+
+    scale: Tensor
+    weight: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("scale", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("weight", torch.zeros((), dtype=torch.float64))
+        self.register_load_state_dict_pre_hook(_as_before)  # type: ignore[no-untyped-call]
+
+    def forward(self, units: Tensor) -> Tensor:
+        """From the critic's units to rewards, float64, in any shape."""
+        return units.double() * self.scale
+
+    def units(self, rewards: Tensor) -> Tensor:
+        """From rewards, float64, to the critic's units, float32, in any shape."""
+        return (rewards / torch.where(self.scale > 0.0, self.scale, 1.0)).float()
+
+    @torch.no_grad()
+    def follow(self, size: Tensor, last: Iterable[nn.Linear]) -> None:
+        """Take in an iteration, and let the critic say the same as before.
+
+        Args:
+            size: Mean size of the iteration's returns, or of what the critic said of them where
+                that was more: a scale that fell faster than the critic can learn would let its
+                outputs grow without end. Scalar, float64, finite.
+            last: Last layers of the critic, which are rescaled; those of one that has never
+                learned are left alone.
+        """
+        before = self.scale.clone()
+        self.weight.lerp_(torch.ones_like(self.weight), FOLLOW)
+        self.scale.lerp_(size / UNITS, FOLLOW / self.weight)
+        if before > 0.0 and self.scale > 0.0:
+            for layer in last:
+                layer.weight.mul_(before / self.scale)
+                layer.bias.mul_(before / self.scale)
+
+
+def _as_before(module: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object) -> None:
+    """Read checkpoints of version 0.1.0, whose critics say rewards."""
+    for name, value in (("scale", 1.0), ("weight", 0.0)):
+        tensors.setdefault(f"{prefix}{name}", torch.tensor(value, dtype=torch.float64))

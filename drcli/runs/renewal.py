@@ -1,0 +1,70 @@
+"""Keeps the lease of a running training, and notices when another one has taken it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drcli.errors import OwnershipLost
+from drcli.runs.lease import STALE_S
+from drcli.store.bucket import Bucket
+from drcli.store.ownership import Lease, elapsed_s, lost_to, read_lease, write_lease
+
+LOOK_S = 4.0
+"""How often the owner looks whose the lease is: a loser has to end within 15 seconds, of which it
+may need some to end its workers."""
+
+RENEW_S = 10.0
+"""How often it is written."""
+
+_HELD_UP_S = 5.0
+"""Longest time between reading the lease and writing it."""
+
+
+class Renewal:
+    """Renews a lease, one step at a time, until it is lost.
+
+    Args:
+        bucket: Where the lease lies; with little patience, for steps come again anyway.
+        prefix: Of the model.
+        lease: As it was taken.
+        clock: Seconds that go on while this process is stopped, for tests.
+    """
+
+    def __init__(
+        self, bucket: Bucket, prefix: str, lease: Lease, *, clock: Callable[[], float] = elapsed_s
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._lease = lease
+        self._clock = clock
+        self._written_s = self._owned_s = clock()
+        self.lost: OwnershipLost | None = None
+        """Why the training has to end; None while the prefix is its own."""
+
+    def step(self) -> None:
+        """Look whose the lease is, and write it again where it is ours and due.
+
+        Raises:
+            StorageError: The bucket does not answer; the next step may do better.
+        """
+        now_s = self._clock()
+        found = read_lease(self._bucket, self._prefix)
+        if found is not None and found.outranks(self._lease.session, self._lease.term):
+            self.lost = lost_to(self._bucket, self._prefix, found)
+            return
+        ours = found is not None and found.session == self._lease.session
+        if found is None and now_s - self._owned_s > STALE_S:
+            self.lost = OwnershipLost(
+                f"s3://{self._bucket.name}/{self._prefix} could not be reached for "
+                f"{now_s - self._owned_s:.0f} s, and it does not say any more who trains there.",
+                remedy="Look with `dr-list-models` whether the model is still there, then go on "
+                "with `dr-start-training --resume`.",
+            )
+            return
+        self._owned_s = now_s
+        if ours and now_s - self._written_s < RENEW_S:
+            return
+        if self._clock() - now_s > _HELD_UP_S:
+            return  # somebody may have taken it since it was read
+        write_lease(self._bucket, self._prefix, replace(self._lease, renewed=time.time()))
+        self._written_s = now_s

@@ -1,0 +1,137 @@
+"""How the trainer scores checkpoints by what the simulation worker evaluated."""
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from drcli.store import keys
+from drcli.store.backoff import wait_until
+from drcli.store.bucket import Bucket, ObjectMissing, get_json
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.history import History, IterationRecord
+from drcli.store.keys import CheckpointName
+from drcli.store.scores import UNFINISHED_MS, tie_break_of
+
+REMEMBERED_SCORES = 3
+"""How many of the newest iterations may still be waiting for their evaluation."""
+
+LAST_EVALUATION_S = 10.0
+"""How long the evaluation of the last checkpoint that was driven is waited for, at least."""
+
+
+class Scoring:
+    """Takes evaluations as they arrive, and decides which checkpoint is the best.
+
+    Args:
+        bucket: Where they arrive.
+        prefix: Of the model.
+        checkpoints: Told how good they are.
+        history: The same, for the learning curve.
+        metric: DR_TRAIN_BEST_MODEL_METRIC.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        checkpoints: CheckpointStore,
+        history: History,
+        metric: str,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._checkpoints = checkpoints
+        self._history = history
+        self._metric = metric
+        self._expected: set[int] = set()
+        self._ahead: int | None = None
+
+    def restore(self, records: Iterable[IterationRecord]) -> None:
+        """Expect the evaluations of the newest iterations that have none yet."""
+        newest = list(records)[-REMEMBERED_SCORES:]
+        self._expected = {r.iteration for r in newest if not r.evaluation_progress}
+
+    def expect(self, iteration: int, evaluates: int | None) -> None:
+        """Note that an iteration was learned from.
+
+        Args:
+            iteration: Its number.
+            evaluates: Number of the checkpoint that is evaluated beside it, None without one.
+        """
+        if evaluates is not None:
+            self._expected.add(evaluates)
+        if self._ahead == iteration:
+            self._expected.add(iteration)  # there is a record now that its evaluation belongs to
+        self._expected = {n for n in self._expected if n > iteration - REMEMBERED_SCORES}
+
+    def score(self, newest: CheckpointName) -> None:
+        """Take note of evaluations that have arrived, and of the best checkpoint.
+
+        Args:
+            newest: Named in the log beside it.
+        """
+        for iteration in sorted(self._expected):
+            with suppress(ObjectMissing):
+                result = self._result(iteration)
+                self._expected.discard(iteration)
+                self._history.add_evaluation(iteration, result["progress"], result["lap_s"])
+                self._compare(result, newest)
+
+    def score_all(self, newest: CheckpointName) -> None:
+        """Score the newest checkpoint, too, whose iteration nobody has learned from yet.
+
+        It is done where a trainer leaves, so that nothing that was driven is lost, and where one
+        begins, for what arrived while there was none.
+        """
+        self.score(newest)
+        with suppress(ObjectMissing):
+            result = self._result(newest.number)
+            if result["checkpoint"] == str(newest):
+                self._ahead = newest.number
+                self._compare(result, newest)
+
+    def wait(self, evaluates: int, patience_s: float, should_stop: Callable[[], bool]) -> None:
+        """Wait for the evaluation that is being driven beside the last iteration.
+
+        Args:
+            evaluates: Number of its checkpoint.
+            patience_s: How long the iteration took; the evaluation takes about as long, and a
+                worker that died sends none.
+            should_stop: Ends the wait.
+        """
+        self._expected.add(evaluates)
+        key = keys.evaluation_result(self._prefix, evaluates)
+        wait_until(
+            lambda: should_stop() or self._bucket.exists(key),
+            patience_s=max(LAST_EVALUATION_S, patience_s),
+            first_s=0.1,
+        )
+
+    def _result(self, iteration: int) -> dict[str, Any]:
+        result: dict[str, Any] = get_json(
+            self._bucket, keys.evaluation_result(self._prefix, iteration)
+        )
+        return result
+
+    def _compare(self, result: dict[str, Any], newest: CheckpointName) -> None:
+        """Let an evaluated checkpoint be the best one, if it is."""
+        self._checkpoints.record_evaluation(
+            result["checkpoint"],
+            metric_of(self._metric, result),
+            lower_is_better=self._metric == "laptime",
+            tie_break=tie_break_of(self._metric, result["progress"], result["lap_s"]),
+        )
+        best = CheckpointName.parse(self._checkpoints.best_name() or "")
+        if best is not None:
+            print(f"Best checkpoint number: {best.number}, Last checkpoint number: {newest.number}")
+
+
+def metric_of(metric: str, result: dict[str, list[float]]) -> float:
+    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
+    if metric != "laptime":
+        return float(np.mean(result[metric]))
+    unfinished = len(result["progress"]) - len(result["lap_s"])
+    times_ms = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
+    return float(np.mean(times_ms))

@@ -1,0 +1,39 @@
+"""Processes are known again by their command line, in any locale."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+ASKING = """
+import sys
+from drcli.store.process import is_running
+
+print(is_running(int(sys.argv[1]), sys.argv[2]))
+"""
+
+
+@pytest.fixture
+def sleeper(tmp_path):
+    """A process that was started for a folder with an umlaut."""
+    mark = str(tmp_path / "Müllers Wagen")
+    process = subprocess.Popen([sys.executable, "-c", "input()", mark], stdin=subprocess.PIPE)
+    yield process.pid, mark
+    process.kill()
+    process.communicate()
+
+
+@pytest.mark.parametrize("utf8", ["0", "1"])
+def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, utf8):
+    pid, mark = sleeper
+
+    answer = subprocess.run(
+        [sys.executable, "-c", ASKING, str(pid), mark],
+        env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": utf8},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert answer.stdout == "True\n"

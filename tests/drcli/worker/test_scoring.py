@@ -1,0 +1,139 @@
+"""Evaluations decide which checkpoint is the best, whenever they arrive."""
+
+import pytest
+
+from drcli.store import keys
+from drcli.store.bucket import put_json
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.history import History, IterationRecord
+from drcli.store.keys import CheckpointName
+from drcli.store.memory import MemoryBucket
+from drcli.worker import scoring
+from drcli.worker.scoring import Scoring
+
+PREFIX = "model"
+
+
+class Model:
+    """A model with some checkpoints, of which the trainer has learned from all but the last."""
+
+    def __init__(self, checkpoints: int) -> None:
+        self.bucket = MemoryBucket()
+        self.store = CheckpointStore(self.bucket, PREFIX)
+        self.history = History(self.bucket, PREFIX)
+        for number in range(checkpoints):
+            self.store.save(number, 100 * number, b"weights")
+            if number:
+                self.history.add(record(number - 1))
+        self.newest = CheckpointName(checkpoints - 1, 100 * (checkpoints - 1))
+        self.scoring = self.new_scoring()
+
+    def new_scoring(self) -> Scoring:
+        return Scoring(self.bucket, PREFIX, self.store, self.history, "progress")
+
+    def evaluate(self, number: int, progress: float, name: str = "") -> None:
+        result = {
+            "checkpoint": name or f"{number}_Step-{100 * number}.ckpt",
+            "progress": [progress] * 5,
+            "reward": [1.0] * 5,
+            "lap_s": [10.0] * 5 if progress == 100.0 else [],
+        }
+        put_json(self.bucket, keys.evaluation_result(PREFIX, number), result)
+
+    @property
+    def best(self) -> str | None:
+        return self.store.best_name()
+
+    def progress_of(self, iteration: int) -> list[float]:
+        return self.history.records[iteration].evaluation_progress
+
+
+def record(number: int) -> IterationRecord:
+    numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
+    values = {**numbers, "iteration": number, "checkpoint": "", "best_lap_s": None}
+    return IterationRecord(**{**values, "evaluation_progress": [], "evaluation_lap_s": []})
+
+
+@pytest.fixture
+def model() -> Model:
+    return Model(4)
+
+
+def test_what_was_evaluated_is_scored_before_the_trainer_leaves(model):
+    model.scoring.expect(2, 1)
+    model.evaluate(1, 50.0)
+    model.scoring.score(model.newest)
+    assert model.best.startswith("1_")
+    model.evaluate(3, 100.0)  # whose training episodes were still being driven
+
+    model.scoring.score_all(model.newest)
+
+    assert model.best == str(model.newest)
+
+
+def test_its_learning_curve_gets_the_evaluation_once_there_is_a_record_for_it(model):
+    model.evaluate(3, 100.0)
+    model.scoring.score_all(model.newest)
+    model.history.add(record(3))
+
+    model.scoring.expect(3, None)
+    model.scoring.score(CheckpointName(4, 400))
+
+    assert model.progress_of(3) == [100.0] * 5
+
+
+def test_an_evaluation_that_arrived_while_no_trainer_lived_is_scored(model):
+    model.evaluate(2, 70.0)
+    model.evaluate(3, 60.0)
+
+    after = model.new_scoring()
+    after.restore(model.history.records)
+    after.score_all(model.newest)
+
+    assert model.best.startswith("2_")
+    assert model.progress_of(2) == [70.0] * 5
+
+
+def test_an_evaluation_of_another_checkpoint_with_that_number_counts_for_nothing(model):
+    model.evaluate(3, 100.0, name="3_Step-999.ckpt")
+    before = model.best
+
+    model.scoring.score_all(model.newest)
+
+    assert model.best == before
+
+
+def test_evaluations_that_never_come_are_not_looked_for_for_ever(model):
+    model.scoring.restore(model.history.records)
+    for iteration in range(3, 8):
+        model.scoring.expect(iteration, None)
+    looked_for = []
+    model.bucket.get = lambda key: looked_for.append(key)
+
+    model.scoring.score(model.newest)
+
+    assert looked_for == []
+
+
+def test_the_last_evaluation_is_waited_for_while_it_is_being_driven(model, monkeypatch):
+    looks = []
+
+    def should_stop() -> bool:
+        looks.append(None)
+        if len(looks) == 3:
+            model.evaluate(2, 100.0)
+        return False
+
+    monkeypatch.setattr(scoring, "LAST_EVALUATION_S", 30.0)
+    model.scoring.wait(2, 0.0, should_stop)
+    model.scoring.score(model.newest)
+
+    assert len(looks) == 3
+    assert model.best.startswith("2_")
+
+
+def test_a_request_to_leave_ends_that_wait(model):
+    model.scoring.wait(2, 1000.0, lambda: True)
+    model.scoring.score(model.newest)
+
+    assert model.progress_of(2) == []
