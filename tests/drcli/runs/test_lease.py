@@ -136,3 +136,29 @@ def test_a_note_whose_time_is_no_number_is_stale(bucket):
     bucket.put(keys.lease("model"), json.dumps(note).encode())
 
     assert lease.holder(bucket, "model") is None
+
+
+@pytest.mark.parametrize("field", ["session", "host", "pid", "term", "pid_started", "released"])
+@pytest.mark.parametrize("value", [None, [], {}])
+def test_a_note_with_something_else_in_a_field_is_none(bucket, field, value):
+    lease.take(bucket, "model", "theirs")
+    note = json.loads(bucket.get(keys.lease("model")))
+    bucket.put(keys.lease("model"), json.dumps({**note, field: value}).encode())
+
+    assert read_lease(bucket, "model") is None
+
+
+def test_what_a_later_version_adds_to_a_note_leaves_it_valid(bucket):
+    lease.take(bucket, "model", "theirs")
+    note = json.loads(bucket.get(keys.lease("model")))
+    bucket.put(keys.lease("model"), json.dumps({**note, "room": "kitchen"}).encode())
+
+    assert lease.holder(bucket, "model").session == "theirs"
+
+
+def test_a_note_of_an_older_version_counts(bucket):
+    note = {"session": "theirs", "host": "elsewhere", "pid": 1, "renewed": time.time()}
+    bucket.put(keys.lease("model"), json.dumps(note).encode())
+
+    with pytest.raises(SettingsError, match="trained by process 1 on elsewhere"):
+        lease.refuse_other_owner(bucket, "model", "ours")
