@@ -118,7 +118,9 @@ class Hearing:
         """What is known of a function that ended the process it was called in."""
         faults = Path(self._folder.name) / FAULTS_FILE
         trace = faults.read_text("utf-8", "replace") if faults.is_file() else ""
-        found = re.search(rf'"{re.escape(str(self._copy))}", line (\d+)', trace)
+        # Python's own fault handler writes ASCII alone.
+        name = str(self._copy).encode("ascii", "backslashreplace").decode()
+        found = re.search(rf'"{re.escape(name)}", line (\d+)', trace)
         line = int(found.group(1)) if found else None
         if code is None or trace.startswith(HANGS):
             kind, what = "endless", "a call never returns and cannot be interrupted"

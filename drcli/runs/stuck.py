@@ -15,6 +15,7 @@ WHY = "one operation took far longer than a call may, and Python cannot interrup
 
 _TAIL_BYTES = 20_000
 _THREAD = re.compile(r"^(?:Current thread|Thread) 0x", re.MULTILINE)
+_ESCAPED = re.compile(r"\\x([0-9a-f]{2})|\\u([0-9a-f]{4})|\\U([0-9a-f]{8})")
 _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) in')
 
 
@@ -28,8 +29,13 @@ def stuck_place(text: str) -> tuple[Path | None, int]:
     for stack in reversed(_THREAD.split(text)):
         found = _PLACE.search(stack)
         if found:
-            return Path(found[1]), int(found[2])
+            return Path(_ESCAPED.sub(_letter, found[1])), int(found[2])
     return None, 0
+
+
+def _letter(escaped: re.Match[str]) -> str:
+    """What Python's fault handler, which writes ASCII alone, has written in numbers."""
+    return chr(int(next(filter(None, escaped.groups())), 16))
 
 
 def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:

@@ -1,5 +1,6 @@
 """Racers' code in a process of its own: whatever it does, the command lives on."""
 
+import tempfile
 import time
 from pathlib import Path
 
@@ -66,6 +67,15 @@ def test_code_that_ends_crashes_or_hangs_is_found_out_with_its_line(begin):
     ]
     assert failures[0][0].source == "os._exit(3)"
     assert "exit code 3" in failures[0][0].what
+
+
+def test_the_line_is_found_below_a_temporary_folder_with_an_umlaut(begin, tmp_path, monkeypatch):
+    (tmp_path / "für 赛道").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "für 赛道"))
+
+    [failure] = begin(ENDS).statement().failures
+
+    assert (failure.kind, failure.line) == ("ends", 3)
 
 
 def test_the_timer_that_ends_workers_leaves_a_hearing_alone(begin):

@@ -1,5 +1,6 @@
 """Where the racer's three files are found."""
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -22,4 +23,4 @@ def test_a_file_that_may_not_be_read_is_named(racer, monkeypatch, look):
         find(settings, racer.folder, None)
 
     path = racer.folder / "custom_files" / "reward_function.py"
-    assert f"`chmod u+r {path}`" in refusal.value.remedy
+    assert f"`chmod u+r {shlex.quote(str(path))}`" in refusal.value.remedy
