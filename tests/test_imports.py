@@ -31,7 +31,13 @@ FORBIDDEN = {
 OURS = {
     "drsim": {"drsim"},
     "drcli.learn": {"drcli.learn"},
-    "drcli.store": {"drcli.store", "drcli.config", "drcli.errors", "drcli.waits"},
+    "drcli.store": {
+        "drcli.store",
+        "drcli.config",
+        "drcli.errors",
+        "drcli.jsonrecord",
+        "drcli.waits",
+    },
     "drcli.worker": {
         "drcli.worker",
         "drcli.learn",
@@ -53,10 +59,12 @@ OURS = {
         "drcli.envfile",
         "drcli.findings",
         "drcli.job",
+        "drcli.jsonrecord",
         "drcli.hyperparameters",
         "drcli.model_metadata",
         "drcli.rewriting",
         "drcli.validate",
+        "drcli.waits",
     },
     "drcli.reward": {
         "drcli.reward",

@@ -15,6 +15,7 @@ from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.design import Design
 from drcli.runs.inputs import Inputs, find, upload_custom_files
+from drcli.runs.mending import mend_all, model_of
 from drcli.runs.note import read_note, take_note, write_note
 from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
@@ -110,7 +111,9 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
+    mended = mend_all(model_of(settings, bucket, prefix)) if options.resume else []
     before = read_note(bucket, prefix) if options.resume else None
+    going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
         settings=settings,
         directory=directory,
@@ -130,7 +133,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     refuse(examined.violations)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     _, odd = by_severity(examined.violations)
-    warnings = [*settings.warnings, *(item.sentence for item in odd if item.rule not in UNTOLD)]
+    untold = (item.sentence for item in odd if item.rule not in UNTOLD)
+    warnings = [*mended, *passed_over, *settings.warnings, *untold]
 
     source = transfer.source if transfer is not None else None
     with _taken(job, bucket, options):
@@ -142,8 +146,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
-    resumes = str(newest) if options.resume else None
-    return RunPlan(job, inputs, warnings, resumes, source, wiping)
+    return RunPlan(job, inputs, warnings, going_on, source, wiping)
 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
@@ -203,6 +206,26 @@ def _resumed(settings: Settings) -> Settings:
         hyperparameters_key=keys.hyperparameters(prefix),
         model_metadata_key=keys.model_metadata(prefix),
     )
+
+
+def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
+    """The checkpoint that a trainer goes on from, and sentences about newer ones that are damaged.
+
+    Raises:
+        StorageError: None is whole.
+    """
+    found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
+    if found is None:
+        return None, []
+    name = found.record.name
+    told = [f"Checkpoint {why} The training goes on from {name}." for why in found.damaged]
+    if found.record.optimizer is not None and found.optimizer is None:
+        key = keys.checkpoint_optimizer(prefix, name)
+        told.append(
+            f"{bucket.name}/{key} is missing or damaged: the optimizer starts afresh, which costs "
+            "a few iterations."
+        )
+    return name, told
 
 
 def _freeze(

@@ -24,12 +24,13 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.store.traces import STATUS_LABELS
 from drcli.worker import announce, process
 from drcli.worker.cores import cores
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.process import Lifeline
-from drcli.worker.trace import STATUS_LABELS, Episode, csv_text, log_lines, schedule
+from drcli.worker.trace import Episode, csv_text, log_lines, schedule
 from drcli.worker.world import (
     actions_of,
     load_race,

@@ -1,19 +1,20 @@
 """TrainingMetrics.json of one simulation worker, which goes on where an earlier process left it."""
 
 import contextlib
-import json
 from collections.abc import Sequence
 from typing import Any
 
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.training_metrics import read_records, write_records
 from drcli.worker.trace import Episode, training_record
-
-VERSION = 2.0
-"""Version of the file's format. Source: the reference simulator."""
 
 
 class TrainingMetrics:
-    """All episodes a worker has driven, in the order in which they lie on its clock."""
+    """All episodes a worker has driven, in the order in which they lie on its clock.
+
+    Raises:
+        ObjectDamaged: What is there is something else.
+    """
 
     def __init__(self, bucket: Bucket, key: str, best_model_metric: str) -> None:
         self._bucket = bucket
@@ -21,7 +22,7 @@ class TrainingMetrics:
         self._best_model_metric = best_model_metric
         self._records: list[dict[str, Any]] = []
         with contextlib.suppress(ObjectMissing):
-            self._records = json.loads(bucket.get(key))["metrics"]
+            self._records = read_records(bucket, key)
 
     @property
     def clock_s(self) -> float:
@@ -51,9 +52,4 @@ class TrainingMetrics:
         ]
         if not self._records:
             return
-        file = {
-            "metrics": self._records,
-            "version": VERSION,
-            "best_model_metric": self._best_model_metric,
-        }
-        self._bucket.put(self._key, json.dumps(file).encode())
+        write_records(self._bucket, self._key, self._records, self._best_model_metric)

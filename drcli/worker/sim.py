@@ -3,7 +3,6 @@
 Run by the supervisor as `python -m drcli.worker.sim K`, K counting the workers from 0.
 """
 
-import json
 import os
 import sys
 import time
@@ -23,6 +22,8 @@ from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.episodes import Episodes
+from drcli.store.evaluations import EvaluationResult, write_evaluation
+from drcli.store.mending import Model, mend_metrics
 from drcli.store.rollouts import RolloutWriter
 from drcli.worker import announce, process
 from drcli.worker.cores import cores, driving_threads, overlaps
@@ -103,6 +104,15 @@ class SimWorker:
             randomize=randomize_of(s),
         )
         self._driver = Driver(simulation, [Pilot(SideBySide(self._model, threads), actions)], seed)
+        own = Model(
+            self._bucket,
+            self._prefix,
+            s.metrics_prefix,
+            s.train_best_model_metric,
+            workers=(worker,),
+        )
+        for sentence in mend_metrics(own):
+            print(f"Model> {sentence}")
         self._metrics = TrainingMetrics(
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
@@ -282,16 +292,14 @@ class SimWorker:
     ) -> None:
         schedule(episodes, self._metrics.clock_s)
         self._metrics.add([], episodes)
-        result = {
-            "checkpoint": str(name),
-            "progress": [float(e.progress) for e in episodes],
-            "reward": [float(e.reward) for e in episodes],
-            "lap_s": [float(e.duration_s) for e in episodes if e.completed],
-            "clock_s": self._metrics.clock_s,
-        }
-        self._bucket.put(
-            keys.evaluation_result(self._prefix, name.number), json.dumps(result).encode()
+        result = EvaluationResult(
+            checkpoint=str(name),
+            progress=[float(e.progress) for e in episodes],
+            reward=[float(e.reward) for e in episodes],
+            lap_s=[float(e.duration_s) for e in episodes if e.completed],
+            clock_s=self._metrics.clock_s,
         )
+        write_evaluation(self._bucket, self._prefix, name.number, result)
         print(
             announce.evaluation_lines(
                 list(episodes), self._share.worker, last_episode, self._total_steps, name.number

@@ -9,22 +9,25 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from drcli.errors import TrainingFailed
+from drcli.errors import SettingsError, TrainingFailed
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
-from drcli.store.bucket import ObjectMissing, get_json
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.bucket import ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
 from drcli.store.collection import RolloutReader
 from drcli.store.connect import open_bucket
+from drcli.store.evaluations import read_evaluation
 from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.scores import UNFINISHED_MS, tie_break_of
+from drcli.store.mending import Model, mend, set_aside
+from drcli.store.scores import metric_of, tie_break_of
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
@@ -52,14 +55,25 @@ class Trainer:
         self._bucket = open_bucket(s, job.directory)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
+        model = Model(
+            self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
+        )
+        for sentence in mend(model):
+            print(f"Model> {sentence}")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
+        files = {
+            keys.HYPERPARAMETERS_FILE: self._bucket.get(keys.hyperparameters(self._prefix)),
+            keys.MODEL_METADATA_FILE: self._bucket.get(keys.model_metadata(self._prefix)),
+        }
         parameters = Hyperparameters.from_bytes(
-            self._bucket.get(keys.hyperparameters(self._prefix)), "hyperparameters.json"
+            files[keys.HYPERPARAMETERS_FILE], keys.HYPERPARAMETERS_FILE
         )
         metadata = ModelMetadata.from_bytes(
-            self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
+            files[keys.MODEL_METADATA_FILE], keys.MODEL_METADATA_FILE
         )
+        # Each checkpoint carries what a model cannot be gone on with where it is lost.
+        self._inputs = {name: data.decode("utf-8-sig") for name, data in files.items()}
         print("Using the following hyper-parameters")
         print(parameters.canonical_json(metadata.training_algorithm))
         spec = policy_spec(metadata, parameters)
@@ -109,15 +123,15 @@ class Trainer:
             return
         for damage in found.damaged:
             print(f"Checkpoint> Passed over {damage}")
-        self._learner.model.load_state_dict(load_tensors(found.tensors))
+        self._load(found)
         if found.optimizer is None:
             print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
         else:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
         self._number, self._steps = record.number, record.steps
-        self._episodes = int(record.counters["episodes"])
-        self._elapsed_before_s = float(record.counters["elapsed_s"])
+        self._episodes = int(record.counters.get("episodes", 0))
+        self._elapsed_before_s = float(record.counters.get("elapsed_s", 0.0))
         self._history.restore(self._number, record.counters.get("learned"))
         self._unscored = {
             r.iteration
@@ -127,6 +141,23 @@ class Trainer:
         self._checkpoints.point_to(record)
         print(f"Checkpoint> Restoring from path={record.name}")
         self._recall()
+
+    def _load(self, found: Checkpoint) -> None:
+        """Take up the weights of a checkpoint.
+
+        Raises:
+            SettingsError: They are of another network than the parameter files describe.
+        """
+        try:
+            self._learner.model.load_state_dict(load_tensors(found.tensors))
+        except (RuntimeError, SafetensorError) as error:
+            what = str(error).strip().splitlines()[-1].strip()
+            raise SettingsError(
+                f"The weights of {found.record.name} do not fit model_metadata.json and "
+                f"hyperparameters.json: {what}",
+                remedy="Bring back the files that the model was trained with, or start anew with "
+                "-w.",
+            ) from None
 
     def _recall(self) -> None:
         """Give a learner with a memory the rollouts it had learned from already."""
@@ -275,6 +306,8 @@ class Trainer:
                 "episodes": self._episodes,
                 "elapsed_s": self._elapsed_s(),
                 "learned": None if learned is None else fields_of(learned),
+                "seed": self._job.seed,
+                "inputs": self._inputs,
             },
         )
         print(f"Checkpoint> Saving in path=['{record.name}']")
@@ -293,19 +326,24 @@ class Trainer:
     def _score(self) -> None:
         """Take note of evaluations that have arrived, and of the best checkpoint."""
         for iteration in sorted(self._unscored):
-            key = keys.evaluation_result(self._prefix, iteration)
             try:
-                result = get_json(self._bucket, key)
+                result = read_evaluation(self._bucket, self._prefix, iteration)
             except ObjectMissing:
                 continue
+            except ObjectDamaged as error:
+                self._unscored.discard(iteration)
+                key = keys.evaluation_result(self._prefix, iteration)
+                kept = set_aside(self._bucket, self._prefix, key)
+                print(f"Checkpoint> {error} It is not scored; the damaged one is kept as {kept}.")
+                continue
             self._unscored.discard(iteration)
-            self._history.add_evaluation(iteration, result["progress"], result["lap_s"])
+            self._history.add_evaluation(iteration, result.progress, result.lap_s)
             metric = self._settings.train_best_model_metric
             self._checkpoints.record_evaluation(
-                result["checkpoint"],
-                metric_of(metric, result),
+                result.checkpoint,
+                metric_of(metric, result.columns),
                 lower_is_better=metric == "laptime",
-                tie_break=tie_break_of(metric, result["progress"], result["lap_s"]),
+                tie_break=tie_break_of(metric, result.progress, result.lap_s),
             )
             best = keys.CheckpointName.parse(self._checkpoints.best_name() or "")
             if best is not None:
@@ -338,15 +376,6 @@ class Trainer:
 
 def _print_epoch(stats: EpochStats) -> None:
     print(announce.epoch_line(stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr))
-
-
-def metric_of(metric: str, result: dict[str, list[float]]) -> float:
-    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
-    if metric != "laptime":
-        return float(np.mean(result[metric]))
-    unfinished = len(result["progress"]) - len(result["lap_s"])
-    times_ms = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
-    return float(np.mean(times_ms))
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:

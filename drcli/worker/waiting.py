@@ -1,11 +1,10 @@
 """How a simulation worker waits for the trainer."""
 
-import json
 import time
 from collections.abc import Callable
 
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.rollouts import find_manifest
 from drcli.worker.process import StopRequested
@@ -92,7 +91,7 @@ class CheckpointWaiter:
         quiet_until = since_s + QUIET_SHARE * self._s_per_step * steps
         while True:
             self._obey()
-            name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
+            name = self._checkpoints.pointed()
             found = name is not None and (name.number >= number or name.number < newest)
             if found or self._clock() - looked_for_end > FINISHED_EVERY_S:
                 # After the name: a trainer that ends marks the end before its last checkpoint.
@@ -120,7 +119,7 @@ class CheckpointWaiter:
         if manifest is not None and manifest.checkpoint in self._checkpoints.drivers(newest):
             return False
         # A trainer that has just learned from them, or ended, may have deleted them.
-        return self._checkpoints.latest_name() == str(newest) and not self._finished()
+        return self._checkpoints.pointed() == newest and not self._finished()
 
     def _obey(self) -> None:
         if self._should_stop():
@@ -128,7 +127,7 @@ class CheckpointWaiter:
 
     def _finished(self) -> bool:
         try:
-            mark = json.loads(self._bucket.get(self._end))
-        except ObjectMissing:
+            mark = get_json(self._bucket, self._end)
+        except (ObjectMissing, ObjectDamaged):  # the supervisor tells of the end, too
             return False
-        return bool(mark["session"] == self._session)
+        return isinstance(mark, dict) and mark.get("session") == self._session

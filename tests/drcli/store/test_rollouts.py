@@ -101,7 +101,7 @@ def test_a_manifest_comes_back_from_its_bytes(memory):
 def test_other_bytes_are_no_manifest(memory, data):
     memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
 
-    with pytest.raises(ObjectDamaged, match="is no manifest"):
+    with pytest.raises(ObjectDamaged, match="is damaged"):
         Manifest.from_bytes(data)
     assert find_manifest(memory, PREFIX, 3, 0) is None
 
