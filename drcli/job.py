@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import DrError, NoAnswer
+from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
 
 VARIABLE = "DRCLI_JOB"
@@ -115,8 +116,8 @@ class LastWords:
     def find(folder: Path, name: str) -> "LastWords | None":
         """What the worker of that name wrote down; None where nothing can be read."""
         try:
-            return LastWords(**read_json(_last_words(folder, name)))
-        except TypeError:  # there is no such file, or something else in it
+            return built(LastWords, read_json(_last_words(folder, name)))
+        except Misfit:  # there is no such file, or something else in it
             return None
 
     @staticmethod

@@ -10,9 +10,9 @@ import socket
 import time
 from dataclasses import asdict, dataclass
 
-import psutil
-
 from drcli.errors import SettingsError
+from drcli.jsonrecord import Misfit, built, parsed
+from drcli.runs.record import exists
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -40,9 +40,9 @@ class Lease:
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
     """Who trains on the prefix now, or None; a note that says nothing is as good as a stale one."""
     try:
-        lease = Lease(**json.loads(bucket.get(keys.lease(prefix))))
+        lease = built(Lease, parsed(bucket.get(keys.lease(prefix))))
         return lease if time.time() - lease.renewed < STALE_S else None
-    except (ObjectMissing, ValueError, TypeError):
+    except (ObjectMissing, Misfit):
         return None
 
 
@@ -70,7 +70,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
 
 def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still be at work: on this machine we can look, elsewhere we believe."""
-    return lease.host != socket.gethostname() or psutil.pid_exists(lease.pid)
+    return lease.host != socket.gethostname() or exists(lease.pid)
 
 
 def renew(bucket: Bucket, prefix: str, session: str) -> None:

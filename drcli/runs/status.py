@@ -6,7 +6,7 @@ from drcli.config import Settings
 from drcli.errors import StorageError
 from drcli.runs.logs import log_file
 from drcli.runs.mending import model_of
-from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
+from drcli.runs.record import LIVE_STATES, RunRecord, exists, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
@@ -58,7 +58,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         WorkerReport(
             name=worker.name,
             pid=worker.pid,
-            alive=running and worker.pid is not None and _exists(worker.pid),
+            alive=running and worker.pid is not None and exists(worker.pid),
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
             log=str(log_file(settings, directory, worker.name)),
@@ -86,12 +86,6 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         warning=health.collapse(history, best.name if best is not None else None) or "",
         damaged=damaged,
     )
-
-
-def _exists(pid: int) -> bool:
-    import psutil  # loaded here, because a run that is over needs no such look
-
-    return psutil.pid_exists(pid)
 
 
 def _report(score: Score) -> CheckpointReport:

@@ -202,6 +202,11 @@ class Fetcher:
 
 def _load(store: CheckpointStore, name: str, source: str) -> None:
     try:
+        store.record(name)
+    except ObjectDamaged as e:
+        waits.warn(f"{e} The copy gets another one, worked out from the weights.")
+        return
+    try:
         store.load(name)
     except ObjectDamaged as e:
         raise ObjectDamaged(

@@ -4,11 +4,14 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from safetensors.numpy import save
 
 from drcli.config import Settings, load_settings
 from drcli.errors import DrError
@@ -19,8 +22,9 @@ from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.runs.record import RunRecord, run_folder
 from drcli.runs.status import inspect
 from drcli.store import keys
-from drcli.store.bucket import Watch
+from drcli.store.bucket import Watch, put_json
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.fingerprint import Fingerprint
 from drcli.store.history import read_history
 from drcli.store.memory import MemoryBucket
 from drcli.store.rebuilding import whole_checkpoints
@@ -29,6 +33,7 @@ from drcli.store.training_metrics import read_records
 from drcli.transfer.download import DownloadOptions, download, plan_download
 from drcli.transfer.listing import list_models
 from drcli.transfer.upload import UploadOptions, plan_upload, upload
+from drcli.worker.process import StopRequested
 from drcli.worker.sim import SimWorker
 from drcli.worker.train import Trainer
 
@@ -44,11 +49,19 @@ DR_TRAIN_SEED=7
 """
 
 
-class Endless:
-    """The lifeline of a worker that nobody asks to leave."""
+class UntilFailure:
+    """The lifeline of workers that leave when one of them has failed.
+
+    Attributes:
+        failures: Of the trainer.
+    """
+
+    def __init__(self) -> None:
+        self.failures: list[BaseException] = []
+        self._deadline_s = time.monotonic() + 60.0
 
     def should_stop(self) -> bool:
-        return False
+        return bool(self.failures) or time.monotonic() > self._deadline_s
 
 
 class ProbedBucket(MemoryBucket):
@@ -121,21 +134,37 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> ProbedBucket:
     with pytest.MonkeyPatch.context() as patch:
         world = World(folder, patch, ProbedBucket("bucket"))
         job = world.planned().job
-        failures: list[BaseException] = []
+        lifeline: Any = UntilFailure()
 
         def learn() -> None:
             try:
-                Trainer(job, Endless()).run()  # type: ignore[arg-type]
+                Trainer(job, lifeline).run()
             except BaseException as error:
-                failures.append(error)
+                lifeline.failures.append(error)
 
         learner = threading.Thread(target=learn, daemon=True)
         learner.start()
-        SimWorker(job, Endless(), 0).run()  # type: ignore[arg-type]
+        with suppress(StopRequested):
+            SimWorker(job, lifeline, 0).run()
         learner.join(60)
-        assert failures == []
+        assert lifeline.failures == []
         lease.renew(world.here, PREFIX, job.session)
+    shrink(world.here)
     return world.here
+
+
+def shrink(bucket: MemoryBucket) -> None:
+    """Give the checkpoints small weights, which are quick to compare."""
+    for name in map(str, whole_checkpoints(bucket, PREFIX)):
+        record = CheckpointStore(bucket, PREFIX).record(name)
+        small = save({"weights": np.zeros(record.number + 1, np.float32)})
+        bucket.put(keys.checkpoint_tensors(PREFIX, name), small)
+        optimizer = None
+        if record.optimizer is not None:
+            optimizer = Fingerprint.of(small)
+            bucket.put(keys.checkpoint_optimizer(PREFIX, name), small)
+        record = replace(record, tensors=Fingerprint.of(small), optimizer=optimizer)
+        put_json(bucket, keys.checkpoint_record(PREFIX, name), asdict(record))
 
 
 @pytest.fixture
@@ -196,7 +225,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
     "numbers": lambda data: _with_leaves(data, 1e300),
     "NaN": lambda data: _with_leaves(data, float("nan")),
     "lists": lambda data: _with_leaves(data, [[]]),
-    "brackets": lambda data: b"[" * 100_000,
+    "brackets": lambda data: b"[" * 10_000,
     "digits": lambda data: b"9" * 10_000,
 }
 
@@ -241,10 +270,19 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
     assert plan.resumes == CheckpointStore(world.here, PREFIX).latest_name()
     assert plan.job.seed == 7
     assert_whole(world.here)
-    if name not in ("finished", "parameters"):
+    if is_told(name, damage):
         assert [sentence for sentence in plan.warnings if key in sentence], plan.warnings
         [kept] = [info.key for info in world.here.list(f"runs/{PREFIX}/damaged/")]
         assert not kept.endswith((".json", ".py", ".coach_checkpoint"))
+
+
+def is_told(name: str, damage: str) -> bool:
+    """Whether whoever mends a model needs the object, so that its damage is worth a word."""
+    if name in ("lease", "trainer"):
+        return damage in ("empty", "cut short", "a list")
+    if (name, damage) == ("hyperparameters", "no keys"):
+        return False  # that is a file with nothing but defaults
+    return name not in ("finished", "parameters")
 
 
 def assert_whole(bucket: MemoryBucket) -> None:
@@ -311,7 +349,7 @@ def increment(world: World) -> list[str]:
 READERS = {
     "status": (status, {"index", "history"}),
     "evaluate": (evaluate, set(OBJECTS) - {"finished", "parameters"}),
-    "upload": (upload_model, set(OBJECTS) - {"finished"}),
+    "upload": (upload_model, set(OBJECTS) - {"finished", "parameters"}),
     "download": (download_model, {"index", "pointer"}),
     "list": (list_all, {"index"}),
     "increment": (increment, set(OBJECTS) - {"finished", "parameters"}),
@@ -334,6 +372,6 @@ def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
         except DrError as error:
             pytest.fail(f"{damage}: {error} {error.remedy}")
 
-        if name in tells:
+        if name in tells and is_told(name, damage):
             end = key.removeprefix(f"{PREFIX}/")
             assert any(end in sentence for sentence in said), (damage, said)
