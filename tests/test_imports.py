@@ -37,6 +37,7 @@ OURS = {
         "drcli.errors",
         "drcli.jsonrecord",
         "drcli.waits",
+        "drcli.withheld",
     },
     "drcli.worker": {
         "drcli.worker",
@@ -48,6 +49,7 @@ OURS = {
         "drcli.hyperparameters",
         "drcli.model_metadata",
         "drcli.validate.report",
+        "drcli.signalguard",
         "drsim",
     },
     "drcli.tracks": {"drcli.tracks", "drcli.config", "drcli.errors", "drcli.__version__", "drsim"},
@@ -75,6 +77,8 @@ OURS = {
         "drcli.errors",
         "drcli.findings",
         "drcli.rewriting",
+        "drcli.signalguard",
+        "drcli.withheld",
         "drsim",
     },
     "drcli.validate": {

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from safetensors.torch import load as load_tensors
 
+from drcli import signalguard
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
@@ -250,6 +251,7 @@ def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], No
     """The evaluation, to be run as a process."""
 
     def loop(job: Job, lifeline: Lifeline) -> None:
+        signalguard.install()
         evaluate(job, lifeline, entries(job.settings, stamp, checkpoints))
 
     return loop
