@@ -41,7 +41,7 @@ def is_here(settings: "Settings") -> bool:
         return True
     world = settings.world_name
     if world.endswith(ROUTE_FILES):
-        if any((place / world).is_file() for place in (settings.directory, settings.tracks_folder)):
+        if any(_is_file(place / world) for place in (settings.directory, settings.tracks_folder)):
             return True
         if "/" in world:
             return False
@@ -66,6 +66,14 @@ def missing(settings: "Settings") -> Iterator[Finding]:
             f"DR_WORLD_NAME={shown(chosen.world_name)} is no track that is here",
             f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more.",
         )
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file has this path; none can have one of 10,000 letters or with a NUL in it."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _known(settings: "Settings") -> list[str]:
