@@ -51,7 +51,7 @@ def logs(
         console.write(tail.read(unfinished=not follow))
         while follow:
             time.sleep(POLL_S)
-            console.write(tail.read())
+            console.write(tail.read(), followed=True)
     except KeyboardInterrupt:  # the way to end -f is no failure
         return
 

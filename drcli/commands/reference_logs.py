@@ -171,7 +171,7 @@ def _follow(
     tail = Tail(Path(found[0].log), None if whole else TAIL_LINES)
     try:
         while found:
-            console.write(tail.read())
+            console.write(tail.read(), followed=True)
             time.sleep(POLL_S)
             found = look()
         console.write(tail.read(unfinished=True))

@@ -35,7 +35,7 @@ def load_world(settings: Settings) -> Track:
     except TrackError as error:
         where = settings.source("DR_WORLD_NAME")
         raise SettingsError(
-            f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
+            f"DR_WORLD_NAME={settings.world_name:.80} ({where}): {error}",
             remedy="Correct the name; `dr-tracks list` tells what there is, `dr-tracks fetch` and "
             "`dr-tracks add` bring more.",
         ) from None
