@@ -65,13 +65,31 @@ def lent() -> Iterator[None]:
 
 
 def hide_process() -> None:
-    """Let no other process of this user read the memory and the environment of this one.
+    """Let no other process of this user read memory and environment of this one; on Linux alone.
 
-    Linux alone knows how; root may read everything anyway.
+    Root may read the memory anyway, so the environment that this process was started with, which
+    `/proc` shows, is overwritten too. This process itself has its variables as before.
     """
-    if sys.platform == "linux":
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
+    if sys.platform != "linux":
+        return
+    with suppress(OSError, AttributeError, ValueError):
+        library = ctypes.CDLL(None)
+        library.prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
+        _overwrite(library, split(os.environ)[1])
+
+
+def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
+    """Blank out values where the system has put them, and give the process new copies of them."""
+    block = ctypes.POINTER(ctypes.c_void_p).in_dll(library, "environ")
+    index = 0
+    while (address := block[index]) is not None:
+        entry = ctypes.string_at(address)
+        name, _, value = entry.partition(b"=")
+        if os.fsdecode(name) in secrets:
+            ctypes.memset(address + len(name) + 1, ord("*"), len(value))
+        index += 1
+    for each, text in secrets.items():
+        os.environ[each] = text  # in memory of its own from now on
 
 
 def _is_secret(name: str, value: str) -> bool:

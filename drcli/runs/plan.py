@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from drcli import waits
 from drcli.config import Settings, catalogue
 from drcli.errors import SettingsError, StorageError
 from drcli.job import Job
@@ -111,7 +112,9 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
-    mended = mend_all(model_of(settings, bucket, prefix)) if options.resume else []
+    if options.resume:
+        for sentence in mend_all(model_of(settings, bucket, prefix)):
+            waits.warn(sentence)  # now: what is told with the plan is lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
@@ -134,7 +137,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     _, odd = by_severity(examined.violations)
     untold = (item.sentence for item in odd if item.rule not in UNTOLD)
-    warnings = [*mended, *passed_over, *settings.warnings, *untold]
+    warnings = [*passed_over, *settings.warnings, *untold]
 
     source = transfer.source if transfer is not None else None
     with _taken(job, bucket, options):

@@ -118,16 +118,24 @@ def test_keys_that_expire_are_renewed_with_the_secrets_at_hand(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
-def test_a_process_that_has_secrets_can_hide_them_from_others_of_its_user():
+def test_a_process_that_has_secrets_can_hide_them_from_others_even_of_root():
     script = (
-        "from drcli import withheld; import ctypes; withheld.hide_process();"
-        "print(ctypes.CDLL(None).prctl(3, 0, 0, 0, 0))"  # PR_GET_DUMPABLE
+        "from drcli import withheld; import ctypes, os, subprocess; withheld.hide_process();"
+        "print(ctypes.CDLL(None).prctl(3, 0, 0, 0, 0), flush=True);"  # PR_GET_DUMPABLE
+        "subprocess.run(['sh', '-c', 'echo $GITHUB_TOKEN $HOME; cat /proc/$PPID/environ'])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", script],
+        env={**os.environ, **SECRETS, "HOME": "/home/me"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
 
-    assert done.stdout.strip() == "0"
+    dumpable, own, *shown = done.stdout.splitlines()
+    assert (dumpable, own) == ("0", "sesame8 /home/me")
+    assert "sesame" not in "".join(shown)
 
 
 SIGNALS = """
