@@ -1,12 +1,17 @@
 """The notes that runs leave on this machine, whatever state they are in."""
 
 import os
+import socket
+import subprocess
+import sys
+import time
 
 import psutil
 import pytest
 
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.record import RunRecord, WorkerRecord, run_folder
+from drcli.runs.lease import Lease, is_owner_alive
+from drcli.runs.record import RunRecord, WorkerRecord, exists, run_folder
 from drcli.runs.status import inspect
 from drcli.runs.stopping import running_trainings, stop_runs
 
@@ -47,3 +52,24 @@ def test_a_damaged_note_of_an_evaluation_is_none(tmp_path, content):
     assert EvaluationRecord.read(folder) is None
     assert running_evaluations(tmp_path) == []
     assert stop_runs(tmp_path) == []
+
+
+def test_a_process_that_has_ended_and_was_not_taken_note_of_does_not_run():
+    process = subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE)
+    try:
+        assert process.stdout is not None
+        process.stdout.read()  # it has ended, or is about to
+        while psutil.Process(process.pid).status() != psutil.STATUS_ZOMBIE:
+            time.sleep(0.001)
+
+        assert psutil.pid_exists(process.pid)
+        assert not exists(process.pid)
+        held = Lease("abc", socket.gethostname(), process.pid, time.time())
+        assert not is_owner_alive(held)
+    finally:
+        process.wait()
+
+
+@pytest.mark.parametrize("pid", [-1, 2**31, 2**70])
+def test_no_number_that_is_none_of_a_process_counts_as_one(pid):
+    assert not exists(pid)
