@@ -117,8 +117,8 @@ from drcli.findings import FindingsError
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=custom_files/model",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model lies in the folder of your "
-            "own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model lies in the folder of "
+            "your own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
             "Give the model a folder beside it: they could overwrite each other.",
             id="model-among-own-files",
         ),
