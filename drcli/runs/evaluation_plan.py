@@ -13,13 +13,13 @@ from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.job import Job
 from drcli.runs.evaluation_record import claim, sweep
-from drcli.runs.mending import look_after, model_of
+from drcli.runs.mending import look_after
 from drcli.runs.parameters import evaluation_parameters
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.store.mending import readable_scores
+from drcli.store.mending import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is copied before it is evaluated."""
@@ -112,7 +112,7 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
     """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    scores, _ = readable_scores(model_of(settings, bucket, prefix))
+    scores, _ = readable_scores(Model.of(settings, bucket, prefix))
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",

@@ -22,18 +22,6 @@ from drcli.store.rebuilding import good_records
 _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
 
-def model_of(settings: Settings, bucket: Bucket, prefix: str) -> Model:
-    """A model in the bucket; what the settings say of their own one counts for it alone."""
-    own = prefix == settings.model_prefix
-    return Model(
-        bucket,
-        prefix,
-        settings.metrics_prefix if own else keys.metrics_prefix(prefix),
-        settings.train_best_model_metric,
-        range(settings.workers if own else 1),
-    )
-
-
 def look_after(
     settings: Settings,
     bucket: Bucket,
@@ -53,7 +41,7 @@ def look_after(
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
-    model = model_of(settings, bucket, prefix)
+    model = Model.of(settings, bucket, prefix)
     told = mend_all(model, missing=missing) if may_write and not trained else damages(model)
     for sentence in told:
         waits.warn(sentence)

@@ -16,7 +16,7 @@ from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.design import Design
 from drcli.runs.inputs import Inputs, find, upload_custom_files
-from drcli.runs.mending import mend_all, model_of
+from drcli.runs.mending import mend_all
 from drcli.runs.note import read_note, take_note, write_note
 from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
@@ -26,6 +26,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.store.mending import Model
 from drcli.validate.examination import Plans, examine
 from drcli.validate.report import by_severity, refuse
 from drcli.validate.storage import review_prefix
@@ -113,7 +114,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
     if options.resume:
-        for sentence in mend_all(model_of(settings, bucket, prefix)):
+        for sentence in mend_all(Model.of(settings, bucket, prefix)):
             waits.warn(sentence)  # now: what is told with the plan is lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])

@@ -5,14 +5,13 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.errors import StorageError
 from drcli.runs.logs import log_file
-from drcli.runs.mending import model_of
 from drcli.runs.record import LIVE_STATES, RunRecord, exists, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.history import IterationRecord
 from drcli.store.look import open_running_bucket
-from drcli.store.mending import readable_history, readable_scores
+from drcli.store.mending import Model, readable_history, readable_scores
 from drcli.store.scores import Score
 
 
@@ -40,7 +39,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
     activities: dict[str, str] = {}
     if bucket is not None:
         try:
-            model = model_of(settings, bucket, record.prefix)
+            model = Model.of(settings, bucket, record.prefix)
             history, damaged = readable_history(model)
             scores, also = readable_scores(model)
             damaged += also

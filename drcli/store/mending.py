@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
+from drcli.config import Settings
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 from drcli.store.checkpoints import CheckpointStore
@@ -44,6 +45,18 @@ class Model:
     metrics_prefix: str
     metric: str = "progress"
     workers: Sequence[int] = (0,)
+
+    @staticmethod
+    def of(settings: Settings, bucket: Bucket, prefix: str) -> "Model":
+        """A model in the bucket; what settings say of their own one counts for it alone."""
+        own = prefix == settings.model_prefix
+        return Model(
+            bucket,
+            prefix,
+            settings.metrics_prefix if own else keys.metrics_prefix(prefix),
+            settings.train_best_model_metric,
+            range(settings.workers if own else 1),
+        )
 
 
 def damages(model: Model) -> list[str]:
