@@ -6,6 +6,7 @@ import os
 import sys
 import time
 import traceback
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -80,6 +81,8 @@ def main(args: list[str] | None = None) -> None:
     # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
     gc.set_threshold(GC_THRESHOLD)
     waits.show = _show_wait
+    waits.warn = _show_warning
+    _show_warning.cache_clear()
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -106,6 +109,14 @@ def _show_wait(text: str) -> None:
     from drcli import console
 
     console.say(text)
+
+
+@cache
+def _show_warning(text: str) -> None:
+    """Once: whoever reads a damaged object again says so again."""
+    from drcli import console
+
+    console.warn(text)
 
 
 def _is_interrupt(error: BaseException) -> bool:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import takewhile, zip_longest
-from typing import Any, Literal, NoReturn, TextIO
+from typing import IO, Any, Literal
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
@@ -25,10 +25,10 @@ Advance = Callable[[int], None]
 
 
 class _Console(Console):
-    """A console whose reader may leave: `dr-status | head -1` is no failure."""
+    """A console whose reader may leave: `dr-status | head -1` ends as without `head`."""
 
     def on_broken_pipe(self) -> None:
-        _end_quietly()
+        _lose_reader(self.file)
 
 
 NARROWEST = 40
@@ -58,6 +58,8 @@ out = fresh()
 
 err = fresh(stderr=True)
 """Hints, warnings, progress and failures."""
+
+_reader_has_left = False
 
 
 def emit(report: Any, rendered: RenderableType, *, as_json: bool, folded: bool = True) -> None:
@@ -89,10 +91,23 @@ def columns() -> int:
     return known if known >= NARROWEST else _UNKNOWN_COLUMNS
 
 
-def write(text: str) -> None:
-    """Text that is itself the result, such as a log, exactly as it is."""
+def write(text: str, *, followed: bool = False) -> None:
+    """Text that is itself the result, such as a log, exactly as it is.
+
+    Args:
+        text: The text.
+        followed: Whether it is printed for its reader's sake alone: the command ends, and that is
+            no failure, when the reader of the pipe has left.
+    """
     with _printing():
         print(text, end="", flush=True)
+    if followed and reader_has_left():
+        raise SystemExit(0)
+
+
+def reader_has_left() -> bool:
+    """Whether a pipe was closed that something was printed to: what follows goes nowhere."""
+    return _reader_has_left
 
 
 def say(text: str) -> None:
@@ -224,7 +239,7 @@ def _printing() -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:
-        _end_quietly()
+        _lose_reader(sys.stdout)
     except OSError as error:
         _forget(sys.stdout)
         raise OutputLost(
@@ -249,14 +264,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _end_quietly() -> NoReturn:
-    """End without a word: the reader of a pipe has seen enough."""
-    for stream in (sys.stdout, sys.stderr):
-        if not stream.isatty():
-            _forget(stream)
-    raise SystemExit(0)
+def _lose_reader(stream: IO[str]) -> None:
+    """Go on without a word: the reader has seen enough, and the exit code still counts."""
+    global _reader_has_left
+    _reader_has_left = True
+    _forget(stream)
 
 
-def _forget(stream: TextIO) -> None:
+def _forget(stream: IO[str]) -> None:
     """Let what is still to be printed go nowhere, or Python tries once more when it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -2,16 +2,19 @@
 
 import json
 import os
+import subprocess
+import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+from drcli import withheld
 from drcli.config import Settings
 from drcli.errors import DrError, NoAnswer
+from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
-
-VARIABLE = "DRCLI_JOB"
-"""Environment variable that carries the job to a worker process."""
 
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
@@ -57,10 +60,42 @@ class Job:
     folder: Path
     launcher_pid: int
 
-    def to_environment(self) -> dict[str, str]:
-        """The environment of a worker process of this job."""
-        fields = {
-            "settings": self.settings.dump(),
+    def spawn(
+        self, command: Sequence[str], *, with_secrets: bool = False, **options: Any
+    ) -> "subprocess.Popen[bytes]":
+        """Start a process that works on this job, which it gets by `Job.received`.
+
+        The job travels through a pipe, which is the standard input of the process, because code of
+        the racer's may run there: what the environment holds, that code can read.
+
+        Args:
+            command: Program and arguments.
+            with_secrets: Whether the process has to use the bucket, and so the keys to it.
+            options: Of `subprocess.Popen`; `env` adds to the environment.
+        """
+        plain, _ = withheld.split(os.environ)
+        secrets = withheld.all_secrets()
+        if secrets:
+            withheld.hide_process()
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            **{
+                **options,
+                "env": {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})},
+            },
+        )
+        handed = {"job": self._fields(), "secrets": secrets if with_secrets else {}}
+        assert process.stdin is not None
+        with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already
+            pipe.write(json.dumps(handed).encode())
+        process.stdin = None
+        return process
+
+    def _fields(self) -> dict[str, Any]:
+        return {
+            # What the files name beside settings is nobody's business there.
+            "settings": self.settings.replaced(extra={}).dump(),
             "directory": str(self.directory),
             "session": self.session,
             "seed": self.seed,
@@ -69,12 +104,15 @@ class Job:
             "folder": str(self.folder),
             "launcher_pid": self.launcher_pid,
         }
-        return {**PROCESS_TUNING, **os.environ, **LOG_ENCODING, VARIABLE: json.dumps(fields)}
 
     @staticmethod
-    def from_environment() -> "Job":
-        """The job that the launcher of this process gave it."""
-        fields = json.loads(os.environ[VARIABLE])
+    def received() -> "Job":
+        """The job that the launcher of this process gave it; read once."""
+        handed = json.loads(sys.stdin.buffer.read())
+        with Path(os.devnull).open("rb") as nothing:
+            os.dup2(nothing.fileno(), sys.stdin.fileno())
+        withheld.keep(handed["secrets"])
+        fields = handed["job"]
         fields["settings"] = Settings.restore(fields["settings"])
         fields["directory"] = Path(fields["directory"])
         fields["folder"] = Path(fields["folder"])
@@ -118,8 +156,8 @@ class LastWords:
     def find(folder: Path, name: str) -> "LastWords | None":
         """What the worker of that name wrote down; None where nothing can be read."""
         try:
-            return LastWords(**read_json(_last_words(folder, name)))
-        except TypeError:  # there is no such file, or something else in it
+            return built(LastWords, read_json(_last_words(folder, name)))
+        except Misfit:  # there is no such file, or something else in it
             return None
 
     @staticmethod

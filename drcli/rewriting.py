@@ -13,6 +13,7 @@ from typing import Any
 
 from drcli import verbosity
 from drcli.errors import SettingsError
+from drcli.jsonrecord import Misfit, parsed
 from drcli.store.backoff import wait_until
 
 PATIENCE_S = 30.0
@@ -101,8 +102,8 @@ def read_json(path: Path) -> Any:
     A disk that was full, or a machine that lost its power, may leave anything behind.
     """
     try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        return parsed(path.read_bytes())
+    except (OSError, Misfit):
         return None
 
 

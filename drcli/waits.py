@@ -1,4 +1,4 @@
-"""What is waited for: told by whoever waits, shown by the command line.
+"""What is waited for, and what surprises: told by whoever meets it, shown by the command line.
 
 Kept apart from the console, which takes longer to load. Workers show nothing.
 """
@@ -15,3 +15,6 @@ def _nobody(_text: str) -> None:
 
 show: Callable[[str], None] = _nobody
 """Shows one line; set by the command line."""
+
+warn: Callable[[str], None] = _nobody
+"""Shows a warning; set by the command line."""

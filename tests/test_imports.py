@@ -31,7 +31,14 @@ FORBIDDEN = {
 OURS = {
     "drsim": {"drsim"},
     "drcli.learn": {"drcli.learn"},
-    "drcli.store": {"drcli.store", "drcli.config", "drcli.errors", "drcli.waits"},
+    "drcli.store": {
+        "drcli.store",
+        "drcli.config",
+        "drcli.errors",
+        "drcli.jsonrecord",
+        "drcli.waits",
+        "drcli.withheld",
+    },
     "drcli.worker": {
         "drcli.worker",
         "drcli.learn",
@@ -44,6 +51,7 @@ OURS = {
         "drcli.model_metadata",
         "drcli.settings.worlds",
         "drcli.validate.report",
+        "drcli.signalguard",
         "drsim",
     },
     "drcli.tracks": {"drcli.tracks", "drcli.config", "drcli.errors", "drcli.__version__", "drsim"},
@@ -56,10 +64,12 @@ OURS = {
         "drcli.findings",
         "drcli.job",
         "drcli.logfiles",
+        "drcli.jsonrecord",
         "drcli.hyperparameters",
         "drcli.model_metadata",
         "drcli.rewriting",
         "drcli.validate",
+        "drcli.waits",
     },
     "drcli.reward": {
         "drcli.reward",
@@ -71,6 +81,8 @@ OURS = {
         "drcli.findings",
         "drcli.first_step",
         "drcli.rewriting",
+        "drcli.signalguard",
+        "drcli.withheld",
         "drsim",
     },
     "drcli.validate": {

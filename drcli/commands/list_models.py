@@ -44,4 +44,6 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     bucket = bucket_to_look_at(settings(), working_folder(), upload=upload)
     with console.waiting(f"Looking through s3://{bucket.name} ..."):
         found = find(bucket, pattern)
+    for sentence in (sentence for model in found.models for sentence in model.damaged):
+        console.warn(sentence)
     console.emit(found, views_models.models(found), as_json=as_json)

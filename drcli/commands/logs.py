@@ -54,7 +54,7 @@ def logs(
             console.write(text)
         while follow:
             time.sleep(POLL_S)
-            console.write(tail.read())
+            console.write(tail.read(), followed=True)
     except KeyboardInterrupt:  # the way to end -f is no failure
         return
 

@@ -173,7 +173,7 @@ def _follow(
         for piece in older(Path(found[0].log)) if whole else ():
             console.write(piece)
         while found:
-            console.write(tail.read())
+            console.write(tail.read(), followed=True)
             time.sleep(POLL_S)
             found = look()
         while text := tail.read(unfinished=True):

@@ -16,6 +16,8 @@ def status(as_json: AsJson = False) -> None:
     from drcli.runs.status import inspect
 
     report = inspect(settings(), working_folder())
+    for sentence in report.damaged:
+        console.warn(sentence)
     console.emit(report, views.run(report), as_json=as_json)
     if report.state == "lost" or report.dead:
         raise WorkerDied(

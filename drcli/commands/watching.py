@@ -35,13 +35,23 @@ def until_the_end(settings: "Settings", folder: Path, display: Display) -> "RunR
     """Watch until the training ends.
 
     Returns:
-        The last look, or None when the watcher left with Ctrl-C.
+        The last look, or None when the watcher left with Ctrl-C, or closed the pipe.
     """
     try:
         with display as show:
-            return _watch(settings, folder, show)
-    except KeyboardInterrupt:
+
+            def show_to_reader(report: "RunReport") -> None:
+                show(report)
+                if console.reader_has_left():
+                    raise _ReaderLeft
+
+            return _watch(settings, folder, show_to_reader)
+    except (KeyboardInterrupt, _ReaderLeft):
         return None
+
+
+class _ReaderLeft(Exception):
+    """Nobody reads any more what is shown."""
 
 
 @contextmanager

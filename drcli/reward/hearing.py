@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drcli import withheld
 from drcli.errors import SettingsError
 from drcli.first_step import idle_conditions
 from drcli.reward.statement import (
@@ -78,12 +79,14 @@ class Hearing:
             waypoints={way: list(points) for way, points in questions.waypoints.items()},
         )
         (folder / ORDER_FILE).write_text(order.model_dump_json(), "utf-8")
+        if withheld.all_secrets():
+            withheld.hide_process()
         self._process = subprocess.Popen(
             # -P: files of the working folder must not be taken for modules of that name.
             [sys.executable, "-P", "-m", _MODULE, str(folder)],
             cwd=directory,
             # As in a training, where printing any letter is fine.
-            env={**os.environ, "PYTHONIOENCODING": "utf-8:backslashreplace"},
+            env={**withheld.split(os.environ)[0], "PYTHONIOENCODING": "utf-8:backslashreplace"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -8,7 +8,7 @@ from drcli.runs.evaluation import wait_in_background
 
 if __name__ == "__main__":
     try:
-        wait_in_background(Job.from_environment(), sys.argv[1], sys.argv[2:])
+        wait_in_background(Job.received(), sys.argv[1], sys.argv[2:])
     except DrError as error:
         print(f"evaluation: {error} {error.remedy}")
         raise SystemExit(error.code) from None

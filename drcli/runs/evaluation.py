@@ -1,6 +1,5 @@
 """Runs a stand-alone evaluation: one worker process, its trace and metrics, a report."""
 
-import json
 import os
 import shutil
 import signal
@@ -23,6 +22,7 @@ from drcli.errors import (
     WorkerDied,
 )
 from drcli.job import Job, LastWords
+from drcli.rewriting import read_json
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
@@ -96,7 +96,7 @@ def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
     folder = plan.job.folder
     try:
         _run(plan)
-        return _report(plan, json.loads((folder / "evaluation.json").read_text("utf-8")))
+        return _report(plan, _results(folder))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -126,6 +126,21 @@ def wait_in_background(job: Job, stamp: str, checkpoints: list[str]) -> None:
     """What the waiting process of an evaluation in the background does."""
     with _until_sigterm():
         run_evaluation(EvaluationPlan(replace(job, launcher_pid=os.getpid()), checkpoints, stamp))
+
+
+def _results(folder: Path) -> list[list[dict[str, Any]]]:
+    """What the worker left: the records of each racer's trials.
+
+    Raises:
+        WorkerDied: It left something else.
+    """
+    found = read_json(folder / "evaluation.json")
+    if not isinstance(found, list):
+        raise WorkerDied(
+            "The evaluation worker left no results.",
+            remedy="Run `dr-evaluate` again; `dr-logs evaluation` tells what happened.",
+        )
+    return found
 
 
 def _report(plan: EvaluationPlan, records: list[list[dict[str, Any]]]) -> EvaluationReport:

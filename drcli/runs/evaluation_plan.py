@@ -13,11 +13,13 @@ from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.job import Job
 from drcli.runs.evaluation_record import claim, sweep
+from drcli.runs.mending import look_after
 from drcli.runs.parameters import evaluation_parameters
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
-from drcli.store.bucket import Bucket, get_json
+from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
+from drcli.store.mending import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is copied before it is evaluated."""
@@ -60,6 +62,7 @@ def prepare_evaluation(
     directory = (directory or Path.cwd()).absolute()
     refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    look_after(settings, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     if clone:
@@ -68,6 +71,7 @@ def prepare_evaluation(
     checkpoints = [_choose(settings, bucket, settings.model_prefix)]
     if settings.race_type == "HEAD_TO_MODEL":
         rival = settings.eval_opp_s3_model_prefix
+        look_after(settings, bucket, rival, missing=True)
         _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         checkpoints.append(_choose(settings, bucket, rival))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
@@ -108,15 +112,14 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
     """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    index = get_json(bucket, keys.deepracer_checkpoints(prefix))
-    wanted = "best_checkpoint" if settings.eval_checkpoint == "best" else "last_checkpoint"
-    entry = index.get(wanted) or index.get("last_checkpoint")
-    if not entry:
+    scores, _ = readable_scores(Model.of(settings, bucket, prefix))
+    if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
             remedy="Wait for the first iteration; `dr-status` shows how far it is.",
         )
-    return str(entry["name"])
+    best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
+    return best if settings.eval_checkpoint == "best" else last
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

@@ -4,6 +4,7 @@ import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
 from drcli.runs.record import is_alive
 
@@ -52,8 +53,8 @@ class EvaluationRecord:
     def read(folder: Path) -> "EvaluationRecord | None":
         """The note in the folder of an evaluation; None where there is none, or it is damaged."""
         try:
-            return EvaluationRecord(**read_json(folder / _FILE))
-        except TypeError:  # there is no such file (yet, or any more), or something else in it
+            return built(EvaluationRecord, read_json(folder / _FILE))
+        except Misfit:  # there is no such file (yet, or any more), or something else in it
             return None
 
 

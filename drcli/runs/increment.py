@@ -6,6 +6,7 @@ from pathlib import Path
 from drcli.config import Settings, load_settings
 from drcli.errors import SettingsError
 from drcli.runs import lease
+from drcli.runs.mending import look_after
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_second_run
 from drcli.runs.prefix import contains, is_used, wipe
 from drcli.runs.pretrained import Pretrained, read_weights
@@ -86,6 +87,7 @@ def plan_increment(
     _refuse_left_behind(settings, directory, after)
 
     bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    look_after(settings, bucket, before)
     place = f"{settings.source(MODEL)}: {MODEL}={before}"
     pretrained, _ = read_weights(bucket, before, settings.pretrained_checkpoint, place)
     used = is_used(bucket, after)

@@ -17,7 +17,7 @@ def start_process(
     """Start a module as a process that outlives this one, in a session of its own.
 
     Args:
-        job: What it works on; it finds it in its environment.
+        job: What it works on; it gets it through its standard input.
         name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
         module: What is run, as "drcli.worker.train".
         arguments: Its command line.
@@ -27,13 +27,13 @@ def start_process(
     path = log_file(job.settings, job.directory, name)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as log:  # at its end, because several processes may share it
-        return subprocess.Popen(
+        return job.spawn(
             # -P: files of the working folder must not be taken for modules of that name.
             [sys.executable, "-P", "-m", module, *arguments],
-            stdin=subprocess.DEVNULL,
+            with_secrets=True,
             stdout=log,
             stderr=subprocess.STDOUT,
-            env={**job.to_environment(), **chosen, logfiles.VARIABLE: str(path)},
+            env={**chosen, logfiles.VARIABLE: str(path)},
             cwd=job.directory,
             start_new_session=True,
         )

@@ -9,16 +9,17 @@ import platform
 import subprocess
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
 from drcli.config import Settings, catalogue, hidden
+from drcli.jsonrecord import Misfit, built
 from drcli.runs.pretrained import Pretrained
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing, get_json, put_json
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 """Packages whose versions decide how a training goes."""
@@ -117,11 +118,28 @@ def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
     Raises:
         ObjectDamaged: It is unreadable.
     """
+    key = keys.run_note(prefix)
     try:
-        note: dict[str, Any] = get_json(bucket, keys.run_note(prefix))
+        note: dict[str, Any] = get_json(bucket, key)
+        built(_Known, note)
     except ObjectMissing:
         return None
+    except Misfit as e:
+        raise ObjectDamaged(
+            f"{bucket.name}/{key} is damaged: {e}.",
+            remedy="Go on with `dr-start-training --resume`, which writes it anew.",
+        ) from e
     return note
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What a start needs of the note of the one before."""
+
+    seed: int
+    settings: dict[str, Any] = field(default_factory=dict)
+    pretrained: Pretrained | None = None
+    earlier: list[dict[str, Any]] = field(default_factory=list)
 
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:

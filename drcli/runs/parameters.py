@@ -56,7 +56,7 @@ def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
     """
     try:
         values = yaml.safe_load(data)
-    except yaml.YAMLError as e:
+    except (yaml.YAMLError, RecursionError) as e:
         raise ValueError(f"It is no YAML: {e}") from e
     if not isinstance(values, dict):
         raise ValueError("It holds no NAME: value lines.")

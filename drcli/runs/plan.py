@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from drcli import waits
 from drcli.config import Settings, catalogue
 from drcli.errors import SettingsError, StorageError
 from drcli.job import Job
@@ -17,6 +18,7 @@ from drcli.runs.design import Design
 from drcli.runs.ending import ending
 from drcli.runs.inputs import Inputs, find, upload_custom_files
 from drcli.runs.logs import begin_logs
+from drcli.runs.mending import mend_all
 from drcli.runs.note import read_note, take_note, write_note
 from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
@@ -26,6 +28,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.store.mending import Model
 from drcli.validate.examination import Plans, examine
 from drcli.validate.report import by_severity, refuse
 from drcli.validate.storage import review_prefix
@@ -114,7 +117,11 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
+    if options.resume:
+        for sentence in mend_all(Model.of(settings, bucket, prefix)):
+            waits.warn(sentence)  # now: what is told with the plan is lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
+    going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
         settings=settings,
         directory=directory,
@@ -134,7 +141,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     refuse(examined.violations)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     _, odd = by_severity(examined.violations)
-    warnings = [*settings.warnings, *(item.sentence for item in odd if item.rule not in UNTOLD)]
+    untold = (item.sentence for item in odd if item.rule not in UNTOLD)
+    warnings = [*passed_over, *settings.warnings, *untold]
 
     source = transfer.source if transfer is not None else None
     with _taken(job, bucket, options):
@@ -148,9 +156,8 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             transfer.hand_over(bucket, prefix)
         if not options.resume:
             begin_logs(settings, directory)
-    resumes = str(newest) if options.resume else None
     ends = ending(job, design.parameters)
-    return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
+    return RunPlan(job, inputs, warnings, going_on, ends, source, wiping)
 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
@@ -210,6 +217,26 @@ def _resumed(settings: Settings) -> Settings:
         hyperparameters_key=keys.hyperparameters(prefix),
         model_metadata_key=keys.model_metadata(prefix),
     )
+
+
+def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
+    """The checkpoint that a trainer goes on from, and sentences about newer ones that are damaged.
+
+    Raises:
+        StorageError: None is whole.
+    """
+    found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
+    if found is None:
+        return None, []
+    name = found.record.name
+    told = [f"Checkpoint {why} The training goes on from {name}." for why in found.damaged]
+    if found.record.optimizer is not None and found.optimizer is None:
+        key = keys.checkpoint_optimizer(prefix, name)
+        told.append(
+            f"{bucket.name}/{key} is missing or damaged: the optimizer starts afresh, which costs "
+            "a few iterations."
+        )
+    return name, told
 
 
 def _freeze(

@@ -10,7 +10,7 @@ from drcli.runs.prefix import contains
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore, Record
-from drcli.store.scores import read_scores
+from drcli.store.mending import Model, readable_scores
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,12 @@ def read_weights(
     remedy = "Correct the prefix, or train that model first."
     store = CheckpointStore(bucket, prefix)
     try:
-        scores = read_scores(bucket, prefix)
-        name = store.best_name() if checkpoint == "best" else None
-        name = name or store.latest_name()
+        scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+        pointed = store.pointed()
+        name = None if pointed is None else str(pointed)
+        if scores is not None:
+            last = name or scores.last_checkpoint.name
+            name = scores.best_checkpoint.name if checkpoint == "best" else last
         if name is None:
             raise SettingsError(f"{written}: there is no checkpoint at {folder}.", remedy=remedy)
         found = store.load(name)

@@ -3,12 +3,10 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import psutil
-
 from drcli.config import Settings
 from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.logs import log_file
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.record import RunRecord, exists, run_folder
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def evaluations(settings: Settings, directory: Path) -> list[Process]:
         Process(
             "evaluation",
             record.worker_pid,
-            psutil.pid_exists(record.worker_pid),
+            exists(record.worker_pid),
             _log(settings, directory, record.prefix, "evaluation"),
         )
         for record in running_evaluations(directory, settings.run_id)
@@ -70,7 +68,7 @@ def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
         Process(
             worker.name,
             worker.pid,
-            psutil.pid_exists(worker.pid),
+            exists(worker.pid),
             _log(settings, directory, record.prefix, worker.name),
         )
         for worker in record.workers

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from drcli.config import Settings
+from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
 from drcli.runs.machine import is_running
 from drcli.runs.report import State
@@ -83,10 +84,8 @@ class RunRecord:
     def read(folder: Path) -> "RunRecord | None":
         """The note of the last start; None if nothing was started yet, or it is damaged."""
         try:
-            fields = dict(read_json(folder / _FILE))
-            workers = [WorkerRecord(**worker) for worker in fields.pop("workers")]
-            return RunRecord(**fields, workers=workers)
-        except (TypeError, ValueError, KeyError):
+            return built(RunRecord, read_json(folder / _FILE))
+        except Misfit:
             return None
 
     def ended(
@@ -111,6 +110,20 @@ def storage_of(settings: Settings) -> dict[str, str]:
 def run_folder(settings: Settings, directory: Path) -> Path:
     """Where this machine keeps what it knows of the run."""
     return directory / "data" / "runs" / str(settings.run_id)
+
+
+def exists(pid: int) -> bool:
+    """Whether a process runs; one that has ended and was not taken note of by its parent does not.
+
+    Args:
+        pid: As somebody wrote it down.
+    """
+    import psutil
+
+    try:
+        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+    except (psutil.NoSuchProcess, ValueError, OverflowError):
+        return False
 
 
 def is_alive(pid: int, pid_started: float) -> bool:

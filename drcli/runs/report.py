@@ -74,6 +74,8 @@ class RunReport:
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
         warning: What is wrong with the learning curve; empty when nothing is.
+        damaged: What is damaged of the model in the bucket, a sentence each; the curve and the
+            checkpoints are then what could be rebuilt.
     """
 
     run_id: int
@@ -92,6 +94,7 @@ class RunReport:
     best: CheckpointReport | None = None
     last: CheckpointReport | None = None
     warning: str = ""
+    damaged: list[str] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:

@@ -1,17 +1,18 @@
 """Describes a run: from the note on this machine and from what lies in the bucket."""
 
-import json
 from pathlib import Path
 
 from drcli.config import Settings
 from drcli.errors import StorageError
 from drcli.runs.logs import log_file
-from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
+from drcli.runs.record import LIVE_STATES, RunRecord, exists, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
-from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.history import IterationRecord, read_history
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
+from drcli.store.history import IterationRecord
 from drcli.store.look import open_running_bucket
+from drcli.store.mending import Model, readable_history, readable_scores
+from drcli.store.scores import Score
 
 
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
@@ -34,11 +35,16 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
     bucket = open_running_bucket(settings, directory)
     history: list[IterationRecord] = []
     best = last = None
+    damaged: list[str] = []
     activities: dict[str, str] = {}
     if bucket is not None:
         try:
-            history = read_history(bucket, record.prefix)
-            best, last = _checkpoints(bucket, record.prefix)
+            model = Model.of(settings, bucket, record.prefix)
+            history, damaged = readable_history(model)
+            scores, also = readable_scores(model)
+            damaged += also
+            if scores is not None:
+                best, last = _report(scores.best_checkpoint), _report(scores.last_checkpoint)
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -51,7 +57,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         WorkerReport(
             name=worker.name,
             pid=worker.pid,
-            alive=running and worker.pid is not None and _exists(worker.pid),
+            alive=running and worker.pid is not None and exists(worker.pid),
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
             log=str(log_file(settings, directory, worker.name)),
@@ -77,37 +83,22 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         best=best,
         last=last,
         warning=health.collapse(history, best.name if best is not None else None) or "",
+        damaged=damaged,
     )
 
 
-def _exists(pid: int) -> bool:
-    import psutil  # loaded here, because a run that is over needs no such look
-
-    return psutil.pid_exists(pid)
-
-
-def _checkpoints(
-    bucket: Bucket, prefix: str
-) -> tuple[CheckpointReport | None, CheckpointReport | None]:
-    """The best and the last checkpoint, as far as there are any."""
-    try:
-        file = json.loads(bucket.get(keys.deepracer_checkpoints(prefix)))
-    except ObjectMissing:
-        return None, None
-    return _report(file.get("best_checkpoint")), _report(file.get("last_checkpoint"))
-
-
-def _report(entry: dict[str, object] | None) -> CheckpointReport | None:
-    if not entry:
-        return None
-    metric = entry.get("avg_eval_metric")
-    return CheckpointReport(
-        str(entry["name"]), float(metric) if isinstance(metric, int | float) else None
-    )
+def _report(score: Score) -> CheckpointReport:
+    return CheckpointReport(score.name, score.avg_eval_metric)
 
 
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
+    key = keys.status(prefix, name)
     try:
-        return str(json.loads(bucket.get(keys.status(prefix, name)))["activity"])
+        note = get_json(bucket, key)
     except ObjectMissing:
         return "starting"
+    except ObjectDamaged as error:
+        return str(error)
+    if not isinstance(note, dict) or not isinstance(note.get("activity"), str):
+        return f"{bucket.name}/{key} is damaged"
+    return str(note["activity"])

@@ -60,6 +60,14 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
             "Give the model a folder of its own: -w would wipe your files.",
         )
+    for name, prefix in _models_named(settings):
+        if prefix.startswith(f"{settings.custom_files_prefix}/"):
+            yield Finding(
+                settings.sources.get(name) or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+                f"{name}={prefix} lies in the folder of your own files "
+                f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+                "Give the model a folder beside it: they could overwrite each other.",
+            )
     first, slash, _ = settings.model_prefix.partition("/")
     if slash and first in BESIDE_MODELS:
         yield Finding(
@@ -74,3 +82,12 @@ def contradictions(settings: Settings) -> Iterator[Finding]:
             f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train",
             f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
         )
+
+
+def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:
+    """DR_ name and prefix of each model of our own bucket that the settings name."""
+    yield "DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix
+    if settings.pretrained:
+        yield "DR_LOCAL_S3_PRETRAINED_PREFIX", settings.pretrained_prefix
+    if settings.upload_s3_bucket == settings.bucket:
+        yield "DR_UPLOAD_S3_PREFIX", settings.upload_s3_prefix

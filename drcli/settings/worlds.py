@@ -69,7 +69,7 @@ def is_here(settings: "Settings") -> bool:
         return True
     world = settings.world_name
     if world.endswith(ROUTE_FILES):
-        if any((place / world).is_file() for place in (settings.directory, settings.tracks_folder)):
+        if any(_is_file(place / world) for place in (settings.directory, settings.tracks_folder)):
             return True
         if "/" in world:
             return False
@@ -141,6 +141,14 @@ def _name(settings: "Settings") -> str:
     """The track without the ending of a file that people write behind it."""
     world = settings.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file has this path; none can have one of 10,000 letters or with a NUL in it."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _known(settings: "Settings") -> list[str]:

@@ -118,5 +118,5 @@ def _address(values: Mapping[str, str], directory: Path) -> str:
     state = directory / values.get("DR_S3_DATA_DIR", "data/s3") / ".server.json"
     try:
         return f"http://127.0.0.1:{json.loads(state.read_text('utf-8'))['port']}"
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         return ""

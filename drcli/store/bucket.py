@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Any, Protocol
 
 from drcli.errors import StorageError
+from drcli.jsonrecord import Misfit, parsed
 
 
 class ObjectMissing(StorageError):
@@ -94,10 +95,10 @@ def get_json(bucket: Bucket, key: str) -> Any:
     """Read a JSON object from the bucket; ObjectDamaged when it is none."""
     data = bucket.get(key)
     try:
-        return json.loads(data)
-    except ValueError as e:
+        return parsed(data)
+    except Misfit as e:
         raise ObjectDamaged(
-            f"{bucket.name}/{key} is not JSON: {e}.",
+            f"{bucket.name}/{key} is damaged: {e}.",
             remedy="Restore the object, or delete it if it is not needed.",
         ) from e
 

@@ -5,14 +5,17 @@ counters. It counts from the moment the pointer names it, which is written after
 trainer alone writes here; everybody else reads.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from drcli.errors import StorageError
+from drcli.jsonrecord import Misfit, built
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 from drcli.store.fingerprint import Fingerprint
+from drcli.store.history import learned_record
 from drcli.store.keys import CheckpointName
 from drcli.store.scores import Score, Scores, read_scores, write_scores
 
@@ -113,22 +116,28 @@ class CheckpointStore:
         return record
 
     def attach_optimizer(self, record: Record, optimizer: bytes) -> Record:
-        """Add the optimizer state to a published checkpoint, and drop that of older ones.
+        """Add the optimizer state to a published checkpoint, and drop those of older ones.
 
         The weights are what everybody waits for, so they are published alone; the state, twice
-        their size, follows while the workers already drive.
+        their size, follows while the workers already drive. The state of the checkpoint before
+        stays: whoever has to fall back on that one goes on with it.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         put_json(self._bucket, keys.checkpoint_record(self._prefix, record.name), asdict(complete))
-        own = keys.checkpoint_optimizer(self._prefix, record.name)
-        older = [
-            info.key
-            for info in self._bucket.list(keys.model_folder(self._prefix))
-            if keys.is_optimizer(info.key) and info.key != own
-        ]
-        self._bucket.delete(older)
+        self._bucket.delete(self._older_optimizers(_parsed(record.name)))
         return complete
+
+    def _older_optimizers(self, newest: CheckpointName) -> list[str]:
+        """Keys of all optimizer states but the newest checkpoint's and that of the one before."""
+        others = {
+            info.key: name
+            for info in self._bucket.list(keys.model_folder(self._prefix))
+            if keys.is_optimizer(info.key)
+            and (name := keys.checkpoint_of(self._prefix, info.key)) not in (None, newest)
+        }
+        before = max((name for name in others.values() if name < newest), default=None)
+        return [key for key, name in others.items() if name != before]
 
     def point_to(self, record: Record) -> None:
         """Make this checkpoint the one that everybody drives and continues with.
@@ -154,10 +163,7 @@ class CheckpointStore:
         Returns:
             Whether it was written.
         """
-        try:
-            pointed = CheckpointName.parse(self.latest_name() or "")
-        except ObjectDamaged:
-            pointed = None
+        pointed = self.pointed()
         if pointed is not None and pointed.number >= name.number:
             return False
         self.point_to(self.record(str(name)))
@@ -170,15 +176,27 @@ class CheckpointStore:
             ObjectDamaged: The pointer holds something else.
         """
         try:
-            name = self._bucket.get(keys.coach_checkpoint(self._prefix)).decode().strip()
+            written = self._bucket.get(keys.coach_checkpoint(self._prefix))
+            name = written.decode(errors="replace").strip()
         except ObjectMissing:
             return None
         if CheckpointName.parse(name) is None:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{keys.coach_checkpoint(self._prefix)} names no checkpoint.",
-                remedy="Write the name of the newest checkpoint into it, nothing else.",
+                f"{self._bucket.name}/{keys.coach_checkpoint(self._prefix)} is damaged: it does "
+                "not name a checkpoint.",
+                remedy="Go on with `dr-start-training --resume`, which writes it again.",
             )
         return name
+
+    def pointed(self) -> CheckpointName | None:
+        """The same for those who wait: None too while the pointer is damaged.
+
+        The trainer writes it again as soon as it notices.
+        """
+        try:
+            return CheckpointName.parse(self.latest_name() or "")
+        except ObjectDamaged:
+            return None
 
     def drivers(self, newest: CheckpointName) -> list[str]:
         """Checkpoints that may have driven what is learned from while this is the newest one.
@@ -200,15 +218,10 @@ class CheckpointStore:
         key = keys.checkpoint_record(self._prefix, name)
         fields = get_json(self._bucket, key)
         try:
-            optimizer = fields.pop("optimizer")
-            return Record(
-                tensors=Fingerprint(**fields.pop("tensors")),
-                optimizer=None if optimizer is None else Fingerprint(**optimizer),
-                **fields,
-            )
-        except (AttributeError, KeyError, TypeError) as e:
+            return _checked_record(name, fields)
+        except Misfit as e:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{key} does not describe a checkpoint: {e!r}.",
+                f"{self._bucket.name}/{key} is damaged: {e}.",
                 remedy="Delete that checkpoint's files; an older one is used instead.",
             ) from e
 
@@ -339,10 +352,7 @@ class CheckpointStore:
             if info.key.endswith(".ckpt.json")
             and (name := keys.checkpoint_of(self._prefix, info.key))
         }
-        try:
-            pointed = CheckpointName.parse(self.latest_name() or "")
-        except ObjectDamaged:
-            pointed = None  # the checkpoints themselves are still there
+        pointed = self.pointed()
         if pointed is not None:
             found = {name for name in found if name < pointed} | {pointed}
         return [str(name) for name in sorted(found, reverse=True)]
@@ -369,6 +379,32 @@ class CheckpointStore:
             if name.number not in numbers
         ]
         self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
+
+
+def _checked_record(name: str, fields: Any) -> Record:
+    """A record from JSON, with counters that a trainer can go on with.
+
+    Raises:
+        Misfit: It is something else.
+    """
+    record = built(Record, fields)
+    if record.name != name:
+        raise Misfit(f"it describes {json.dumps(record.name)[:60]}")
+    counters = record.counters
+    built(_Counters, counters)
+    if counters.get("learned") is not None:
+        learned_record(counters["learned"])
+    return record
+
+
+@dataclass(frozen=True)
+class _Counters:
+    """What must have the right type where the counters have it."""
+
+    episodes: int = 0
+    elapsed_s: float = 0.0
+    seed: int = 0
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 def _parsed(name: str) -> CheckpointName:

@@ -8,6 +8,7 @@ other bucket, a third of the bytes is worth that.
 
 import contextlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,6 +30,14 @@ _TYPES = {"log_probs": np.dtype("f4"), "values": np.dtype("f8"), "rewards": np.d
 _EXTRA = "extra."
 
 Doubles = NDArray[np.float64]
+
+LEAST_STEP_BYTES = 16
+"""What a step takes at least: action, log-probability, value and reward, none of them folded."""
+
+LARGEST_FRAMES_BYTES = 1 << 20
+"""What the frames of one step take at most. Two cameras of 160 x 120 take 38,400."""
+
+_LARGEST_HEADER_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -201,12 +210,30 @@ class _Folded:
         if header.get("schema") != SCHEMA:
             raise ValueError(f"schema {header.get('schema')} instead of {SCHEMA}")
         columns = load(data)
-        return _Folded(
+        found = _Folded(
             frames=columns.pop("frames"),
             columns=columns,
-            frames_shape=tuple(json.loads(header["frames_shape"])),
+            frames_shape=_checked_shape(json.loads(header["frames_shape"])),
             notes=json.loads(header["notes"]),
         )
+        found.refuse_false_claims()
+        return found
+
+    def refuse_false_claims(self) -> None:
+        """Compare what the header claims with the bytes that are there, before room is made.
+
+        Raises:
+            ValueError: They differ.
+        """
+        rows = self.columns["rewards"].shape
+        if rows != (self.steps,):
+            raise ValueError(f"its header claims {self.steps} steps, its rewards are {rows}")
+        if self.frames.dtype != np.uint8 or self.frames.ndim != 1:
+            raise ValueError(f"its folded frames are {_shape(self.frames)}")
+        claimed = zstandard.get_frame_parameters(self.frames.data).content_size
+        wanted = math.prod(self.frames_shape)
+        if claimed != wanted:
+            raise ValueError(f"its frames unfold to {claimed} bytes instead of {wanted}")
 
     @property
     def steps(self) -> int:
@@ -225,7 +252,11 @@ def _explained(where: str) -> Iterator[None]:
     """Say of whatever goes wrong with an object that it is damaged."""
     try:
         yield
-    except (KeyError, TypeError, ValueError, SafetensorError, zstandard.ZstdError) as e:
+    except (
+        *(AttributeError, IndexError, KeyError, TypeError, ValueError),
+        *(MemoryError, OverflowError, RecursionError),
+        *(SafetensorError, zstandard.ZstdError),
+    ) as e:
         raise ObjectDamaged(
             f"{where} holds no episodes: {e}.",
             remedy="Let the worker play the iteration again; if it repeats, all machines need the "
@@ -236,9 +267,22 @@ def _explained(where: str) -> Iterator[None]:
 def _header(data: bytes) -> dict[str, str]:
     """The text entries of a safetensors file, which its loader keeps to itself."""
     length = int.from_bytes(data[:8], "little")
+    if length > min(len(data) - 8, _LARGEST_HEADER_BYTES):
+        raise ValueError(f"its header claims {length} bytes")
     header = json.loads(data[8 : 8 + length])
     found: dict[str, str] = header["__metadata__"]
     return found
+
+
+def _checked_shape(value: Any) -> tuple[int, ...]:
+    """The shape of frames, none of them larger than frames are."""
+    if not isinstance(value, list) or len(value) != 4:
+        raise ValueError("its frames have no shape (steps, eyes, height, width)")
+    if not all(isinstance(size, int) and 0 < size < 2**31 for size in value):
+        raise ValueError(f"frames cannot have the shape {value}")
+    if math.prod(value[1:]) > LARGEST_FRAMES_BYTES:
+        raise ValueError(f"frames of {value[1:]} are too large")
+    return tuple(value)
 
 
 def _shape(array: NDArray[Any]) -> str:

@@ -6,8 +6,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from drcli.jsonrecord import Misfit, built, parsed
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+
+MAY_BE_NAN = (
+    *("entropy", "surrogate_loss", "value_loss", "kl"),
+    *("steps_per_s", "real_time_factor", "drive_s", "learn_s", "exchange_s"),
+)
+"""What is unknown before anything is learned, and in a history that was rebuilt."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,19 @@ def fields_of(record: IterationRecord) -> dict[str, Any]:
     }
 
 
+def learned_record(fields: Mapping[str, Any]) -> IterationRecord:
+    """The record that a checkpoint carries.
+
+    Raises:
+        Misfit: It is something else.
+    """
+    known = {
+        name: math.nan if value is None and name in MAY_BE_NAN else value
+        for name, value in fields.items()
+    }
+    return record_of(known)
+
+
 class History:
     """All iterations of a run. The trainer writes it, everybody may read it."""
 
@@ -88,11 +108,7 @@ class History:
         """
         self.records = [r for r in self.records if r.iteration < iteration]
         if last is not None and last["iteration"] not in {r.iteration for r in self.records}:
-            known: dict[str, Any] = {
-                name: math.nan if value is None else value for name, value in last.items()
-            }
-            known["best_lap_s"] = last["best_lap_s"]  # which may be missing
-            self.add(IterationRecord(**known))
+            self.add(learned_record(last))
 
     def add(self, record: IterationRecord) -> None:
         """Append an iteration and publish."""
@@ -115,9 +131,31 @@ class History:
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """All iterations so far, oldest first; empty for a model that has none."""
+    """All iterations so far, oldest first; empty for a model that has none.
+
+    Raises:
+        ObjectDamaged: It is something else.
+    """
+    key = keys.history(prefix)
     try:
-        written = bucket.get(keys.history(prefix))
+        file = parsed(bucket.get(key), with_nan=True)
+        if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
+            raise Misfit("it has no list of 'iterations'")
+        return [record_of(fields) for fields in file["iterations"]]
     except ObjectMissing:
         return []
-    return [IterationRecord(**r) for r in json.loads(written)["iterations"]]
+    except Misfit as e:
+        raise ObjectDamaged(
+            f"{bucket.name}/{key} is damaged: {e}.",
+            remedy="Stop the training and go on with `dr-start-training --resume`, which rebuilds "
+            "it.",
+        ) from e
+
+
+def record_of(fields: Any) -> IterationRecord:
+    """An iteration from JSON.
+
+    Raises:
+        Misfit: It is something else.
+    """
+    return built(IterationRecord, fields, nan=MAY_BE_NAN)

@@ -140,9 +140,26 @@ def lease(prefix: str) -> str:
     return run_folder(prefix) + "lease.json"
 
 
+def damaged(prefix: str, key: str, stamp: str) -> str:
+    """Where a damaged object of a model is kept: no tool takes what ends so for a part of one.
+
+    Args:
+        prefix: The model.
+        key: Where the object lay.
+        stamp: When it was put aside, fourteen digits.
+    """
+    own = key.removeprefix(run_folder(prefix)).removeprefix(folder(prefix))
+    return f"{run_folder(prefix)}damaged/{own}.{stamp}"
+
+
+def status_folder(prefix: str) -> str:
+    """What each process of the run is doing."""
+    return run_folder(prefix) + "status/"
+
+
 def status(prefix: str, name: str) -> str:
     """What one process of the run is doing."""
-    return f"{run_folder(prefix)}status/{name}.json"
+    return f"{status_folder(prefix)}{name}.json"
 
 
 def decides(key: str) -> bool:
@@ -260,9 +277,14 @@ def rollouts_folder(prefix: str) -> str:
     return f"rollouts/{folder(prefix)}"
 
 
+def evaluations_folder(prefix: str) -> str:
+    """How each checkpoint did in its evaluation episodes."""
+    return f"{run_folder(prefix)}evaluations/"
+
+
 def evaluation_result(prefix: str, iteration: int) -> str:
     """How the checkpoint of an iteration did in its evaluation episodes."""
-    return f"{run_folder(prefix)}evaluations/{iteration}.json"
+    return f"{evaluations_folder(prefix)}{iteration}.json"
 
 
 def iteration_folder(prefix: str, iteration: int) -> str:

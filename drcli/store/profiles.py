@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from drcli import withheld
 from drcli.errors import StorageError
 
 if TYPE_CHECKING:
@@ -48,6 +49,26 @@ def session_of(profile: str | None, setting: str) -> "Session":
         if profile == DEFAULT:
             return session_of(None, setting)
         raise _no_profile(profile, setting) from e
+
+
+def lend_to_refreshes(credentials: object) -> None:
+    """Have the secrets that this process withholds at hand whenever keys that expire are renewed.
+
+    A container's token, a proxy with a password, a program that prints keys: they are asked again
+    from time to time, for as long as the process runs.
+
+    Args:
+        credentials: Of boto3, which the keys of a file or of a variable never ask again.
+    """
+    fetch = getattr(credentials, "_refresh_using", None)
+    if fetch is None:
+        return
+
+    def refresh() -> object:
+        with withheld.lent():
+            return fetch()
+
+    credentials._refresh_using = refresh  # type: ignore[attr-defined]
 
 
 def read_profile(profile: str | None, setting: str) -> Profile:

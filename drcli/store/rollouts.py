@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass, field
 from threading import BoundedSemaphore
 from typing import Any
 
+from drcli.jsonrecord import Misfit, built, parsed
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.episodes import Episodes, pack_episodes
+from drcli.store.episodes import LEAST_STEP_BYTES, Episodes, pack_episodes
 from drcli.store.fingerprint import Fingerprint
 
 _UNSENT_PARTS = 4
@@ -30,6 +31,18 @@ class Part:
     fingerprint: Fingerprint
     episodes: int
     steps: int
+
+    def __post_init__(self) -> None:
+        """Refuse a part whose bytes cannot hold what it claims, before room is made for it.
+
+        Raises:
+            Misfit: They cannot.
+        """
+        if not 0 < self.episodes <= self.steps <= self.fingerprint.size_bytes / LEAST_STEP_BYTES:
+            raise Misfit(
+                f"{self.fingerprint.size_bytes} bytes cannot hold {self.episodes} episodes of "
+                f"{self.steps} steps"
+            )
 
 
 @dataclass(frozen=True)
@@ -78,15 +91,10 @@ class Manifest:
             ObjectDamaged: The bytes are something else.
         """
         try:
-            fields = json.loads(data)
-            parts = tuple(
-                Part(**{**part, "fingerprint": Fingerprint(**part["fingerprint"])})
-                for part in fields.pop("parts")
-            )
-            return cls(parts=parts, **fields)
-        except (AttributeError, KeyError, TypeError, ValueError) as e:
+            return built(cls, parsed(data))
+        except Misfit as e:
             raise ObjectDamaged(
-                f"{where} is no manifest: {e!r}.",
+                f"{where} is damaged: {e}.",
                 remedy="Delete it; the worker plays the iteration again.",
             ) from e
 

@@ -11,13 +11,13 @@ from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from drcli import waits
+from drcli import waits, withheld
 from drcli.errors import StorageError
 from drcli.store.backoff import delays_s
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
-from drcli.store.profiles import session_of
+from drcli.store.profiles import lend_to_refreshes, session_of
 
 if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client
@@ -317,8 +317,8 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
     )
     session = session_of(endpoint.profile, endpoint.names.profile)
     try:
-        with _making_clients:
-            return session.client(
+        with _making_clients, withheld.lent():
+            client = session.client(
                 "s3",
                 endpoint_url=endpoint.url,
                 region_name=endpoint.region,
@@ -326,6 +326,9 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
                 aws_secret_access_key=endpoint.secret_key,
                 config=config,
             )
+            if endpoint.access_key is None:
+                lend_to_refreshes(session.get_credentials())
+            return client
     except (BotoCoreError, ValueError, AttributeError) as e:  # the last for a section that is none
         raise StorageError(
             f"The AWS library cannot use region, address or profile of {endpoint.place} "

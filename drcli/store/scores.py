@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from drcli.jsonrecord import Misfit, built
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
+from drcli.store.keys import CheckpointName
 
 UNFINISHED_MS = 999_999.0
 """Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
@@ -71,26 +73,40 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
     """
     key = keys.deepracer_checkpoints(prefix)
     try:
-        found = get_json(bucket, key)
-        best, last = _score(found["best_checkpoint"]), _score(found["last_checkpoint"])
-        return Scores(replace(best, tie_break=found.get(_TIE_BREAK)), last)
+        return scores_of(get_json(bucket, key))
     except ObjectMissing:
         return None
-    except (AttributeError, KeyError, TypeError) as e:
+    except Misfit as e:
         raise ObjectDamaged(
-            f"{bucket.name}/{key} does not name a best and a last checkpoint: {e!r}.",
-            remedy="Delete it; the next checkpoint writes it anew.",
+            f"{bucket.name}/{key} is damaged: {e}.",
+            remedy="Go on with `dr-start-training --resume`, which rebuilds it.",
         ) from e
+
+
+def scores_of(file: Any) -> Scores:
+    """The scores from the JSON of their file.
+
+    Raises:
+        Misfit: They do not name a best and a last checkpoint.
+    """
+    entries = built(_File, file)
+    best, last = _score(entries.best_checkpoint), _score(entries.last_checkpoint)
+    return Scores(replace(best, tie_break=entries.best_tie_break), last)
 
 
 def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
     """Write the scores on one line."""
+    bucket.put(keys.deepracer_checkpoints(prefix), scores_file(scores))
+
+
+def scores_file(scores: Scores) -> bytes:
+    """The file of the scores."""
     written = asdict(scores)
     for entry in written.values():
         entry.pop("tie_break")
     if scores.best_checkpoint.tie_break is not None:
         written[_TIE_BREAK] = scores.best_checkpoint.tie_break
-    put_json(bucket, keys.deepracer_checkpoints(prefix), written)
+    return json.dumps(written, allow_nan=False).encode()
 
 
 def single_score(score: Score) -> bytes:
@@ -106,6 +122,15 @@ def single_score(score: Score) -> bytes:
     if score.tie_break is not None:
         written[_TIE_BREAK] = score.tie_break
     return json.dumps(written, allow_nan=False).encode()
+
+
+def metric_of(metric: str, result: Mapping[str, Sequence[float]]) -> float:
+    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
+    values: Sequence[float] = result.get(metric, ())
+    if metric == "laptime":
+        unfinished = len(result["progress"]) - len(result["lap_s"])
+        values = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
+    return sum(values) / len(values)
 
 
 def tie_break_of(metric: str, progress: Sequence[float], lap_s: Sequence[float]) -> float:
@@ -124,8 +149,26 @@ def tie_break_of(metric: str, progress: Sequence[float], lap_s: Sequence[float])
     return (1000.0 * sum(lap_s) + UNFINISHED_MS * unfinished) / max(1, len(progress))
 
 
-def _score(item: Mapping[str, Any]) -> Score:
-    return Score(item["name"], item.get("avg_eval_metric"), item.get("time_stamp", 0.0))
+@dataclass(frozen=True)
+class _Entry:
+    """A checkpoint in the file; older tools leave out what they do not know."""
+
+    name: str
+    avg_eval_metric: float | None = None
+    time_stamp: float = 0.0
+
+
+@dataclass(frozen=True)
+class _File:
+    best_checkpoint: _Entry
+    last_checkpoint: _Entry
+    best_tie_break: float | None = None
+
+
+def _score(entry: _Entry) -> Score:
+    if CheckpointName.parse(entry.name) is None:
+        raise Misfit(f"{json.dumps(entry.name)[:60]} is not the name of a checkpoint")
+    return Score(entry.name, entry.avg_eval_metric, entry.time_stamp)
 
 
 def _beats(score: Score, best: Score, lower_is_better: bool) -> bool:

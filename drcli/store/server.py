@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+from drcli import withheld
 from drcli.errors import StorageError
 from drcli.store import engines, idle, process
 from drcli.store.backoff import wait_until
@@ -254,8 +255,12 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
 
 
 def _inherited() -> dict[str, str]:
-    """Our environment without a racer's own rclone settings, which are about other things."""
-    return {k: v for k, v in os.environ.items() if not k.startswith("RCLONE_")}
+    """Our environment without a racer's own rclone settings, which are about other things.
+
+    Secrets are left out too: `/proc` would show them as long as the server runs.
+    """
+    plain, _ = withheld.split(os.environ)
+    return {k: v for k, v in plain.items() if not k.startswith("RCLONE_")}
 
 
 def _answers(state: ServerState, config: StorageConfig) -> bool:

@@ -2,11 +2,14 @@
 
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from drcli import waits
 from drcli.errors import StorageError
+from drcli.jsonrecord import Misfit, built, parsed
 from drcli.store.endpoint import Endpoint, Engine, StorageConfig
 
 
@@ -34,13 +37,13 @@ class ServerState:
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":
-        """What the file says, None where there is none.
+        """What the file says, None where there is none; a damaged one is put aside.
 
         Raises:
-            StorageError: It cannot be read or is damaged.
+            StorageError: It cannot be read.
         """
         try:
-            return cls(**json.loads(path.read_text("utf-8")))
+            return built(cls, parsed(path.read_bytes()))
         except FileNotFoundError:
             return None
         except OSError as e:
@@ -48,11 +51,15 @@ class ServerState:
                 f"{path} cannot be read ({e.strerror or e}).",
                 remedy="Run the command as the user who started the server.",
             ) from e
-        except (ValueError, TypeError) as e:
-            raise StorageError(
-                f"{path} is damaged: {e}.",
-                remedy="Delete it; the next start makes new access keys.",
-            ) from e
+        except Misfit as e:
+            kept = path.with_name(f"{path.name}.damaged")
+            with suppress(OSError):
+                path.replace(kept)
+            waits.warn(
+                f"{path} is damaged: {e}. The local server gets new access keys; the damaged file "
+                f"is kept as {kept}."
+            )
+            return None
 
     def write(self, path: Path) -> None:
         """Put it there in one step; at no moment may anybody else read the keys."""

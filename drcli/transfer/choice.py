@@ -10,7 +10,8 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.keys import CheckpointName
-from drcli.store.scores import Score, Scores, read_scores
+from drcli.store.mending import Model, readable_scores
+from drcli.store.scores import Score, Scores
 
 Choice = Literal["last", "best"] | int
 """The newest checkpoint, the one that was evaluated best, or the one with this number."""
@@ -78,14 +79,9 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
     Raises:
         CheckpointGone: It has no such checkpoint, or one of its files is missing.
         SettingsError: There is no model.
-        StorageError: The model's index is damaged, and it matters.
+        StorageError: The bucket cannot be read.
     """
-    try:
-        scores = read_scores(bucket, prefix)
-    except ObjectDamaged:
-        if not isinstance(choice, int):
-            raise
-        scores = None
+    scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     if scores is None and not isinstance(choice, int):
         raise SettingsError(
             f"No checkpoint file available at s3://{bucket.name}/"

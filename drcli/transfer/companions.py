@@ -1,5 +1,6 @@
 """What a checkpoint needs beside its own files: reward function, parameters, metrics."""
 
+from drcli import waits
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.runs.parameters import moved_training_parameters, training_parameters
@@ -117,7 +118,5 @@ def _parameters(settings: Settings, bucket: Bucket, prefix: str, target: tuple[s
     try:
         return moved_training_parameters(written, *target)
     except ValueError as e:
-        raise ObjectDamaged(
-            f"s3://{bucket.name}/{key} cannot be used. {e}",
-            remedy="Delete it; it is written anew from the settings.",
-        ) from e
+        waits.warn(f"{bucket.name}/{key} is damaged: {e} The copy is made from the settings.")
+        return moved_training_parameters(training_parameters(settings), *target)

@@ -6,11 +6,12 @@ from pathlib import Path
 from drcli import waits
 from drcli.config import Settings
 from drcli.runs.inputs import custom_files_folder
+from drcli.runs.mending import look_after
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
-from drcli.store.scores import read_scores
+from drcli.store.mending import Model, readable_scores
 from drcli.transfer.companions import SHAPING
 from drcli.transfer.custom_files import write_file
 from drcli.transfer.delivery import POINTERS, Delivery
@@ -139,6 +140,7 @@ def download(
         fetcher = Fetcher(source, here, options.prefix, watch)
         delivery.send(fetcher.fetch(delivery, listed))
         delivery.confirm((*SHAPING, *POINTERS))
+    look_after(settings, here, options.prefix)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.sweep("", kept)
@@ -189,7 +191,7 @@ def _source(
 
 
 def _last(bucket: Bucket, prefix: str) -> str:
-    scores = read_scores(bucket, prefix)
+    scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     return "" if scores is None else scores.last_checkpoint.name
 
 

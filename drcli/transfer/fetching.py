@@ -1,11 +1,12 @@
 """Brings the objects of a model from one bucket to another, though it may be changing there."""
 
-import json
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
+from drcli import waits
 from drcli.errors import SettingsError, StorageError
+from drcli.jsonrecord import Misfit, parsed
 from drcli.runs.parameters import moved_training_parameters
 from drcli.store import keys
 from drcli.store.bucket import (
@@ -17,6 +18,9 @@ from drcli.store.bucket import (
     Watch,
 )
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.keys import CheckpointName
+from drcli.store.rebuilding import good_records, rebuilt_scores
+from drcli.store.scores import scores_file, scores_of
 from drcli.transfer.choice import Item, missing_parts
 from drcli.transfer.companions import HYPERPARAMETERS, METADATA, PARAMETERS_FILE
 from drcli.transfer.delivery import POINTERS, Delivery
@@ -70,7 +74,7 @@ def list_model(source: Source) -> Listing:
     wrong = [
         f"{name} is {'empty' if name in sizes else 'missing'}"
         for name in (keys.REWARD_FUNCTION_FILE, HYPERPARAMETERS, METADATA)
-        if not sizes.get(name)
+        if not sizes.get(name) and not (name in sizes and _is_saved(source, name))
     ]
     if wrong:
         why = ", ".join(wrong) if listed else "There is nothing"
@@ -79,6 +83,13 @@ def list_model(source: Source) -> Listing:
             remedy=f"Correct the address after -s; `{source.listing}` shows all models there.",
         )
     return listed
+
+
+def _is_saved(source: Source, name: str) -> bool:
+    """Whether a file that is empty comes back from a checkpoint."""
+    records = good_records(source.bucket, source.prefix)
+    file = name.rpartition("/")[2]
+    return any(file in record.counters.get("inputs", {}) for record in records)
 
 
 def list_whole(source: Source) -> Listing:
@@ -191,6 +202,11 @@ class Fetcher:
 
 def _load(store: CheckpointStore, name: str, source: str) -> None:
     try:
+        store.record(name)
+    except ObjectDamaged as e:
+        waits.warn(f"{e} The copy gets another one, worked out from the weights.")
+        return
+    try:
         store.load(name)
     except ObjectDamaged as e:
         raise ObjectDamaged(
@@ -200,13 +216,28 @@ def _load(store: CheckpointStore, name: str, source: str) -> None:
 
 
 def _pointers(source: Source) -> list[Item]:
-    """Those of the two pointers that are there."""
+    """Those of the two pointers that are there; what is damaged is worked out again."""
     folder = keys.folder(source.prefix)
-    return [
+    found = [
         Item(name, source.bucket.get(folder + name))
         for name in POINTERS
         if source.bucket.exists(folder + name)
     ]
+    return [_readable(source, item) for item in found]
+
+
+def _readable(source: Source, item: Item) -> Item:
+    try:
+        _named([item], source.url)
+    except ObjectDamaged as error:
+        scores = rebuilt_scores(source.bucket, source.prefix, "progress")
+        if scores is None:
+            raise
+        waits.warn(f"{error} The copy gets another one, worked out from the checkpoints.")
+        if item.name.endswith(".json"):
+            return Item(item.name, scores_file(scores))
+        return Item(item.name, scores.last_checkpoint.name.encode())
+    return item
 
 
 def _incomplete(source: Source, missing: str) -> StorageError:
@@ -222,13 +253,16 @@ def _named(pointers: list[Item], source: str) -> set[str]:
     for item in pointers:
         try:
             if item.name.endswith(".json"):
-                index = json.loads(item.data)
-                names |= {str(index[e]["name"]) for e in ("best_checkpoint", "last_checkpoint")}
+                scores = scores_of(parsed(item.data))
+                names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
             else:
-                names.add(item.data.decode().strip())
-        except (ValueError, KeyError, TypeError) as e:
+                name = item.data.decode(errors="replace").strip()
+                if CheckpointName.parse(name) is None:
+                    raise Misfit("it does not name a checkpoint")
+                names.add(name)
+        except Misfit as e:
             raise ObjectDamaged(
-                f"{source}/{item.name} does not name a checkpoint: {e!r}.",
+                f"{source}/{item.name} is damaged: {e}.",
                 remedy="Restore it from a copy, or fetch another model.",
             ) from e
     return names

@@ -1,15 +1,16 @@
 """Which models lie in a bucket, and how far each has come."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import fnmatchcase
 
 from drcli.runs import lease
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo
+from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.keys import CheckpointName
-from drcli.store.scores import Score, read_scores
+from drcli.store.mending import Model, readable_scores
+from drcli.store.scores import Score
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
 """What a folder with a model has."""
@@ -41,6 +42,8 @@ class ModelEntry:
         size_bytes: Their size.
         modified: When the newest of them was written, ISO 8601.
         training: Whether it is being trained now.
+        damaged: What is damaged of its index, a sentence; the checkpoints are then what could be
+            rebuilt.
     """
 
     prefix: str
@@ -51,6 +54,7 @@ class ModelEntry:
     size_bytes: int
     modified: str
     training: bool
+    damaged: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -110,10 +114,7 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         name = keys.checkpoint_of(prefix, info.key)
         if name is not None:
             names.add(name)
-    try:
-        scores = read_scores(bucket, prefix)
-    except ObjectDamaged:
-        scores = None
+    scores, damaged = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     held = lease.holder(bucket, prefix)
     newest: datetime = max(info.modified for info in objects)
     return ModelEntry(
@@ -125,6 +126,7 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         size_bytes=sum(info.size_bytes for info in objects),
         modified=newest.isoformat(timespec="seconds"),
         training=held is not None and lease.is_owner_alive(held),
+        damaged=damaged,
     )
 
 

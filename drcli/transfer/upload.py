@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.config import Settings
+from drcli.runs.mending import look_after
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
 from drcli.store.connect import open_bucket
@@ -116,6 +117,7 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
         otherwise="or upload into the local bucket with -L",
     )
     here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+    look_after(settings, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings, here, source)
     chosen = choose(here, source, options.choice)
     there.list(keys.model_folder(target))  # a target that cannot be reached ends it here

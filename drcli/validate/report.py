@@ -127,4 +127,7 @@ def find_tried(folder: Path) -> list[Violation] | None:
     path = folder / _TRIAL_FILE
     if not path.exists():
         return None
-    return [Violation(**fields) for fields in json.loads(path.read_text("utf-8"))]
+    try:
+        return [Violation(**fields) for fields in json.loads(path.read_text("utf-8"))]
+    except (ValueError, TypeError):  # it was ended while it wrote
+        return None

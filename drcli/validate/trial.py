@@ -69,12 +69,10 @@ def try_inputs(job: Job, reward: InputFile | None, given_up: Event) -> list[Viol
 
 def _run(job: Job, arguments: list[str], given_up: Event) -> tuple[int | None, str]:
     """Exit code of the trial, None where it had to be ended, and the end of what it wrote."""
-    process = subprocess.Popen(
+    process = job.spawn(
         # -P: files of the working folder must not be taken for modules of that name.
         [sys.executable, "-P", "-m", "drcli.worker.trial", *arguments],
-        env=job.to_environment(),
         cwd=job.directory,
-        stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         start_new_session=True,  # signals that it sends to its group are for itself

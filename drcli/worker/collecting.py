@@ -1,5 +1,6 @@
 """Gathers what the simulation workers drove with a checkpoint, as the learner takes it."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -84,7 +85,7 @@ class Collector:
             manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
-            took_s = max(float(m.notes["drive_s"]) for m in manifests.values())
+            took_s = max(map(_drive_s, manifests.values()))
             patience_s = max(LEAST_PATIENCE_S, took_s)
             manifests = self._wait(
                 iteration, checkpoints, manifests, len(expected), patience_s, should_stop
@@ -149,11 +150,9 @@ class Collector:
             rewards=sums.tolist(),
             lap_s=extras["duration_s"][extras["completed"]].tolist(),
             simulated_s=float(extras["duration_s"].sum()),
-            drive_s=max(float(m.notes["drive_s"]) for m in manifests),
+            drive_s=max(map(_drive_s, manifests)),
             checkpoint=str(min(_name(m) for m in manifests)),
-            evaluates=next(
-                (m.notes["evaluates"] for m in manifests if m.notes["evaluates"] is not None), None
-            ),
+            evaluates=next((n for n in map(_evaluates, manifests) if n is not None), None),
         )
 
     def _within_cap(self, played: Episodes) -> Episodes:
@@ -168,6 +167,18 @@ class Collector:
             f"DR_TRAIN_MAX_STEPS_PER_ITERATION is {self._max_steps} steps."
         )
         return played.chosen(np.sort(order[fits]))
+
+
+def _drive_s(manifest: Manifest) -> float:
+    """How long the worker drove, 0 where its note about that is damaged."""
+    value = manifest.notes.get("drive_s")
+    return value if isinstance(value, float) and 0.0 <= value < math.inf else 0.0
+
+
+def _evaluates(manifest: Manifest) -> int | None:
+    """Number of the checkpoint that the worker evaluates beside, None without one."""
+    value = manifest.notes.get("evaluates")
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def _name(manifest: Manifest) -> CheckpointName:

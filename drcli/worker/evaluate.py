@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from safetensors.torch import load as load_tensors
 
+from drcli import signalguard
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
@@ -24,12 +25,13 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.store.traces import STATUS_LABELS
 from drcli.worker import announce, process
 from drcli.worker.cores import cores
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.process import Lifeline
-from drcli.worker.trace import STATUS_LABELS, Episode, csv_text, log_lines, schedule
+from drcli.worker.trace import Episode, csv_text, log_lines, schedule
 from drcli.worker.world import (
     actions_of,
     load_race,
@@ -249,6 +251,7 @@ def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], No
     """The evaluation, to be run as a process."""
 
     def loop(job: Job, lifeline: Lifeline) -> None:
+        signalguard.install()
         evaluate(job, lifeline, entries(job.settings, stamp, checkpoints))
 
     return loop

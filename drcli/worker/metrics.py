@@ -1,19 +1,13 @@
 """TrainingMetrics.json of one simulation worker, which goes on where an earlier process left it."""
 
 import contextlib
-import json
 from collections.abc import Sequence
 from typing import Any
 
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.training_metrics import counted_with, read_records, write_records
 from drcli.worker.share import Share
 from drcli.worker.trace import Episode, training_record
-
-VERSION = 2.0
-"""Version of the file's format. Source: the reference simulator."""
-
-_PER_ITERATION = "episodes_per_iteration"
-"""Key of the file that analysis tools ignore: what the numbers of its episodes are counted with."""
 
 
 class TrainingMetrics:
@@ -24,6 +18,9 @@ class TrainingMetrics:
     drives 6 episodes beside another's 7 leaves out one number of each iteration. Each record keeps
     its iteration too, in a key that those tools ignore: after a resume with more episodes, all are
     numbered again.
+
+    Raises:
+        ObjectDamaged: What is there is something else.
     """
 
     def __init__(self, bucket: Bucket, key: str, best_model_metric: str, share: Share) -> None:
@@ -31,16 +28,13 @@ class TrainingMetrics:
         self._key = key
         self._best_model_metric = best_model_metric
         self._records: list[dict[str, Any]] = []
-        self._per_iteration = share.most
         with contextlib.suppress(ObjectMissing):
-            file = json.loads(bucket.get(key))
-            self._records = file["metrics"]
-            counted_with = file.get(_PER_ITERATION, 0)
-            most = max((record["trial"] for record in self._records), default=0)
-            self._per_iteration = max(share.most, counted_with, most)
+            self._records = read_records(bucket, key)
         for record in self._records:
             # Version 0.1.0 kept no iteration, and counted each worker's episodes without gaps.
             record.setdefault("iteration", (record["episode"] - 1) // share.count)
+        self._per_iteration = max(share.most, counted_with(self._records))
+        for record in self._records:
             record["episode"] = self._number(record["iteration"], record["trial"])
 
     @property
@@ -69,13 +63,7 @@ class TrainingMetrics:
         self._records += [self._record(episode, iteration, last) for episode in evaluation]
         if not self._records:
             return
-        file = {
-            "metrics": self._records,
-            "version": VERSION,
-            "best_model_metric": self._best_model_metric,
-            _PER_ITERATION: self._per_iteration,
-        }
-        self._bucket.put(self._key, json.dumps(file).encode())
+        write_records(self._bucket, self._key, self._records, self._best_model_metric)
 
     def _record(self, episode: Episode, iteration: int, trial: int) -> dict[str, Any]:
         record = training_record(episode, self._number(iteration, trial), trial)

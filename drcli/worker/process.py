@@ -89,7 +89,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     Exits 0 when the loop is done or was asked to stop, with an explained failure's own code, and
     with 1 for a bug, whose traceback goes to the log.
     """
-    job = Job.from_environment()
+    job = Job.received()
     lifeline = Lifeline(job.launcher_pid)
     LastWords.forget(job.folder, name)
     output.install(job.settings.log_max_mb << 20)

@@ -1,18 +1,16 @@
 """How the trainer scores checkpoints by what the simulation worker evaluated."""
 
 from collections.abc import Callable, Iterable
-from contextlib import suppress
-from typing import Any
-
-import numpy as np
 
 from drcli.store import keys
 from drcli.store.backoff import wait_until
-from drcli.store.bucket import Bucket, ObjectMissing, get_json
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.evaluations import EvaluationResult, read_evaluation
 from drcli.store.history import History, IterationRecord
 from drcli.store.keys import CheckpointName
-from drcli.store.scores import UNFINISHED_MS, tie_break_of
+from drcli.store.mending import set_aside
+from drcli.store.scores import metric_of, tie_break_of
 
 REMEMBERED_SCORES = 3
 """How many of the newest iterations may still be waiting for their evaluation."""
@@ -73,10 +71,10 @@ class Scoring:
             newest: Named in the log beside it.
         """
         for iteration in sorted(self._expected):
-            with suppress(ObjectMissing):
-                result = self._result(iteration)
+            result = self._result(iteration)
+            if result is not None:
                 self._expected.discard(iteration)
-                self._history.add_evaluation(iteration, result["progress"], result["lap_s"])
+                self._history.add_evaluation(iteration, result.progress, result.lap_s)
                 self._compare(result, newest)
 
     def score_all(self, newest: CheckpointName) -> None:
@@ -86,11 +84,10 @@ class Scoring:
         begins, for what arrived while there was none.
         """
         self.score(newest)
-        with suppress(ObjectMissing):
-            result = self._result(newest.number)
-            if result["checkpoint"] == str(newest):
-                self._ahead = newest.number
-                self._compare(result, newest)
+        result = self._result(newest.number)
+        if result is not None and result.checkpoint == str(newest):
+            self._ahead = newest.number
+            self._compare(result, newest)
 
     def wait(self, evaluates: int, patience_s: float, should_stop: Callable[[], bool]) -> None:
         """Wait for the evaluation that is being driven beside the last iteration.
@@ -109,29 +106,27 @@ class Scoring:
             first_s=0.1,
         )
 
-    def _result(self, iteration: int) -> dict[str, Any]:
-        result: dict[str, Any] = get_json(
-            self._bucket, keys.evaluation_result(self._prefix, iteration)
-        )
-        return result
+    def _result(self, iteration: int) -> EvaluationResult | None:
+        """An evaluation, by the number of its checkpoint; None where there is none (yet)."""
+        try:
+            return read_evaluation(self._bucket, self._prefix, iteration)
+        except ObjectMissing:
+            return None
+        except ObjectDamaged as error:
+            self._expected.discard(iteration)
+            key = keys.evaluation_result(self._prefix, iteration)
+            kept = set_aside(self._bucket, self._prefix, key)
+            print(f"Checkpoint> {error} It is not scored; the damaged one is kept as {kept}.")
+            return None
 
-    def _compare(self, result: dict[str, Any], newest: CheckpointName) -> None:
+    def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
         """Let an evaluated checkpoint be the best one, if it is."""
         self._checkpoints.record_evaluation(
-            result["checkpoint"],
-            metric_of(self._metric, result),
+            result.checkpoint,
+            metric_of(self._metric, result.columns),
             lower_is_better=self._metric == "laptime",
-            tie_break=tie_break_of(self._metric, result["progress"], result["lap_s"]),
+            tie_break=tie_break_of(self._metric, result.progress, result.lap_s),
         )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             print(f"Best checkpoint number: {best.number}, Last checkpoint number: {newest.number}")
-
-
-def metric_of(metric: str, result: dict[str, list[float]]) -> float:
-    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
-    if metric != "laptime":
-        return float(np.mean(result[metric]))
-    unfinished = len(result["progress"]) - len(result["lap_s"])
-    times_ms = [1000.0 * lap_s for lap_s in result["lap_s"]] + [UNFINISHED_MS] * unfinished
-    return float(np.mean(times_ms))

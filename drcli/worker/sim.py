@@ -3,7 +3,6 @@
 Run by the supervisor as `python -m drcli.worker.sim K`, K counting the workers from 0.
 """
 
-import json
 import os
 import sys
 import time
@@ -14,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
+from drcli import signalguard
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.learn.acting import SideBySide
@@ -22,6 +22,8 @@ from drcli.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.episodes import Episodes
+from drcli.store.evaluations import EvaluationResult, write_evaluation
+from drcli.store.mending import Model, mend_metrics
 from drcli.store.rollouts import RolloutWriter, session_of_worker
 from drcli.worker import announce, process
 from drcli.worker.cores import cores, driving_threads, overlaps
@@ -102,6 +104,15 @@ class SimWorker:
             randomize=randomize_of(s),
         )
         self._driver = Driver(simulation, [Pilot(SideBySide(self._model, threads), actions)], seed)
+        own = Model(
+            self._bucket,
+            self._prefix,
+            s.metrics_prefix,
+            s.train_best_model_metric,
+            workers=(worker,),
+        )
+        for sentence in mend_metrics(own):
+            print(f"Model> {sentence}")
         self._metrics = TrainingMetrics(
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
@@ -288,15 +299,15 @@ class SimWorker:
     def _publish_evaluation(self, name: keys.CheckpointName, episodes: list[Driven]) -> None:
         """Tell the trainer how a checkpoint did in all its trials."""
         episodes.sort(key=lambda episode: episode.number)
-        result = {
-            "checkpoint": str(name),
-            "progress": [float(e.progress) for e in episodes],
-            "reward": [float(e.reward) for e in episodes],
-            "lap_s": [float(e.duration_s) for e in episodes if e.completed],
-        }
+        result = EvaluationResult(
+            checkpoint=str(name),
+            progress=[float(e.progress) for e in episodes],
+            reward=[float(e.reward) for e in episodes],
+            lap_s=[float(e.duration_s) for e in episodes if e.completed],
+        )
         key = keys.evaluation_result(self._prefix, name.number)
         self._evaluated_before = self._bucket.exists(key)
-        self._bucket.put(key, json.dumps(result).encode())
+        write_evaluation(self._bucket, self._prefix, name.number, result)
 
     def _note_evaluation(
         self,
@@ -360,6 +371,7 @@ def main(worker: int) -> Callable[[Job, Lifeline], None]:
 
     def loop(job: Job, lifeline: Lifeline) -> None:
         flush_denormals()
+        signalguard.install()
         SimWorker(job, lifeline, worker).run()
 
     return loop

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from drcli.store.traces import STATUS_LABELS
+
 CSV_HEADER = (
     "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
     "closest_waypoint,track_len,tstamp,episode_status,pause_duration,obstacle_crash_counter,"
@@ -17,20 +19,6 @@ CSV_HEADER = (
 
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds."""
-
-STATUS_LABELS = {
-    "lap_complete": "Lap complete",
-    "off_track": "Off track",
-    "crashed": "Crashed",
-    "immobilized": "Immobilized",
-    "reversed": "Reversed",
-    "in_progress": "In progress",
-    "pause": "Pause",
-    "prepare": "Prepare",
-    "park": "Park",
-    "time_up": "Time Up",
-}
-"""How metrics files spell the status words of traces."""
 
 Phase = Literal["training", "evaluation"]
 

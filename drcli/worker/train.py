@@ -9,19 +9,21 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from drcli.errors import StorageError, TrainingFailed
+from drcli.errors import SettingsError, StorageError, TrainingFailed
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
 from drcli.store.collection import RolloutReader
 from drcli.store.history import History, IterationRecord, fields_of
+from drcli.store.mending import Model, mend
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
@@ -47,14 +49,25 @@ class Trainer:
         self._bucket = process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
+        model = Model(
+            self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
+        )
+        for sentence in mend(model):
+            print(f"Model> {sentence}")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
+        files = {
+            keys.HYPERPARAMETERS_FILE: self._bucket.get(keys.hyperparameters(self._prefix)),
+            keys.MODEL_METADATA_FILE: self._bucket.get(keys.model_metadata(self._prefix)),
+        }
         parameters = Hyperparameters.from_bytes(
-            self._bucket.get(keys.hyperparameters(self._prefix)), "hyperparameters.json"
+            files[keys.HYPERPARAMETERS_FILE], keys.HYPERPARAMETERS_FILE
         )
         metadata = ModelMetadata.from_bytes(
-            self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
+            files[keys.MODEL_METADATA_FILE], keys.MODEL_METADATA_FILE
         )
+        # Each checkpoint carries what a model cannot be gone on with where it is lost.
+        self._inputs = {name: data.decode("utf-8-sig") for name, data in files.items()}
         print("Using the following hyper-parameters")
         print(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
@@ -125,21 +138,38 @@ class Trainer:
             return
         for damage in found.damaged:
             print(f"Checkpoint> Passed over {damage}")
-        self._learner.model.load_state_dict(load_tensors(found.tensors))
+        self._load(found)
         if found.optimizer is None:
             print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
         else:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
         self._number, self._steps = record.number, record.steps
-        self._episodes = int(record.counters["episodes"])
-        self._elapsed_before_s = float(record.counters["elapsed_s"])
+        self._episodes = int(record.counters.get("episodes", 0))
+        self._elapsed_before_s = float(record.counters.get("elapsed_s", 0.0))
         self._history.restore(self._number, record.counters.get("learned"))
         self._scoring.restore(self._history.records)
         self._checkpoints.point_to(record)
         print(f"Checkpoint> Restoring from path={record.name}")
         self._scoring.score_all(self._newest())
         self._recall()
+
+    def _load(self, found: Checkpoint) -> None:
+        """Take up the weights of a checkpoint.
+
+        Raises:
+            SettingsError: They are of another network than the parameter files describe.
+        """
+        try:
+            self._learner.model.load_state_dict(load_tensors(found.tensors))
+        except (RuntimeError, SafetensorError) as error:
+            what = str(error).strip().splitlines()[-1].strip()
+            raise SettingsError(
+                f"The weights of {found.record.name} do not fit model_metadata.json and "
+                f"hyperparameters.json: {what}",
+                remedy="Bring back the files that the model was trained with, or start anew with "
+                "-w.",
+            ) from None
 
     def _recall(self) -> None:
         """Give a learner with a memory the rollouts it had learned from already."""
@@ -296,6 +326,8 @@ class Trainer:
                 "elapsed_s": self._elapsed_s(),
                 "number_format": self._number_format,
                 "learned": None if learned is None else fields_of(learned),
+                "seed": self._job.seed,
+                "inputs": self._inputs,
             },
         )
         print(f"Checkpoint> Saving in path=['{record.name}']")

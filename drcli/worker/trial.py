@@ -17,6 +17,7 @@ from types import TracebackType
 
 import numpy as np
 
+from drcli import signalguard
 from drcli.config import Settings
 from drcli.errors import SettingsError
 from drcli.job import Job
@@ -206,8 +207,9 @@ def _violation(error: RewardError, rule: str, path: Path, name: str, state: str 
 
 def main(file: Path | None, name: str) -> None:
     """Try what the job says, as a process of its own, and leave what is found in its folder."""
-    job = Job.from_environment()
+    job = Job.received()
     threading.Thread(target=_end_after, args=(job.launcher_pid,), daemon=True).start()
+    signalguard.install()
     if file is None:
         leave_tried(try_inputs(job.settings, None), job.folder)
         return

@@ -1,12 +1,11 @@
 """How a simulation worker waits for the trainer."""
 
-import json
 import time
 from collections import deque
 from collections.abc import Callable
 
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.checkpoints import CheckpointStore, Record
 from drcli.store.rollouts import find_manifest
 from drcli.worker.process import StopRequested
@@ -116,7 +115,7 @@ class CheckpointWaiter:
         quiet_until = since_s + self._quiet_s(steps)
         while True:
             self._obey()
-            name = keys.CheckpointName.parse(self._checkpoints.latest_name() or "")
+            name = self._checkpoints.pointed()
             found = name is not None and (name.number >= number or name.number < newest)
             if found or self._clock() - looked_for_end > FINISHED_EVERY_S:
                 # After the name: a trainer that ends marks the end before its last checkpoint.
@@ -146,7 +145,7 @@ class CheckpointWaiter:
         ):
             return False
         # A trainer that has just learned from them, or ended, may have deleted them.
-        return self._checkpoints.latest_name() == str(newest) and not self._finished()
+        return self._checkpoints.pointed() == newest and not self._finished()
 
     def _obey(self) -> None:
         if self._should_stop():
@@ -154,7 +153,7 @@ class CheckpointWaiter:
 
     def _finished(self) -> bool:
         try:
-            mark = json.loads(self._bucket.get(self._end))
-        except ObjectMissing:
+            mark = get_json(self._bucket, self._end)
+        except (ObjectMissing, ObjectDamaged):  # the supervisor tells of the end, too
             return False
-        return bool(mark["session"] == self._session)
+        return isinstance(mark, dict) and mark.get("session") == self._session

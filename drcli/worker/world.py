@@ -43,7 +43,7 @@ def load_world(settings: Settings) -> Track:
                 remedy=remedy(settings),
             ) from None
         raise SettingsError(
-            f"DR_WORLD_NAME={settings.world_name} ({where}): {error}",
+            f"DR_WORLD_NAME={settings.world_name:.80} ({where}): {error}",
             remedy=remedy(settings),
         ) from None
 

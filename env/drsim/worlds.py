@@ -20,6 +20,9 @@ Direction = Literal["clockwise", "counterclockwise", "open"]
 
 _DEFINITIONS = Path(__file__).parent / "assets" / "worlds"
 
+_LONGEST_NAME = 1_000
+"""Characters of a world's name or path; files cannot have much longer ones."""
+
 _ROUTE_FILES = (".npy", ".csv")
 """Route files that need nothing but their name, in the order in which they win."""
 
@@ -167,6 +170,11 @@ def _direction(track: Track) -> Direction:
 
 def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
     """The track of a world, and the file that defines it."""
+    if len(world) > _LONGEST_NAME:
+        raise TrackError(
+            f"No world has a name of {len(world):,} characters ('{world[:40]}...'). Use a name "
+            f"or path of at most {_LONGEST_NAME}."
+        )
     files = _files(tracks_dir)
     known = {*files, *_SAME_ROUTE}
     if Path(world).suffix in _ROUTE_FILES:

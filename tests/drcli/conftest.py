@@ -139,3 +139,11 @@ def dr() -> Callable[..., int]:
         return end.value.code
 
     return run
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Warnings that commands show while they work."""
+    said: list[str] = []
+    monkeypatch.setattr("drcli.waits.warn", said.append)
+    return said

@@ -10,7 +10,7 @@ import pytest
 
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.runs.machine import started_s
-from drcli.runs.record import RunRecord, WorkerRecord, is_alive, run_folder
+from drcli.runs.record import RunRecord, WorkerRecord, exists, is_alive, run_folder
 from drcli.runs.status import inspect
 from drcli.runs.stopping import running_trainings, stop_runs
 
@@ -77,3 +77,8 @@ def test_what_is_left_of_a_process_that_ended_is_not_alive():
     assert not is_alive(child.pid, began_s)
     child.wait()
     assert not is_alive(child.pid, began_s)
+
+
+@pytest.mark.parametrize("pid", [-1, 2**31, 2**70])
+def test_no_number_that_is_none_of_a_process_counts_as_one(pid):
+    assert not exists(pid)

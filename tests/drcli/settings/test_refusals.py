@@ -118,6 +118,13 @@ from drcli.findings import FindingsError
             id="own-files-in-the-model",
         ),
         pytest.param(
+            "DR_LOCAL_S3_MODEL_PREFIX=custom_files/model",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model lies in the folder of "
+            "your own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
+            "Give the model a folder beside it: they could overwrite each other.",
+            id="model-among-own-files",
+        ),
+        pytest.param(
             "DR_LOCAL_S3_BUCKET=s3://bucket",
             "run.env line 2: DR_LOCAL_S3_BUCKET=s3://bucket is no name of a bucket.",
             "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",

@@ -70,7 +70,7 @@ def test_json_comes_back_as_it_went_on_one_line(bucket):
 def test_json_that_is_none_is_named(bucket):
     bucket.put("a.json", b"{")
 
-    with pytest.raises(ObjectDamaged, match=r"bucket/a\.json is not JSON"):
+    with pytest.raises(ObjectDamaged, match=r"bucket/a\.json is damaged: it is not JSON"):
         get_json(bucket, "a.json")
 
 

@@ -145,6 +145,8 @@ def test_whole_weights_go_on_without_a_damaged_optimizer(store, memory):
 
 
 def test_an_optimizer_that_follows_belongs_to_its_checkpoint_and_replaces_older_ones(store, memory):
+    older = store.save(8, 50, b"older")
+    store.attach_optimizer(older, b"oldest moments")
     before = store.save(9, 100, b"before")
     store.attach_optimizer(before, b"old moments")
     after = store.save(10, 200, b"after")
@@ -154,7 +156,18 @@ def test_an_optimizer_that_follows_belongs_to_its_checkpoint_and_replaces_older_
     found = store.load_latest(with_optimizer=True)
     assert found is not None
     assert (found.tensors, found.optimizer) == (b"after", b"moments")
-    assert not memory.exists(keys.checkpoint_optimizer(PREFIX, "9_Step-100.ckpt"))
+    assert not memory.exists(keys.checkpoint_optimizer(PREFIX, "8_Step-50.ckpt"))
+
+
+def test_whoever_falls_back_on_the_checkpoint_before_has_its_optimizer_too(store, memory):
+    store.attach_optimizer(store.save(9, 100, b"before"), b"old moments")
+    store.attach_optimizer(store.save(10, 200, b"after"), b"moments")
+    memory.put(keys.checkpoint_tensors(PREFIX, "10_Step-200.ckpt"), b"damaged")
+
+    found = store.load_latest(with_optimizer=True)
+
+    assert found is not None
+    assert (found.tensors, found.optimizer) == (b"before", b"old moments")
 
 
 @pytest.mark.parametrize("record", [b"{", b"[]", b'{"name": 1}', b'{"tensors": {}}'])

@@ -1,11 +1,16 @@
 """Episodes survive the way to bytes and back; anything else is refused."""
 
+import json
+import tracemalloc
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors.numpy import load, save
 
 from drcli.store.bucket import ObjectDamaged
 from drcli.store.episodes import Episodes, pack_episodes, unpack_episodes, unpack_together
@@ -135,3 +140,49 @@ def test_some_episodes_can_be_chosen():
     np.testing.assert_array_equal(
         chosen.extras["last_values"], episodes.extras["last_values"][[0, 2]]
     )
+
+
+def forged(**changes: Any) -> bytes:
+    """A rollout whose header or columns claim something else than its bytes hold."""
+    data = pack_episodes(played([4, 4]))
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])["__metadata__"]
+    tensors = load(data)
+    tensors |= {name: value for name, value in changes.items() if name in tensors}
+    header |= {name: value for name, value in changes.items() if name in header}
+    return save(tensors, metadata=header)
+
+
+BOMB = zstandard.ZstdCompressor().compress(bytes(50 << 20))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(forged(frames_shape="[1000000000, 1, 12, 16]"), id="a billion rows"),
+        pytest.param(forged(frames_shape="[8, 1000, 1000, 1000]"), id="huge frames"),
+        pytest.param(forged(frames_shape="[-8, 1, -12, 16]"), id="negative rows"),
+        pytest.param(forged(frames_shape="[8, 1, 12]"), id="no frames"),
+        pytest.param(forged(frames_shape="8"), id="a number"),
+        pytest.param(forged(frames_shape="[" * 100_000), id="brackets"),
+        pytest.param(forged(frames=np.frombuffer(BOMB, np.uint8)), id="a bomb"),
+        pytest.param(
+            forged(
+                rewards=np.zeros((10**9, 0), np.float32), frames_shape="[1000000000, 1, 12, 16]"
+            ),
+            id="a billion rows of nothing",
+        ),
+        pytest.param(b"\xff" * 7 + b"\x00" + b"{}", id="a header of 2**55 bytes"),
+        pytest.param(b"", id="nothing"),
+    ],
+)
+def test_a_rollout_that_claims_more_than_it_holds_is_damage_and_takes_no_memory(data):
+    tracemalloc.start()
+    try:
+        with pytest.raises(ObjectDamaged, match="holds no episodes"):
+            unpack_episodes(data)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 20 << 20

@@ -1,5 +1,6 @@
 """Workers hand in, the trainer takes: only what a manifest confirms, and nobody waits unheard."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -101,7 +102,7 @@ def test_a_manifest_comes_back_from_its_bytes(memory):
 def test_other_bytes_are_no_manifest(memory, data):
     memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
 
-    with pytest.raises(ObjectDamaged, match="is no manifest"):
+    with pytest.raises(ObjectDamaged, match="is damaged"):
         Manifest.from_bytes(data)
     assert find_manifest(memory, PREFIX, 3, 0) is None
 
@@ -263,3 +264,17 @@ def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):
     assert all(
         key.startswith((f"rollouts/{PREFIX}/3/0/0/", f"rollouts/{PREFIX}/10/")) for key in left
     )
+
+
+def test_a_manifest_that_claims_a_billion_rows_is_damage(memory):
+    part = {
+        "key": "k",
+        "fingerprint": {"size_bytes": 2_000_000, "sha256": "a"},
+        "episodes": 1,
+        "steps": 10**9,
+    }
+    fields = {"iteration": 3, "worker": 0, "checkpoint": "3_Step-1.ckpt", "session": "s"}
+    data = json.dumps({**fields, "parts": [part]}).encode()
+
+    with pytest.raises(ObjectDamaged, match="2000000 bytes cannot hold"):
+        Manifest.from_bytes(data)

@@ -327,11 +327,16 @@ def test_a_lock_that_stays_held_is_a_failure_with_its_file(tmp_path):
         pass
 
 
-def test_a_damaged_state_file_is_named(local):
+@pytest.mark.parametrize("state", ["", "{", "[]", "7", '{"engine": "rclone", "port": "x"}'])
+def test_a_damaged_state_file_is_named_and_put_aside(local, monkeypatch, state):
+    told: list[str] = []
+    monkeypatch.setattr("drcli.waits.warn", told.append)
     local.data_dir.mkdir()
-    (local.data_dir / ".server.json").write_text("{")
+    path = local.data_dir / ".server.json"
+    path.write_text(state)
 
-    with pytest.raises(StorageError, match=r"\.server\.json is damaged"):
-        server.ensure_running(local)
+    assert server.last_known(local) is None
 
-    (local.data_dir / ".server.json").unlink()
+    assert ".server.json is damaged" in told[0]
+    assert (local.data_dir / ".server.json.damaged").read_text() == state
+    assert not path.exists()

@@ -234,15 +234,20 @@ def test_a_source_that_is_not_whole_does_not_cost_the_model_that_lies_here(mover
     assert driven(mover.here, "mine") == "weights 3 of design b"
 
 
-@pytest.mark.parametrize("name", ["coach_checkpoint", "deepracer_checkpoints"])
-def test_a_source_whose_pointer_is_damaged_costs_nothing_here(mover, theirs, name):
-    put_model(mover.here, "mine", design="b")
+@pytest.mark.parametrize(
+    ("name", "best"),
+    [("coach_checkpoint", "weights 2"), ("deepracer_checkpoints", "weights 8")],
+)
+def test_a_source_whose_pointer_is_damaged_comes_with_one_that_is_worked_out(
+    mover, theirs, name, best, told
+):
     theirs.put(getattr(keys, name)("theirs/fast"), b"\xff")
 
-    with pytest.raises(StorageError):
-        mover.download(URL, "mine")
+    mover.download(URL, "mine")
 
-    assert driven(mover.here, "mine") == "weights 3 of design b"
+    assert driven(mover.here, "mine") == f"{best} of design a"
+    assert any(getattr(keys, name)("theirs/fast") in sentence for sentence in told)
+    assert theirs.get(getattr(keys, name)("theirs/fast")) == b"\xff"
 
 
 def test_a_source_that_is_pruned_while_it_is_looked_at_is_looked_at_again(mover):

@@ -62,4 +62,7 @@ def test_a_damaged_index_hides_no_model(bucket):
 
     (model,) = list_models(bucket, "other").models
 
-    assert (model.checkpoints, model.best, model.last) == (1, None, None)
+    assert model.best is not None
+    assert model.last is not None
+    assert (model.best.name, model.last.name) == ("9_Step-900.ckpt", "9_Step-900.ckpt")
+    assert "other/model/deepracer_checkpoints.json" in model.damaged[0]

@@ -112,14 +112,12 @@ def test_a_trial_ends_with_its_launcher(job, tmp_path):
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], stdout=-1)
     orphaned = replace(job, launcher_pid=int(gone.stdout), folder=tmp_path)
 
-    done = subprocess.run(
+    process = orphaned.spawn(
         [sys.executable, "-P", "-m", "drcli.worker.trial", path, "mine.py"],
-        env=orphaned.to_environment(),
         start_new_session=True,
-        timeout=60,
     )
 
-    assert done.returncode == -signal.SIGKILL
+    assert process.wait(60) == -signal.SIGKILL
 
 
 def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
@@ -134,12 +132,8 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     )
     own = replace(job, folder=tmp_path)
 
-    subprocess.run(
-        [sys.executable, "-c", script, path],
-        env=own.to_environment(),
-        start_new_session=True,
-        timeout=60,
-    )
+    process = own.spawn([sys.executable, "-c", script, path], start_new_session=True)
+    process.wait(60)
 
     [found] = find_tried(tmp_path)
     assert (found.rule, found.where) == ("V-21", "mine.py line 3")

@@ -51,10 +51,8 @@ def job(working_folder, tmp_path):
 
 def ended(job: Job, script: str) -> tuple[int, LastWords | None]:
     """Exit code and last words of a worker."""
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=job.to_environment(), stdout=-1, timeout=60
-    )
-    return done.returncode, LastWords.find(job.folder, "sim-0")
+    process = job.spawn([sys.executable, "-c", script], stdout=subprocess.DEVNULL)
+    return process.wait(60), LastWords.find(job.folder, "sim-0")
 
 
 def test_a_reward_function_that_swallows_its_deadline_ends_the_training_with_a_sentence(job):

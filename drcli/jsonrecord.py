@@ -1,0 +1,150 @@
+"""Reads JSON that this program wrote and that a disk, a copy or an editor may have damaged since.
+
+Frozen dataclasses become JSON by `dataclasses.asdict`; here they come back, every value checked, so
+that whoever uses one need not ask whether its number is a number.
+"""
+
+import dataclasses
+import json
+import math
+import re
+import types
+from collections.abc import Collection, Mapping
+from functools import cache
+from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+
+_LARGEST_INT = 2**53
+"""Beyond it, programs that read JSON numbers as floats disagree."""
+
+_LARGEST_PID = 2**31 - 1
+_LATEST_S = 1e11
+"""Longest time, and latest moment in Unix seconds, that dates can be made of: the year 5138."""
+
+_PID = re.compile(r"(^|_)pid")
+_SECONDS = re.compile(r"(_s|_at|_started|^renewed|^since|time_stamp)$")
+
+T = TypeVar("T")
+
+
+class Misfit(ValueError):
+    """The JSON is not what was written; the sentence says where."""
+
+
+def parsed(data: bytes, *, with_nan: bool = False) -> Any:
+    """Read JSON text.
+
+    Args:
+        data: UTF-8.
+        with_nan: Whether the words NaN and Infinity, which JSON does not know, are taken for
+            numbers as Python writes them.
+
+    Raises:
+        Misfit: It is something else.
+    """
+    if not data.strip():
+        raise Misfit("it is empty")
+    try:
+        return json.loads(data, parse_constant=None if with_nan else _refuse_constant)
+    except Misfit:
+        raise
+    except UnicodeDecodeError as e:
+        raise Misfit(f"byte 0x{data[e.start]:02x} at position {e.start} is not UTF-8 text") from e
+    except json.JSONDecodeError as e:
+        raise Misfit(f"it is not JSON (line {e.lineno} column {e.colno}: {e.msg})") from e
+    except (ValueError, RecursionError) as e:  # a number with 5,000 digits; 100,000 brackets
+        raise Misfit(f"it is not JSON ({e})") from e
+
+
+def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
+    """Make a dataclass from a JSON object.
+
+    Keys that the class does not have are passed over: a newer version may have written them.
+
+    Args:
+        kind: The dataclass.
+        value: What was read.
+        nan: Fields that may be NaN.
+
+    Raises:
+        Misfit: A key is missing or has a value that the field cannot have.
+    """
+    if not isinstance(value, dict):
+        raise Misfit(f"it is {_kind_of(value)} instead of an object with keys")
+    found: dict[str, Any] = {}
+    hints = _hints(kind)  # type: ignore[arg-type]
+    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
+        if item.name in value:
+            found[item.name] = _fitted(item.name, hints[item.name], value[item.name], nan)
+        elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
+            raise Misfit(f"'{item.name}' is missing")
+    return kind(**found)
+
+
+@cache
+def _hints(kind: Any) -> Mapping[str, Any]:
+    return get_type_hints(kind)
+
+
+def _fitted(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
+    """A value as a field of this type has it."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return value
+    if origin in (Union, types.UnionType):
+        if value is None and type(None) in inner:
+            return None
+        [only] = [each for each in inner if each is not type(None)]
+        return _fitted(name, only, value, nan)
+    if origin is Literal:
+        return value if value in inner else _refuse(name, value)
+    if origin in (list, tuple):
+        if not isinstance(value, list):
+            _refuse(name, value)
+        items = [_fitted(name, inner[0], item, nan) for item in value]
+        return items if origin is list else tuple(items)
+    if hint is dict or (origin is not None and issubclass(origin, Mapping)):
+        if not isinstance(value, dict):
+            _refuse(name, value)
+        of = inner[1] if inner else Any
+        return {key: _fitted(f"{name}.{key}", of, item, nan) for key, item in value.items()}
+    if dataclasses.is_dataclass(hint):
+        try:
+            return built(hint, value, nan=nan)  # type: ignore[arg-type]
+        except Misfit as e:
+            raise Misfit(f"in '{name}': {e}") from e
+    return _plain(name, hint, value, nan)
+
+
+def _plain(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
+    """A text, a number or a truth value."""
+    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if isinstance(value, float) and math.isnan(value) and name in nan:
+            return value
+        limit = _LATEST_S if _SECONDS.search(name) else math.inf
+        try:
+            number = float(value)
+        except OverflowError:
+            _refuse(name, value)
+        return number if math.isfinite(number) and abs(number) <= limit else _refuse(name, value)
+    if hint is int and isinstance(value, int) and not isinstance(value, bool):
+        fits = 0 < value <= _LARGEST_PID if _PID.search(name) else abs(value) <= _LARGEST_INT
+        return value if fits else _refuse(name, value)
+    return value if hint in (str, bool) and isinstance(value, hint) else _refuse(name, value)
+
+
+def _refuse(name: str, value: Any) -> NoReturn:
+    text = json.dumps(value) if not isinstance(value, int) or abs(value) < 1e18 else "a huge number"
+    shown = text if len(text) <= 40 else f"{text[:37]}..."
+    raise Misfit(f"'{name}' cannot be {shown}")
+
+
+def _refuse_constant(word: str) -> NoReturn:
+    raise Misfit(f"it is not JSON (it holds {word})")
+
+
+def _kind_of(value: Any) -> str:
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, str):
+        return "a text"
+    return "null" if value is None else "a single value"

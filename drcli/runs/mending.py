@@ -1,0 +1,120 @@
+"""Looks after the small objects of a model before a command relies on them.
+
+What `drcli.store.mending` rebuilds, and the parameter files and the note, whose content it does not
+know.
+"""
+
+import re
+from collections.abc import Callable
+
+from drcli import waits
+from drcli.config import Settings
+from drcli.errors import SettingsError
+from drcli.hyperparameters import Hyperparameters
+from drcli.model_metadata import ModelMetadata
+from drcli.runs import lease
+from drcli.runs.note import read_note
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, put_json
+from drcli.store.mending import Model, damages, mend, set_aside
+from drcli.store.rebuilding import good_records
+
+_SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
+
+
+def look_after(
+    settings: Settings,
+    bucket: Bucket,
+    prefix: str,
+    *,
+    may_write: bool = True,
+    missing: bool = False,
+) -> None:
+    """Say what is damaged of a model, and rebuild it where nobody trains it.
+
+    Args:
+        settings: Of the command.
+        bucket: Holds the model.
+        prefix: The model.
+        may_write: Whether the command may change something.
+        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+    """
+    held = lease.holder(bucket, prefix)
+    trained = held is not None and lease.is_owner_alive(held)
+    model = Model.of(settings, bucket, prefix)
+    told = mend_all(model, missing=missing) if may_write and not trained else damages(model)
+    for sentence in told:
+        waits.warn(sentence)
+
+
+def mend_all(model: Model, *, missing: bool = True) -> list[str]:
+    """Put every damaged object of a model aside and rebuild it; only while nobody trains it.
+
+    Args:
+        model: Which.
+        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+
+    Returns:
+        What was damaged and what became of it, a sentence each.
+    """
+    return [*mend(model, missing=missing), *_mend_parameters(model), *_mend_note(model)]
+
+
+def _mend_parameters(model: Model) -> list[str]:
+    """Bring back the model's copies of the parameter files, which each checkpoint carries."""
+    checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
+        (
+            keys.hyperparameters(model.prefix),
+            keys.HYPERPARAMETERS_FILE,
+            Hyperparameters.from_bytes,
+        ),
+        (keys.model_metadata(model.prefix), keys.MODEL_METADATA_FILE, ModelMetadata.from_bytes),
+    ]
+    told = []
+    for key, name, check in checks:
+        try:
+            check(model.bucket.get(key), f"{model.bucket.name}/{key}")
+        except ObjectMissing:
+            continue
+        except SettingsError as error:
+            saved = _saved(model, name)
+            try:
+                check(saved, name)
+            except SettingsError:
+                continue  # whoever needs the file says what is wrong with it
+            kept = set_aside(model.bucket, model.prefix, key)
+            model.bucket.put(key, saved)
+            told.append(
+                f"{error} It was brought back from a checkpoint. The damaged one is kept as "
+                f"{model.bucket.name}/{kept}."
+            )
+    return told
+
+
+def _saved(model: Model, name: str) -> bytes:
+    """The copy of a parameter file in the newest checkpoint, empty where there is none."""
+    for record in reversed(good_records(model.bucket, model.prefix)):
+        text = record.counters.get("inputs", {}).get(name)
+        if text is not None:
+            return str(text).encode()
+    return b""
+
+
+def _mend_note(model: Model) -> list[str]:
+    """Keep the seed at least, which a training goes on with."""
+    bucket, key = model.bucket, keys.run_note(model.prefix)
+    try:
+        read_note(bucket, model.prefix)
+    except ObjectDamaged as error:
+        found = _SEED.search(bucket.get(key))
+        seeds = [record.counters.get("seed") for record in good_records(bucket, model.prefix)]
+        seed = next((s for s in reversed(seeds) if s is not None), None)
+        if seed is None and found is not None:
+            seed = int(found[1])
+        kept = set_aside(bucket, model.prefix, key)
+        became = "Its seed is lost, so a training goes on with another one."
+        if seed is not None:
+            put_json(bucket, key, {"seed": seed})
+            became = f"Its seed, {seed}, was brought back."
+        return [f"{error} {became} The damaged one is kept as {bucket.name}/{kept}."]
+    return []

@@ -1,0 +1,50 @@
+"""Lets code of the racer's end its own process and what it has started, but nobody else's.
+
+A reward function runs in a process whose parent is the command or the supervisor:
+`os.kill(os.getppid(), 9)` would end these. It fails here instead, with the line that did it. This
+keeps off mistakes; code that wants to do harm finds other ways (docs/security.md).
+"""
+
+import errno
+import os
+import signal
+from collections.abc import Callable
+from typing import Any
+
+_REFUSAL = (
+    "a reward function may not send signals to the program that runs it, nor to other programs"
+)
+
+
+def install() -> None:
+    """Guard this process, which must be the first of a process group of its own."""
+    os.kill = _guarded(os.kill, _is_own)
+    os.killpg = _guarded(os.killpg, _is_own_group)
+    if hasattr(signal, "pidfd_send_signal"):  # what a descriptor stands for is not told
+        signal.pidfd_send_signal = _guarded(signal.pidfd_send_signal, lambda _descriptor: False)
+
+
+def _guarded(send: Callable[..., Any], allowed: Callable[[int], bool]) -> Callable[..., Any]:
+    def guarded(target: int, *arguments: Any) -> Any:
+        if not allowed(target):
+            raise PermissionError(errno.EPERM, _REFUSAL)
+        return send(target, *arguments)
+
+    return guarded
+
+
+def _is_own(pid: int) -> bool:
+    if pid <= 0:
+        return pid != -1 and _is_own_group(-pid)
+    return pid == os.getpid() or pid in _children()
+
+
+def _is_own_group(group: int) -> bool:
+    return (group in (0, os.getpid()) and os.getpgrp() == os.getpid()) or group in _children()
+
+
+def _children() -> set[int]:
+    """Processes that this one has started, and theirs."""
+    import psutil  # loaded here: hardly any reward function starts a program
+
+    return {child.pid for child in psutil.Process().children(recursive=True)}

@@ -1,0 +1,270 @@
+"""Works out again what a damaged object of a model said, from the objects that are whole.
+
+Nothing is written here; see `drcli.store.mending`.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore, Record
+from drcli.store.evaluations import EvaluationResult, evaluated_numbers, read_evaluation
+from drcli.store.fingerprint import Fingerprint
+from drcli.store.history import IterationRecord, fields_of, learned_record, record_of
+from drcli.store.keys import CheckpointName
+from drcli.store.scores import Score, Scores, metric_of, tie_break_of
+from drcli.store.traces import TracedEpisode, read_trace, traced_iterations
+from drcli.store.training_metrics import checked, traced_record
+
+T = TypeVar("T")
+
+
+def salvaged(data: bytes, read: Callable[[Any], T]) -> list[T]:
+    """The whole records in the text of a damaged file that lists records.
+
+    Args:
+        data: The file.
+        read: Makes a record of a JSON value; Misfit where it is none.
+    """
+    text = data.decode("utf-8", "replace")
+    decoder = json.JSONDecoder()
+    found: list[T] = []
+    at = text.find("{")
+    while at >= 0:
+        end = at + 1
+        try:
+            value, beyond = decoder.raw_decode(text, at)
+            found.append(read(value))
+            end = beyond
+        except (ValueError, RecursionError):  # Misfit is a ValueError
+            pass
+        at = text.find("{", end)
+    return found
+
+
+def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
+    """Checkpoints that have weights and a record, right or not, oldest first."""
+    names: dict[CheckpointName, set[str]] = {}
+    for info in bucket.list(keys.model_folder(prefix)):
+        name = keys.checkpoint_of(prefix, info.key)
+        if name is not None:
+            names.setdefault(name, set()).add(info.key)
+    return sorted(
+        name
+        for name, there in names.items()
+        if {
+            keys.checkpoint_record(prefix, str(name)),
+            keys.checkpoint_tensors(prefix, str(name)),
+        }
+        <= there
+    )
+
+
+def good_records(bucket: Bucket, prefix: str) -> list[Record]:
+    """Records of checkpoints that can be read, oldest first."""
+    store = CheckpointStore(bucket, prefix)
+    found = []
+    for name in whole_checkpoints(bucket, prefix):
+        try:
+            found.append(store.record(str(name)))
+        except (ObjectMissing, ObjectDamaged):
+            continue
+    return found
+
+
+def good_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
+    """Evaluations during the training that can be read, by the number of their checkpoint."""
+    found = {}
+    for number in evaluated_numbers(bucket, prefix):
+        try:
+            found[number] = read_evaluation(bucket, prefix, number)
+        except (ObjectMissing, ObjectDamaged):
+            continue
+    return found
+
+
+def rebuilt_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[IterationRecord]:
+    """The learning curve: from the checkpoints' records, what is whole of the old file, the traces.
+
+    Args:
+        bucket: Holds the model.
+        prefix: The model.
+        damaged: The old file.
+    """
+    records = good_records(bucket, prefix)
+    known = {r.iteration: r for r in _traced_history(bucket, prefix)}
+    known |= {r.iteration: r for r in salvaged(damaged, record_of)}
+    learned = [r.counters.get("learned") for r in records]
+    for record in [learned_record(fields) for fields in learned if fields is not None]:
+        before = known.get(record.iteration, record)
+        known[record.iteration] = replace(
+            record,
+            evaluation_progress=before.evaluation_progress,
+            evaluation_lap_s=before.evaluation_lap_s,
+        )
+    for number, result in good_evaluations(bucket, prefix).items():
+        if number in known:
+            known[number] = replace(
+                known[number],
+                evaluation_progress=result.progress,
+                evaluation_lap_s=result.lap_s,
+            )
+    newest = max((r.number for r in records), default=None)
+    return [known[n] for n in sorted(known) if newest is None or n < newest]
+
+
+def rebuilt_record(
+    bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
+) -> Record | None:
+    """The record of a checkpoint, from its weights and the learning curve.
+
+    Args:
+        bucket: Holds the model.
+        prefix: The model.
+        name: The checkpoint.
+        history: All iterations, as far as they are known.
+
+    Returns:
+        None where its weights cannot be read, or nobody knows how many episodes it has learned
+        from: an older checkpoint has to do then.
+    """
+    past = [r for r in history if r.iteration < name.number]
+    if len(past) != name.number:
+        return None
+    tensors = _found(bucket, keys.checkpoint_tensors(prefix, str(name)))
+    optimizer = _found(bucket, keys.checkpoint_optimizer(prefix, str(name)))
+    if not _is_safetensors(tensors):
+        return None
+    last = past[-1] if past else None
+    return Record(
+        str(name),
+        Fingerprint.of(tensors),
+        Fingerprint.of(optimizer) if _is_safetensors(optimizer) else None,
+        counters={
+            "episodes": sum(r.episodes for r in past),
+            "elapsed_s": last.elapsed_s if last is not None else 0.0,
+            "learned": None if last is None else fields_of(last),
+        },
+    )
+
+
+def rebuilt_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
+    """The index: the newest checkpoint, and of those that are there the one evaluated best.
+
+    Args:
+        bucket: Holds the model.
+        prefix: The model.
+        metric: DR_TRAIN_BEST_MODEL_METRIC.
+
+    Returns:
+        None where the model has no whole checkpoint.
+    """
+    records = good_records(bucket, prefix)
+    pointed = CheckpointStore(bucket, prefix).pointed()
+    newest = next((r for r in records if r.name == str(pointed)), records[-1] if records else None)
+    if newest is None:
+        return None
+    by_name = {r.name: r for r in records}
+    last = Score(newest.name, None, newest.sim_time_s)
+    scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
+    for _, result in sorted(good_evaluations(bucket, prefix).items()):
+        record = by_name.get(result.checkpoint)
+        if record is None:
+            continue
+        tie_break = tie_break_of(metric, result.progress, result.lap_s)
+        score = Score(record.name, metric_of(metric, result.columns), record.sim_time_s, tie_break)
+        scores = scores.with_evaluation(score, lower_is_better=metric == "laptime")
+    if scores.best_checkpoint.avg_eval_metric is None:
+        return Scores(last, last)
+    return scores
+
+
+def rebuilt_metrics(
+    bucket: Bucket, prefix: str, worker: int, damaged: bytes
+) -> list[dict[str, Any]]:
+    """The records of a worker's TrainingMetrics.json: what is whole of the old file, and traces."""
+    kept = salvaged(damaged, checked)
+    training = [r for r in kept if r["phase"] == "training"]
+    there = {(r["iteration"], r["trial"]) for r in training if "iteration" in r}
+    numbers = {r["episode"] for r in training if "iteration" not in r}  # of version 0.1.0
+    for iteration, of_iteration in traced_iterations(bucket, prefix).items():
+        if worker not in of_iteration:
+            continue
+        for trial, episode in enumerate(read_trace(bucket, of_iteration[worker]), start=1):
+            if (iteration, trial) not in there and episode.number + 1 not in numbers:
+                kept.append(traced_record(episode, iteration, trial))
+    return sorted(kept, key=lambda r: (r["metric_time"], r["phase"] != "training"))
+
+
+def _traced_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
+    """Iterations from their traces, without what only the learner knew."""
+    found: list[IterationRecord] = []
+    total, began_s = 0, math.inf
+    for iteration, of_worker in traced_iterations(bucket, prefix).items():
+        if iteration != len(found):
+            break  # what comes after a gap cannot be counted
+        episodes = [e for key in of_worker.values() for e in read_trace(bucket, key)]
+        if not episodes:
+            break
+        begin_s = min(e.wall_s[0] for e in episodes)
+        end_s = max(e.wall_s[1] for e in episodes)
+        began_s = min(began_s, begin_s)
+        name = CheckpointName(iteration, total)
+        steps = sum(e.steps for e in episodes)
+        total += steps
+        found.append(_traced_record(name, episodes, total, end_s - begin_s, end_s - began_s))
+    return found
+
+
+def _traced_record(
+    name: CheckpointName,
+    episodes: list[TracedEpisode],
+    total_steps: int,
+    drive_s: float,
+    elapsed_s: float,
+) -> IterationRecord:
+    laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
+    steps = sum(e.steps for e in episodes)
+    unknown = math.nan
+    return IterationRecord(
+        iteration=name.number,
+        checkpoint=str(name),
+        episodes=len(episodes),
+        steps=steps,
+        total_steps=total_steps,
+        mean_reward=sum(e.reward for e in episodes) / len(episodes),
+        mean_progress=sum(e.progress for e in episodes) / len(episodes),
+        full_laps=len(laps),
+        best_lap_s=min(laps, default=None),
+        entropy=unknown,
+        surrogate_loss=unknown,
+        value_loss=unknown,
+        kl=unknown,
+        steps_per_s=unknown,
+        real_time_factor=unknown,
+        drive_s=drive_s,
+        learn_s=unknown,
+        exchange_s=unknown,
+        elapsed_s=elapsed_s,
+    )
+
+
+def _found(bucket: Bucket, key: str) -> bytes:
+    try:
+        return bucket.get(key)
+    except ObjectMissing:
+        return b""
+
+
+def _is_safetensors(data: bytes) -> bool:
+    """Whether all tensors that the file's header lists are in it."""
+    from safetensors import SafetensorError, deserialize  # here: commands that look pay nothing
+
+    try:
+        return bool(data) and bool(deserialize(data))  # type: ignore[no-untyped-call]
+    except (SafetensorError, ValueError):
+        return False

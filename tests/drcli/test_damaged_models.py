@@ -1,0 +1,378 @@
+"""Whatever small object of a model is damaged: it is named, and commands go on without it."""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import save
+
+from drcli.config import Settings, load_settings
+from drcli.errors import DrError
+from drcli.runs import lease
+from drcli.runs.evaluation_plan import prepare_evaluation
+from drcli.runs.increment import plan_increment
+from drcli.runs.plan import RunPlan, StartOptions, prepare
+from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.status import inspect
+from drcli.store import keys
+from drcli.store.bucket import Watch, put_json
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.fingerprint import Fingerprint
+from drcli.store.history import read_history
+from drcli.store.memory import MemoryBucket
+from drcli.store.rebuilding import whole_checkpoints
+from drcli.store.scores import read_scores
+from drcli.store.training_metrics import read_records
+from drcli.transfer.download import DownloadOptions, download, plan_download
+from drcli.transfer.listing import list_models
+from drcli.transfer.upload import UploadOptions, plan_upload, upload
+from drcli.worker.process import StopRequested
+from drcli.worker.sim import SimWorker
+from drcli.worker.train import Trainer
+
+PREFIX = "team/model"
+ITERATIONS = 2
+RUN_ENV = f"""DR_WORLD_NAME=reinvent_base
+DR_LOCAL_S3_MODEL_PREFIX={PREFIX}
+DR_UPLOAD_S3_PREFIX=team/copy
+DR_TRAIN_MIN_EVAL_TRIALS=1
+DR_TRAIN_MAX_ITERATIONS={ITERATIONS}
+DR_TRAIN_OVERLAP=off
+DR_TRAIN_SEED=7
+"""
+
+
+class UntilFailure:
+    """The lifeline of workers that leave when one of them has failed.
+
+    Attributes:
+        failures: Of the trainer.
+    """
+
+    def __init__(self) -> None:
+        self.failures: list[BaseException] = []
+        self._deadline_s = time.monotonic() + 60.0
+
+    def should_stop(self) -> bool:
+        return bool(self.failures) or time.monotonic() > self._deadline_s
+
+
+class ProbedBucket(MemoryBucket):
+    """Can be asked whether it answers, and copied."""
+
+    def probe(self) -> None:
+        """It always does."""
+
+    def copied(self) -> "ProbedBucket":
+        copy = ProbedBucket(self.name)
+        for info in self.list(""):
+            copy.put(info.key, self.get(info.key))
+        return copy
+
+
+class World:
+    """A working folder and its buckets, which the commands find."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch, here: ProbedBucket) -> None:
+        self.folder = folder
+        self.here = here
+        self.there = ProbedBucket("uploads")
+        places = (
+            *("runs.plan", "runs.increment", "runs.evaluation_plan", "worker.train", "worker.sim"),
+            *("transfer.upload", "transfer.download", "transfer.places"),
+        )
+        for module in places:
+            patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.here)
+        patch.setattr("drcli.runs.status.open_running_bucket", lambda *_: self.here)
+        patch.setattr("drcli.transfer.places.open_running_bucket", lambda *_: self.here)
+        patch.setattr("drcli.transfer.places.open_upload_bucket", lambda *_, **__: self.there)
+        patch.setattr("drcli.validate.examination.try_inputs", lambda *_: [])
+        patch.setattr("drcli.runs.note._git", lambda *_: None)  # six processes for each start
+
+    @property
+    def settings(self) -> Settings:
+        return load_settings(self.folder)
+
+    def planned(self, **options: Any) -> RunPlan:
+        """A training that could start; its prefix is free again."""
+        plan = prepare(self.settings, StartOptions(**options), self.folder)
+        lease.release(self.here, PREFIX, plan.job.session)
+        return plan
+
+
+def write_folder(folder: Path) -> None:
+    custom = folder / "custom_files"
+    custom.mkdir()
+    (folder / "system.env").write_text("DR_CLOUD=local\nDR_UPLOAD_S3_BUCKET=uploads\n")
+    (folder / "run.env").write_text(RUN_ENV)
+    (custom / "reward_function.py").write_text("def reward_function(p):\n    return 1.0\n")
+    parameters = {"batch_size": 32, "num_epochs": 1, "num_episodes_between_training": 2}
+    (custom / "hyperparameters.json").write_text(json.dumps(parameters))
+    actions = [{"steering_angle": s, "speed": 4.0} for s in (-30.0, 30.0)]
+    metadata = {
+        "action_space": actions,
+        "action_space_type": "discrete",
+        "sensor": ["FRONT_FACING_CAMERA"],
+        "neural_network": "COMPACT_CONVOLUTIONAL_NETWORK",
+        "training_algorithm": "clipped_ppo",
+        "version": "5",
+    }
+    (custom / "model_metadata.json").write_text(json.dumps(metadata))
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> ProbedBucket:
+    """A model as the real workers leave it, after two iterations."""
+    folder = tmp_path_factory.mktemp("trained")
+    write_folder(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        world = World(folder, patch, ProbedBucket("bucket"))
+        job = world.planned().job
+        lifeline: Any = UntilFailure()
+
+        def learn() -> None:
+            try:
+                Trainer(job, lifeline).run()
+            except BaseException as error:
+                lifeline.failures.append(error)
+
+        learner = threading.Thread(target=learn, daemon=True)
+        learner.start()
+        with suppress(StopRequested):
+            SimWorker(job, lifeline, 0).run()
+        learner.join(60)
+        assert lifeline.failures == []
+        lease.renew(world.here, PREFIX, job.session)
+    shrink(world.here)
+    return world.here
+
+
+def shrink(bucket: MemoryBucket) -> None:
+    """Give the checkpoints small weights, which are quick to compare."""
+    for name in map(str, whole_checkpoints(bucket, PREFIX)):
+        record = CheckpointStore(bucket, PREFIX).record(name)
+        small = save({"weights": np.zeros(record.number + 1, np.float32)})
+        bucket.put(keys.checkpoint_tensors(PREFIX, name), small)
+        optimizer = None
+        if record.optimizer is not None:
+            optimizer = Fingerprint.of(small)
+            bucket.put(keys.checkpoint_optimizer(PREFIX, name), small)
+        record = replace(record, tensors=Fingerprint.of(small), optimizer=optimizer)
+        put_json(bucket, keys.checkpoint_record(PREFIX, name), asdict(record))
+
+
+@pytest.fixture
+def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.MonkeyPatch) -> World:
+    """The same model, to be damaged, after its training has ended."""
+    for name in ("run.env", "system.env"):
+        (working_folder / name).unlink()
+    write_folder(working_folder)
+    world = World(working_folder, monkeypatch, trained.copied())
+    monkeypatch.setattr("drcli.runs.lease.is_owner_alive", lambda held: False)
+    settings = world.settings
+    RunRecord(
+        run_id=0,
+        session="abc",
+        bucket="bucket",
+        prefix=PREFIX,
+        world="reinvent_base",
+        state="finished",
+        pid=2**22,
+        pid_started=1.0,
+        started_at=time.time(),
+        ended_at=time.time(),
+        exit_code=0,
+    ).write(run_folder(settings, working_folder))
+    return world
+
+
+OBJECTS = {
+    "pointer": keys.coach_checkpoint(PREFIX),
+    "index": keys.deepracer_checkpoints(PREFIX),
+    "history": keys.history(PREFIX),
+    "metrics": keys.training_metrics(keys.metrics_prefix(PREFIX)),
+    "record": "record",
+    "note": keys.run_note(PREFIX),
+    "hyperparameters": keys.hyperparameters(PREFIX),
+    "metadata": keys.model_metadata(PREFIX),
+    "evaluation": keys.evaluation_result(PREFIX, 0),
+    "lease": keys.lease(PREFIX),
+    "trainer": keys.status(PREFIX, "trainer"),
+    "finished": keys.finished(PREFIX),
+    "parameters": keys.parameter_file(PREFIX, "training_params.yaml"),
+}
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda data: b"",
+    "cut short": lambda data: data[: len(data) // 2],
+    "cut by one byte": lambda data: data[:-1],
+    "zeros": lambda data: b"\0" * len(data),
+    "a bit of its first byte": lambda data: bytes([data[0] ^ 0x80]) + data[1:],
+    "a bit in its middle": lambda data: (
+        data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 0x80]) + data[len(data) // 2 + 1 :]
+    ),
+    "a list": lambda data: b"[1, 2]",
+    "a number": lambda data: b"7",
+    "null": lambda data: b"null",
+    "no keys": lambda data: b"{}",
+    "other types": lambda data: _with_leaves(data, "x"),
+    "numbers": lambda data: _with_leaves(data, 1e300),
+    "NaN": lambda data: _with_leaves(data, float("nan")),
+    "lists": lambda data: _with_leaves(data, [[]]),
+    "brackets": lambda data: b"[" * 3_000,
+    "digits": lambda data: b"9" * 10_000,
+}
+
+
+def _with_leaves(data: bytes, leaf: object) -> bytes:
+    """The same object with another value in all its places."""
+
+    def replaced(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: replaced(item) for key, item in value.items()}
+        if isinstance(value, list) and value:
+            return [replaced(item) for item in value]
+        return leaf
+
+    try:
+        return json.dumps(replaced(json.loads(data))).encode()
+    except ValueError:  # plain text
+        return json.dumps(leaf).encode()
+
+
+def key_of(world: World, name: str) -> str:
+    if name != "record":
+        return OBJECTS[name]
+    newest = CheckpointStore(world.here, PREFIX).latest_name()
+    return keys.checkpoint_record(PREFIX, str(newest))
+
+
+def damaged(world: World, name: str, damage: str) -> str:
+    """Damage an object; the key of it."""
+    key = key_of(world, name)
+    world.here.put(key, DAMAGES[damage](world.here.get(key)))
+    return key
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, damage, told):
+    key = damaged(world, name, damage)
+
+    plan = world.planned(resume=True)
+
+    assert plan.resumes == CheckpointStore(world.here, PREFIX).latest_name()
+    assert plan.job.seed == 7
+    assert_whole(world.here)
+    if is_told(name, damage):
+        assert [sentence for sentence in told if key in sentence]
+        [kept] = [info.key for info in world.here.list(f"runs/{PREFIX}/damaged/")]
+        assert not kept.endswith((".json", ".py", ".coach_checkpoint"))
+
+
+def is_told(name: str, damage: str) -> bool:
+    """Whether whoever mends a model needs the object, so that its damage is worth a word."""
+    if name in ("lease", "trainer"):
+        return damage in ("empty", "cut short", "a list")
+    if (name, damage) == ("hyperparameters", "no keys"):
+        return False  # that is a file with nothing but defaults
+    return name not in ("finished", "parameters")
+
+
+def assert_whole(bucket: MemoryBucket) -> None:
+    """All small objects say what they said before."""
+    assert [r.iteration for r in read_history(bucket, PREFIX)] == list(range(ITERATIONS))
+    scores = read_scores(bucket, PREFIX)
+    assert scores is not None
+    assert scores.last_checkpoint.name.startswith(f"{ITERATIONS}_Step-")
+    records = read_records(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
+    driven = [r["episode"] for r in records if r["phase"] == "training"]
+    assert driven == list(range(1, 2 * ITERATIONS + 1))
+    for name in whole_checkpoints(bucket, PREFIX):
+        CheckpointStore(bucket, PREFIX).load(str(name))
+
+
+@contextmanager
+def no_bar(what: str, total: int) -> Iterator[Watch]:
+    yield lambda more: None
+
+
+def status(world: World) -> list[str]:
+    report = inspect(world.settings, world.folder)
+    assert len(report.history) == ITERATIONS
+    assert report.last is not None
+    return report.damaged
+
+
+def evaluate(world: World) -> list[str]:
+    plan = prepare_evaluation(world.settings, directory=world.folder)
+    assert len(plan.checkpoints) == 1
+    return []
+
+
+def upload_model(world: World) -> list[str]:
+    planned = plan_upload(world.settings, world.folder, UploadOptions("last"))
+    upload(planned, world.settings, world.folder, no_bar)
+    copy = CheckpointStore(world.there, "team/copy")
+    assert copy.load_latest() is not None
+    return []
+
+
+def download_model(world: World) -> list[str]:
+    world.there, world.here = world.here, ProbedBucket("bucket")
+    options = DownloadOptions(f"s3://uploads/{PREFIX}", "mine")
+    planned = plan_download(world.settings, world.folder, options)
+    download(planned, world.settings, world.folder, no_bar)
+    assert CheckpointStore(world.here, "mine").load_latest() is not None
+    assert [r.iteration for r in read_history(world.here, "mine")] == list(range(ITERATIONS))
+    return []
+
+
+def list_all(world: World) -> list[str]:
+    (model,) = list_models(world.here).models
+    assert model.last is not None
+    return model.damaged
+
+
+def increment(world: World) -> list[str]:
+    planned = plan_increment(world.settings, world.folder, prefix="team/other")
+    assert planned.step.pretrained.sha256
+    return []
+
+
+READERS = {
+    "status": (status, {"index", "history"}),
+    "evaluate": (evaluate, set(OBJECTS) - {"finished", "parameters"}),
+    "upload": (upload_model, set(OBJECTS) - {"finished", "parameters"}),
+    "download": (download_model, {"index", "pointer"}),
+    "list": (list_all, {"index"}),
+    "increment": (increment, set(OBJECTS) - {"finished", "parameters"}),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
+    read, tells = READERS[reader]
+    whole = world.here
+    for damage in DAMAGES:
+        world.here = whole.copied()
+        world.there = ProbedBucket("uploads")
+        told.clear()
+        key = damaged(world, name, damage)
+
+        try:
+            said = read(world) + told
+        except DrError as error:
+            pytest.fail(f"{damage}: {error} {error.remedy}")
+
+        if name in tells and is_told(name, damage):
+            end = key.removeprefix(f"{PREFIX}/")
+            assert any(end in sentence for sentence in said), (damage, said)

@@ -1,0 +1,74 @@
+"""JSON that was damaged is refused with a reason, and never becomes a value of another type."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from drcli.jsonrecord import Misfit, built, parsed
+
+
+@dataclass(frozen=True)
+class Inner:
+    sizes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str
+    pid: int
+    elapsed_s: float
+    loss: float = 0.0
+    inner: Inner | None = None
+    notes: dict[str, float] = field(default_factory=dict)
+
+
+WHOLE = {
+    "name": "a",
+    "pid": 7,
+    "elapsed_s": 3,
+    "inner": {"sizes": [1, 2]},
+    "notes": {"a": 1},
+    "written by a newer version": True,
+}
+
+
+def test_what_is_whole_comes_back_with_its_types():
+    found = built(Outer, WHOLE)
+
+    assert found == Outer("a", 7, 3.0, 0.0, Inner((1, 2)), {"a": 1.0})
+    assert isinstance(found.elapsed_s, float)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"name": 7}, "'name' cannot be 7"),
+        ({"pid": "7"}, "'pid' cannot be"),
+        ({"pid": True}, "'pid' cannot be true"),
+        ({"pid": -1}, "'pid' cannot be -1"),
+        ({"pid": 10**400}, "'pid' cannot be a huge number"),
+        ({"elapsed_s": 1e300}, "'elapsed_s' cannot be 1e"),
+        ({"loss": float("nan")}, "'loss' cannot be NaN"),
+        ({"loss": float("inf")}, "'loss' cannot be Infinity"),
+        ({"inner": [1]}, "in 'inner': it is a list"),
+        ({"inner": {"sizes": ["x"]}}, "in 'inner': 'sizes' cannot be"),
+        ({"inner": {}}, "in 'inner': 'sizes' is missing"),
+        ({"notes": {"a": "x"}}, r"'notes\.a' cannot be"),
+    ],
+)
+def test_a_value_that_a_field_cannot_have_is_named(change, reason):
+    with pytest.raises(Misfit, match=reason):
+        built(Outer, WHOLE | change)
+
+
+def test_nan_is_taken_where_it_may_stand():
+    assert built(Outer, WHOLE | {"loss": float("nan")}, nan=("loss",)).loss != 0.0
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b" \n", b"{", b"\xff", b"NaN", b"[Infinity]", b"[" * 100_000, b"9" * 10_000],
+)
+def test_what_is_not_json_is_refused_with_a_reason(data):
+    with pytest.raises(Misfit, match=r"not JSON|empty|not UTF-8"):
+        parsed(data)
