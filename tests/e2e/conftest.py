@@ -1,12 +1,15 @@
 """A racer's working folder with real commands, real workers and a real bucket, kept small."""
 
+import fcntl
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +72,10 @@ class Workspace:
                 }
             )
         )
+
+    def put_bucket(self, source: Path) -> None:
+        """Lay down a bucket of another folder as this one's, before anything was started."""
+        shutil.copytree(source, self.model.parent)
 
     def start(self, command: str, *options: str) -> "subprocess.Popen[str]":
         return subprocess.Popen(
@@ -179,3 +186,40 @@ def shared_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Works
     space = Workspace(tmp_path_factory.mktemp("racer"))
     yield space
     space.clean_up()
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A training of three iterations that somebody has run to its end.
+
+    Attributes:
+        bucket: Folder of its bucket, as plain files. Tests copy it.
+        report: What the training said in JSON.
+    """
+
+    bucket: Path
+    report: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    """One training for all tests that need a trained model and look at nothing but its end.
+
+    The processes of a test session share it. The first that needs it trains, others wait.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if os.environ.get("PYTEST_XDIST_WORKER"):
+        folder = folder.parent
+    result = folder / "trained" / "report.json"
+    with (folder / "trained.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not result.exists():
+            space = Workspace(tmp_path_factory.mktemp("racer"))
+            try:
+                ended = space.run("start-training", "--json")
+                assert ended.returncode == 0, ended.stderr + space.logs()
+            finally:
+                space.clean_up()
+            shutil.copytree(space.model.parent, folder / "trained" / "bucket")
+            result.write_text(ended.stdout.splitlines()[-1])
+    return Trained(folder / "trained" / "bucket", json.loads(result.read_text()))

@@ -60,9 +60,7 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     before = workspace.status()
     elsewhere = new_workspace()
     shutil.rmtree(elsewhere.folder / "custom_files")
-    shutil.copytree(
-        workspace.folder / "data" / "s3" / "bucket", elsewhere.folder / "data" / "s3" / "bucket"
-    )
+    elsewhere.put_bucket(workspace.model.parent)
     second = elsewhere.start("start-training", "--resume", "--foreground")
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
@@ -75,22 +73,20 @@ def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bu
     assert "optimizer starts afresh" not in elsewhere.log("trainer")
 
 
-def test_a_truncated_checkpoint_is_passed_over_and_said(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 8
-    workspace.write_custom_files()
-    assert workspace.run("start-training").returncode == 0
+def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained):
+    workspace.put_bucket(trained.bucket)
     model = workspace.model / "model"
     newest = (model / ".coach_checkpoint").read_text()
     weights = model / f"{newest}.safetensors"
     weights.write_bytes(weights.read_bytes()[:1000])
-    workspace.hyperparameters["term_cond_max_episodes"] = 12
+    workspace.hyperparameters["term_cond_max_episodes"] = 16
     workspace.write_custom_files()
 
     resumed = workspace.run("start-training", "--resume", "--json")
 
     assert resumed.returncode == 0, resumed.stderr
     assert f"Passed over {newest}" in workspace.log("trainer")
-    assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 3
+    assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 4
 
 
 def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):

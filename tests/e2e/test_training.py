@@ -9,12 +9,12 @@ import pytest
 pytestmark = pytest.mark.slow
 
 
-def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace):
-    trained = workspace.run("start-training", "--json")
+def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace, trained):
+    workspace.put_bucket(trained.bucket)
+
     evaluated = workspace.run("evaluate", "--json")
 
-    assert trained.returncode == 0, trained.stderr
-    report = json.loads(trained.stdout.splitlines()[-1])
+    report = trained.report
     assert report["state"] == "finished"
     assert [worker["restarts"] for worker in report["workers"]] == [0, 0]
     assert [r["episodes"] for r in report["history"]] == [4, 4, 4]
@@ -47,19 +47,37 @@ def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> Non
         assert set(log.dataframe()["episode"]) == set(range(laps))
 
 
-def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 4
-    workspace.write_custom_files()
-    assert workspace.run("start-training").returncode == 0
+@pytest.fixture(scope="module")
+def second_start(shared_workspace, trained):
+    """What a start over a finished training says, and one with -w that has two workers."""
+    shared_workspace.put_bucket(trained.bucket)
+    shared_workspace.hyperparameters["term_cond_max_episodes"] = 8
+    shared_workspace.write_custom_files()
+    again = shared_workspace.run("start-training")
+    shared_workspace.write_run_env(DR_WORKERS=2)
+    wiped = shared_workspace.run("start-training", "-w", "--json")
+    assert wiped.returncode == 0, wiped.stderr + shared_workspace.logs()
+    return again, json.loads(wiped.stdout.splitlines()[-1])["history"]
 
-    again = workspace.run("start-training")
-    wiped = workspace.run("start-training", "-w", "--json")
+
+def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(second_start):
+    again, wiped = second_start
 
     assert again.returncode == 3
     assert "--resume" in again.stderr
     assert "-w" in again.stderr
-    assert wiped.returncode == 0
-    assert len(json.loads(wiped.stdout.splitlines()[-1])["history"]) == 1
+    assert [r["iteration"] for r in wiped] == [0, 1]
+
+
+def test_two_workers_share_the_episodes(second_start, shared_workspace):
+    _, history = second_start
+
+    model = shared_workspace.model
+    assert (model / "metrics" / "TrainingMetrics_1.json").exists()
+    for worker in (0, 1):
+        traces = model / str(worker) / "training-simtrace"
+        assert len(list(traces.glob("*-iteration.csv"))) == 2
+    assert [r["episodes"] for r in history] == [4, 4]
 
 
 def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
@@ -88,18 +106,3 @@ def test_two_trainings_cannot_share_a_prefix(workspace):
     workspace.write_run_env()
     assert workspace.run("stop-training").returncode == 0
     assert workspace.status()["state"] == "stopped"
-
-
-def test_two_workers_share_the_episodes(workspace):
-    workspace.write_run_env(DR_WORKERS=2)
-
-    trained = workspace.run("start-training", "--json")
-
-    assert trained.returncode == 0, trained.stderr + workspace.logs()
-    model = workspace.model
-    assert (model / "metrics" / "TrainingMetrics_1.json").exists()
-    for worker in (0, 1):
-        traces = model / str(worker) / "training-simtrace"
-        assert len(list(traces.glob("*-iteration.csv"))) == 3
-    history = json.loads(trained.stdout.splitlines()[-1])["history"]
-    assert [r["episodes"] for r in history] == [4, 4, 4]
