@@ -53,7 +53,7 @@ def second_start(shared_workspace, trained):
     shared_workspace.put_bucket(trained.bucket)
     shared_workspace.hyperparameters["term_cond_max_episodes"] = 8
     shared_workspace.write_custom_files()
-    again = shared_workspace.run("start-training")
+    again = shared_workspace.ask("start-training")
     shared_workspace.write_run_env(DR_WORKERS=2)
     wiped = shared_workspace.run("start-training", "-w", "--json")
     assert wiped.returncode == 0, wiped.stderr + shared_workspace.logs()
@@ -99,7 +99,7 @@ def test_two_trainings_cannot_share_a_prefix(workspace):
     assert workspace.run("start-training", "-q").returncode == 0
     workspace.write_run_env(DR_RUN_ID=1)
 
-    second = workspace.run("start-training", "-w")
+    second = workspace.ask("start-training", "-w")
 
     assert second.returncode == 3
     assert "is being trained" in second.stderr
