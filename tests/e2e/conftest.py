@@ -108,9 +108,13 @@ class Workspace:
     def __init__(self, folder: Path, forks: Forks) -> None:
         self.folder = folder
         self._forks = forks
+        self.reset()
+
+    def reset(self) -> None:
+        """Write a racer's files anew."""
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
         self.environment["OMP_NUM_THREADS"] = "1"
-        (folder / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
+        (self.folder / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
         self.write_run_env()
         self.hyperparameters: dict[str, Any] = {
             "batch_size": 32,

@@ -6,6 +6,13 @@ import socket
 import pytest
 
 
+@pytest.fixture
+def workspace(shared_workspace):
+    """The same folder and server for all, as nothing may have started in there."""
+    shared_workspace.reset()
+    return shared_workspace
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -90,7 +97,8 @@ def test_more_workers_than_episodes_are_refused(workspace):
     _assert_refused(workspace, 3, ["DR_WORKERS=5", "num_episodes_between_training=4", "run.env"])
 
 
-def test_a_taken_port_is_named(workspace):
+def test_a_taken_port_is_named(new_workspace):
+    workspace = new_workspace()
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
