@@ -25,9 +25,6 @@ from drcli.store.s3 import S3Bucket
 PATIENCE_S = 90.0
 PREFIX = "model"
 
-STARTING = {"start-training", "evaluate", "start-evaluation"}
-"""Commands that start workers."""
-
 FORKING = """
 import gc, json, os, sys
 import boto3, drcli.reward.check, drcli.runs.plan, drcli.store.connect, drcli.validate.everything
@@ -53,6 +50,7 @@ for line in sys.stdin:
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(end.code)  # to take everything down that was loaded would take long as well
+    print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
 """Runs each command line in a process of its own that has everything loaded when it begins."""
@@ -92,7 +90,11 @@ class Forks:
             assert answered is not None
             asked.write(json.dumps({**call, "said": [str(path) for path in said]}) + "\n")
             asked.flush()
+            pid = int(answered.readline())
+            ending = threading.Timer(PATIENCE_S, os.kill, (pid, signal.SIGKILL))
+            ending.start()
             code = int(answered.readline())
+            ending.cancel()
             out, err = (path.read_text("utf-8") for path in said)
         return subprocess.CompletedProcess(arguments, code, out, err)
 
@@ -159,6 +161,7 @@ class Workspace:
         shutil.copytree(source, self.model.parent)
 
     def start(self, command: str, *options: str) -> "subprocess.Popen[str]":
+        """Start the installed program of a command."""
         return subprocess.Popen(
             [str(Path(sys.executable).parent / f"dr-{command}"), *options],
             cwd=self.folder,
@@ -170,14 +173,14 @@ class Workspace:
         )
 
     def run(self, command: str, *options: str) -> "subprocess.CompletedProcess[str]":
-        """Run a command to its end; the installed program where it starts workers."""
-        if command in STARTING:
-            return self.end_of(self.start(command, *options))
-        return self.ask(command, *options)
+        """Run a command to its end, in a process that has everything loaded when it begins.
 
-    def ask(self, command: str, *options: str) -> "subprocess.CompletedProcess[str]":
-        """Run a command that starts no worker, or refuses to."""
-        return self._forks.run([command, *options], self.folder, self.environment)
+        What its workers need they load themselves.
+        """
+        done = self._forks.run([command, *options], self.folder, self.environment)
+        if done.returncode == -signal.SIGKILL:
+            pytest.fail(f"{command} did not end.\n{done.stdout}\n{done.stderr}\n{self.logs()}")
+        return done
 
     def end_of(
         self, process: "subprocess.Popen[str]", patience_s: float = PATIENCE_S

@@ -124,7 +124,7 @@ def test_wrong_access_keys_are_named(workspace, new_workspace):
 
 
 def test_a_wrong_option_is_a_wrong_command_line(workspace):
-    done = workspace.ask("start-training", "--sed", "1")
+    done = workspace.run("start-training", "--sed", "1")
 
     assert done.returncode == 2
     assert "--seed" in done.stderr
@@ -140,7 +140,7 @@ def _remote(url: str) -> dict[str, str]:
 
 
 def _assert_refused(workspace, code: int, words: list[str]) -> None:
-    done = workspace.ask("start-training", "-q")
+    done = workspace.run("start-training", "-q")
 
     said = " ".join(done.stderr.split())
     assert done.returncode == code, done.stderr

@@ -43,6 +43,6 @@ def _start_with_two_actions(workspace):
     metadata = workspace.folder / "custom_files" / "model_metadata.json"
     values = json.loads(metadata.read_text())
     metadata.write_text(json.dumps({**values, "action_space": values["action_space"][:2]}))
-    refused = workspace.ask("start-training")
+    refused = workspace.run("start-training")
     workspace.write_custom_files()
     return refused

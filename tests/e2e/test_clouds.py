@@ -96,7 +96,7 @@ def test_files_travel_to_and_from_any_server(workspace, serve, connect, cloud, e
 def test_wrong_keys_are_refused_before_anything_starts(workspace, serve, connect, cloud):
     connect(serve("rclone"), cloud, secret="not-the-secret")
 
-    training = workspace.ask("start-training")
+    training = workspace.run("start-training")
 
     assert training.returncode == 4
     assert "keys" in training.stderr

@@ -51,7 +51,7 @@ def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace):
 def test_more_obstacles_than_fit_are_refused_before_anything_starts(workspace):
     workspace.write_run_env(DR_RACE_TYPE="OBJECT_AVOIDANCE", DR_OA_NUMBER_OF_OBSTACLES=30)
 
-    refused = workspace.ask("start-training")
+    refused = workspace.run("start-training")
 
     assert refused.returncode == 3
     assert "DR_OA_NUMBER_OF_OBSTACLES" in refused.stderr

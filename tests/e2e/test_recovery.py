@@ -5,7 +5,10 @@ import os
 import shutil
 import signal
 import subprocess
+from dataclasses import dataclass
+from typing import Any
 
+import psutil
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -43,31 +46,73 @@ def _assert_every_object_is_readable(workspace) -> None:
     assert not [key for key in names if key.startswith("rollouts/")]
 
 
+@dataclass(frozen=True)
+class Interrupted:
+    """A training that was looked at while it ran, and then ended by SIGTERM.
+
+    Attributes:
+        workspace: Its folder.
+        gpus: What its workers were told about GPUs, by name of the worker.
+        second: What another run that wanted the same prefix answered meanwhile.
+        code: Exit code of the interrupted command.
+    """
+
+    workspace: Any
+    gpus: dict[str, str]
+    second: "subprocess.CompletedProcess[str]"
+    code: int
+
+
+@pytest.fixture(scope="module")
+def interrupted(shared_workspace):
+    """One training for all that looks at a training that runs on and on."""
+    space = shared_workspace
+    space.hyperparameters["term_cond_max_episodes"] = 10_000
+    space.write_custom_files()
+    with (space.folder / "system.env").open("a") as file:
+        file.write("DR_SAGEMAKER_CUDA_DEVICES=-1\n")
+    space.environment["CUDA_VISIBLE_DEVICES"] = "0"
+    training = space.start("start-training", "--foreground")
+    space.wait_for(lambda: space.iterations() >= 2, "two iterations")
+    gpus = {
+        name: psutil.Process(space.pid_of(name)).environ()["CUDA_VISIBLE_DEVICES"]
+        for name in ("trainer", "sim-0")
+    }
+    space.write_run_env(DR_RUN_ID=1)
+    second = space.run("start-training", "-w")
+    space.write_run_env()
+    training.send_signal(signal.SIGTERM)
+    return Interrupted(space, gpus, second, space.end_of(training).returncode)
+
+
+def test_the_trainer_alone_is_told_which_gpus_are_its_own(interrupted):
+    assert interrupted.gpus == {"trainer": "-1", "sim-0": "0"}
+
+
+def test_two_trainings_cannot_share_a_prefix(interrupted):
+    assert interrupted.second.returncode == 3
+    assert "is being trained" in interrupted.second.stderr
+
+
 def test_sigterm_saves_everything_and_another_machine_continues_with_only_the_bucket(
-    workspace, new_workspace
+    interrupted, new_workspace
 ):
-    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
-    workspace.write_custom_files()
-    first = workspace.start("start-training", "--foreground")
-    workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
+    workspace = interrupted.workspace
 
-    first.send_signal(signal.SIGTERM)
-    workspace.end_of(first)
-
-    assert first.returncode == 143
+    assert interrupted.code == 143
     model = workspace.model
     assert {p.name for p in (model / "logs").rglob("*.log")} >= {"sim-0.log", "trainer.log"}
     before = workspace.status()
     elsewhere = new_workspace()
     shutil.rmtree(elsewhere.folder / "custom_files")
-    elsewhere.put_bucket(workspace.model.parent)
-    second = elsewhere.start("start-training", "--resume", "--foreground")
+    elsewhere.put_bucket(model.parent)
+    assert elsewhere.run("start-training", "--resume", "-q").returncode == 0
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
-    second.send_signal(signal.SIGTERM)
-    elsewhere.end_of(second)
+    assert elsewhere.run("stop-training").returncode == 0
 
     after = elsewhere.status()
+    assert after["state"] == "stopped"
     assert after["history"][: len(before["history"])] == before["history"]
     assert after["history"][-1]["total_steps"] > before["history"][-1]["total_steps"]
     assert "optimizer starts afresh" not in elsewhere.log("trainer")

@@ -53,7 +53,7 @@ def second_start(shared_workspace, trained):
     shared_workspace.put_bucket(trained.bucket)
     shared_workspace.hyperparameters["term_cond_max_episodes"] = 8
     shared_workspace.write_custom_files()
-    again = shared_workspace.ask("start-training")
+    again = shared_workspace.run("start-training")
     shared_workspace.write_run_env(DR_WORKERS=2)
     wiped = shared_workspace.run("start-training", "-w", "--json")
     assert wiped.returncode == 0, wiped.stderr + shared_workspace.logs()
@@ -91,18 +91,3 @@ def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(w
     assert ended.returncode == 3
     assert "the culprit" in ended.stderr
     assert "ZeroDivisionError" in ended.stderr
-
-
-def test_two_trainings_cannot_share_a_prefix(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
-    workspace.write_custom_files()
-    assert workspace.run("start-training", "-q").returncode == 0
-    workspace.write_run_env(DR_RUN_ID=1)
-
-    second = workspace.ask("start-training", "-w")
-
-    assert second.returncode == 3
-    assert "is being trained" in second.stderr
-    workspace.write_run_env()
-    assert workspace.run("stop-training").returncode == 0
-    assert workspace.status()["state"] == "stopped"
