@@ -76,6 +76,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
     kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
     path = f"{installation}{os.pathsep}{installation / 'env'}"
     environment = {**kept, "DR_DIR": str(folder), "PYTHONPATH": path}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # root may write where nobody may
     commands = [
         ["init", str(folder), "--prefix", "mine"],
         ["config", "set", "DR_WORLD_NAME=bean"],
