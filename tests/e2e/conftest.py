@@ -99,7 +99,8 @@ class Forks:
         return subprocess.CompletedProcess(arguments, code, out, err)
 
     def close(self) -> None:
-        self._process.communicate(timeout=PATIENCE_S)
+        if "_process" in vars(self):
+            self._process.communicate(timeout=PATIENCE_S)
 
 
 class Workspace:
