@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import secrets
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,10 @@ from hypothesis import HealthCheck, settings
 # Torch reads it when it is loaded. Its threads spin while they wait, so on a busy machine a test
 # of ten small gradient steps took twenty seconds instead of one.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# The tests start hundreds of processes, each of which would compile all our modules for itself.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # Some tests write each example over the last one's file, in a folder that all of them share.
 SUPPRESSED = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
@@ -34,10 +39,20 @@ os.environ.setdefault(MARKER, secrets.token_hex(8))
 LEAVE_S = 15.0
 """How long a process may take to leave that was told to by the last test."""
 
+BEGINNING = ["test_training.py", "test_shells.py", "test_screens.py"]
+"""End-to-end tests that come first. One process of the tests has numba compile the simulation, and
+the other ones, which would otherwise compile it too, have something else to do meanwhile."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What takes long comes first, so that no process works alone in the end."""
-    items.sort(key=lambda item: item.path.parent.name != "e2e")
+    items.sort(key=_place)
+
+
+def _place(item: pytest.Item) -> int:
+    if item.path.parent.name != "e2e":
+        return len(BEGINNING) + 1
+    return BEGINNING.index(item.path.name) if item.path.name in BEGINNING else len(BEGINNING)
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,17 @@
 """A racer's working folder with real commands, real workers and a real bucket, kept small."""
 
+import fcntl
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +25,99 @@ from drcli.store.s3 import S3Bucket
 PATIENCE_S = 90.0
 PREFIX = "model"
 
+FORKING = """
+import gc, json, os, sys
+import boto3, drcli.reward.check, drcli.runs.plan, drcli.store.connect, drcli.validate.everything
+from drcli.cli import main
+from drcli.commands.lazy import load
+from drcli.commands.table import COMMANDS
+
+for command in COMMANDS:
+    load(command)
+gc.freeze()
+for line in sys.stdin:
+    call = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        os.chdir(call["folder"])
+        os.environ.clear()
+        os.environ.update(call["environment"])
+        for stream, path in enumerate((os.devnull, *call["said"])):
+            os.dup2(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), stream)
+        try:
+            main(call["arguments"])
+        except SystemExit as end:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code)  # to take everything down that was loaded would take long as well
+    print(pid, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+"""Runs each command line in a process of its own that has everything loaded when it begins."""
+
+
+class Forks:
+    """Runs commands as `dr` does, without the loading that takes most of a short command's time.
+
+    They run one after the other, whoever asks.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+
+    @cached_property
+    def _process(self) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, "-c", FORKING],
+            cwd=self._folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(
+        self, arguments: list[str], folder: Path, environment: dict[str, str]
+    ) -> "subprocess.CompletedProcess[str]":
+        """What a command answered in a folder."""
+        said = (self._folder / "out", self._folder / "err")
+        call = {"arguments": arguments, "folder": str(folder), "environment": environment}
+        with self._lock:
+            for path in said:
+                path.unlink(missing_ok=True)
+            asked, answered = self._process.stdin, self._process.stdout
+            assert asked is not None
+            assert answered is not None
+            asked.write(json.dumps({**call, "said": [str(path) for path in said]}) + "\n")
+            asked.flush()
+            pid = int(answered.readline())
+            ending = threading.Timer(PATIENCE_S, os.kill, (pid, signal.SIGKILL))
+            ending.start()
+            code = int(answered.readline())
+            ending.cancel()
+            out, err = (path.read_text("utf-8") for path in said)
+        return subprocess.CompletedProcess(arguments, code, out, err)
+
+    def close(self) -> None:
+        if "_process" in vars(self):
+            self._process.communicate(timeout=PATIENCE_S)
+
 
 class Workspace:
     """A folder in which commands are run as a user runs them."""
 
     prefix = PREFIX
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, forks: Forks) -> None:
         self.folder = folder
+        self._forks = forks
+        self.reset()
+
+    def reset(self) -> None:
+        """Write a racer's files anew."""
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
         self.environment["OMP_NUM_THREADS"] = "1"
-        (folder / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
+        (self.folder / "system.env").write_text("DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\n")
         self.write_run_env()
         self.hyperparameters: dict[str, Any] = {
             "batch_size": 32,
@@ -70,7 +157,17 @@ class Workspace:
             )
         )
 
+    def put_bucket(self, source: Path) -> None:
+        """Lay down a bucket of another folder as this one's, before anything was started."""
+        shutil.copytree(source, self.model.parent)
+
+    def put(self, trained: "Trained") -> None:
+        """Lay down the bucket and the logs of a training as this folder's."""
+        self.put_bucket(trained.bucket)
+        shutil.copytree(trained.logs, self.folder / "data" / "logs")
+
     def start(self, command: str, *options: str) -> "subprocess.Popen[str]":
+        """Start the installed program of a command."""
         return subprocess.Popen(
             [str(Path(sys.executable).parent / f"dr-{command}"), *options],
             cwd=self.folder,
@@ -82,7 +179,14 @@ class Workspace:
         )
 
     def run(self, command: str, *options: str) -> "subprocess.CompletedProcess[str]":
-        return self.end_of(self.start(command, *options))
+        """Run a command to its end, in a process that has everything loaded when it begins.
+
+        What its workers need they load themselves.
+        """
+        done = self._forks.run([command, *options], self.folder, self.environment)
+        if done.returncode == -signal.SIGKILL:
+            pytest.fail(f"{command} did not end.\n{done.stdout}\n{done.stderr}\n{self.logs()}")
+        return done
 
     def end_of(
         self, process: "subprocess.Popen[str]", patience_s: float = PATIENCE_S
@@ -154,13 +258,23 @@ class Workspace:
         stop_storage(self.settings(), self.folder)
 
 
+@pytest.fixture(scope="session")
+def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
+    """Runs commands in processes that start quickly."""
+    running = Forks(tmp_path_factory.mktemp("forks"))
+    yield running
+    running.close()
+
+
 @pytest.fixture
-def new_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Workspace]]:
+def new_workspace(
+    tmp_path_factory: pytest.TempPathFactory, forks: Forks
+) -> Iterator[Callable[[], Workspace]]:
     """Makes working folders, each as good as a machine of its own."""
     made: list[Workspace] = []
 
     def make() -> Workspace:
-        made.append(Workspace(tmp_path_factory.mktemp("racer")))
+        made.append(Workspace(tmp_path_factory.mktemp("racer"), forks))
         return made[-1]
 
     yield make
@@ -174,8 +288,49 @@ def workspace(new_workspace: Callable[[], Workspace]) -> Workspace:
 
 
 @pytest.fixture(scope="module")
-def shared_workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workspace]:
+def shared_workspace(tmp_path_factory: pytest.TempPathFactory, forks: Forks) -> Iterator[Workspace]:
     """One working folder for all tests of a file."""
-    space = Workspace(tmp_path_factory.mktemp("racer"))
+    space = Workspace(tmp_path_factory.mktemp("racer"), forks)
     yield space
     space.clean_up()
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A training of three iterations that somebody has run to its end.
+
+    Attributes:
+        bucket: Folder of its bucket, as plain files. Tests copy it.
+        logs: Folder of its logs. Tests copy it.
+        report: What the training said in JSON.
+    """
+
+    bucket: Path
+    logs: Path
+    report: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory, forks: Forks) -> Trained:
+    """One training for all tests that need a trained model and look at nothing but its end.
+
+    The processes of a test session share it. The first that needs it trains, others wait.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if os.environ.get("PYTEST_XDIST_WORKER"):
+        folder = folder.parent
+    result = folder / "trained" / "report.json"
+    with (folder / "trained.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not result.exists():
+            space = Workspace(tmp_path_factory.mktemp("racer"), forks)
+            try:
+                ended = space.run("start-training", "--json")
+                assert ended.returncode == 0, ended.stderr + space.logs()
+            finally:
+                space.clean_up()
+            shutil.copytree(space.model.parent, folder / "trained" / "bucket")
+            shutil.copytree(space.folder / "data" / "logs", folder / "trained" / "logs")
+            result.write_text(ended.stdout.splitlines()[-1])
+    made = folder / "trained"
+    return Trained(made / "bucket", made / "logs", json.loads(result.read_text()))

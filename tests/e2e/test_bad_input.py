@@ -6,6 +6,13 @@ import socket
 import pytest
 
 
+@pytest.fixture
+def workspace(shared_workspace):
+    """The same folder and server for all, as nothing may have started in there."""
+    shared_workspace.reset()
+    return shared_workspace
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -28,7 +35,8 @@ def test_a_missing_reward_function_is_missed(workspace):
     _assert_refused(workspace, 3, ["no reward_function.py", "custom_files"])
 
 
-def test_all_wrong_hyperparameters_are_named_with_file_line_and_value(workspace):
+def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):
+    workspace.write_run_env(DR_WORLD_NAME="reinvent_bse")
     workspace.hyperparameters = {
         "lr": 0.5,
         "learning_rate": 0.001,
@@ -36,46 +44,16 @@ def test_all_wrong_hyperparameters_are_named_with_file_line_and_value(workspace)
         "batch_size": "64",
     }
     workspace.write_custom_files()
+    path = workspace.folder / "custom_files" / "model_metadata.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "action_space": []}))
 
     words = [
         *("hyperparameters.json", "lr=0.5", "above 0.001", "learning_rate", "no hyperparameter"),
         *("bach_size", "Did you mean batch_size?", "no number"),
+        *("model_metadata.json", "action_space=[] holds no action"),
+        *("reinvent_bse", "reinvent_base", "run.env line 1"),
     ]
     _assert_refused(workspace, 3, words)
-
-
-@pytest.mark.parametrize(
-    ("kind", "space", "words"),
-    [
-        ("discrete", [], ["action_space"]),
-        (
-            "discrete",
-            [
-                {"steering_angle": 0, "speed": 1, "index": 0},
-                {"steering_angle": 9, "speed": 1, "index": 2},
-            ],
-            ["index"],
-        ),
-        (
-            "continuous",
-            {"steering_angle": {"low": 30, "high": -30}, "speed": {"low": 1, "high": 2}},
-            ["low", "high", "steering_angle"],
-        ),
-    ],
-    ids=["empty", "index gap", "low above high"],
-)
-def test_a_wrong_action_space_is_named(workspace, kind, space, words):
-    path = workspace.folder / "custom_files" / "model_metadata.json"
-    metadata = json.loads(path.read_text())
-    path.write_text(json.dumps({**metadata, "action_space_type": kind, "action_space": space}))
-
-    _assert_refused(workspace, 3, ["model_metadata.json", *words])
-
-
-def test_an_unknown_world_is_answered_with_the_closest_names(workspace):
-    workspace.write_run_env(DR_WORLD_NAME="reinvent_bse")
-
-    _assert_refused(workspace, 3, ["reinvent_bse", "reinvent_base", "run.env line 1"])
 
 
 def test_a_misspelt_setting_is_answered_with_the_right_name(workspace):
@@ -90,7 +68,8 @@ def test_more_workers_than_episodes_are_refused(workspace):
     _assert_refused(workspace, 3, ["DR_WORKERS=5", "num_episodes_between_training=4", "run.env"])
 
 
-def test_a_taken_port_is_named(workspace):
+def test_a_taken_port_is_named(new_workspace):
+    workspace = new_workspace()
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()

@@ -10,10 +10,10 @@ from drcli.store.checkpoints import CheckpointStore
 pytestmark = pytest.mark.slow
 
 
-def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace):
+def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace, trained):
+    workspace.put(trained)
     workspace.hyperparameters["term_cond_max_episodes"] = 1
     workspace.write_custom_files()
-    assert workspace.run("start-training").returncode == 0
 
     stepped = workspace.run("increment-training", "-f", "--json")
     refused = _start_with_two_actions(workspace)

@@ -1,7 +1,7 @@
 """Every row of the command table, called as a user calls it, in text and in JSON.
 
-Programs take long to start, so all of them are called beforehand, several at once, around one
-short training; the tests then look at what each said.
+Programs take long, so all of them are called beforehand, around one short training; the tests then
+look at what each said.
 """
 
 import json
@@ -181,18 +181,22 @@ CALLS = [
     *(*EVALUATIONS, INTERRUPTED, INTERRUPTING, *IN_BACKGROUND, *EDITS),
 ]
 
+STARTING = {"start-training", "evaluate", "start-evaluation"}
+"""Rows that start workers."""
+
 ROWS = {command.name for command in COMMANDS if not command.hidden}
 
 
 class Programs:
     """Calls the program in a working folder and keeps what it answered."""
 
-    def __init__(self, workspace: Any) -> None:
+    def __init__(self, workspace: Any, forks: Any) -> None:
         self.folder: Path = workspace.folder
         self.environment = {**workspace.environment, "HOME": str(self.folder / "home")}
         self.answers: dict[Call, subprocess.CompletedProcess[str]] = {}
         self.objects: list[set[Path]] = []
         self.left_s = 0.0
+        self._forks = forks
         self._dr = str(Path(sys.executable).parent / "dr")
 
     def start(self, call: Call) -> "subprocess.Popen[str]":
@@ -211,16 +215,16 @@ class Programs:
         self.answers[call] = subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def call(self, call: Call) -> None:
-        self.finish(call, self.start(call))
+        """Start a program that starts workers; others begin in a process that has all loaded."""
+        if call.name in STARTING:
+            self.finish(call, self.start(call))
+        else:
+            environment = {**self.environment, **dict(call.env)}
+            self.answers[call] = self._forks.run(call.words.split(), self.folder, environment)
 
     def in_turn(self, calls: Sequence[Call]) -> None:
         for call in calls:
             self.call(call)
-
-    def evaluate(self) -> None:
-        self.in_turn(EVALUATIONS)
-        self.interrupt()
-        self.in_turn(IN_BACKGROUND)
 
     def interrupt(self) -> None:
         """Stop an evaluation from another shell, and note what it changed and how fast it left."""
@@ -284,24 +288,25 @@ def asleep(pids: Sequence[int]) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def programs(shared_workspace: Any) -> Iterator[Programs]:
+def programs(shared_workspace: Any, forks: Any) -> Iterator[Programs]:
     """Everything called once, in an order that a user might choose."""
     space = shared_workspace
     space.hyperparameters["term_cond_max_episodes"] = 100_000
     space.write_custom_files()
-    called = Programs(space)
+    called = Programs(space, forks)
     called.has_aws()
     called.call(STARTED)
     called.can_upload()
     space.wait_for(lambda: space.iterations() >= 1, "an iteration")
     followers = [(call, called.start(call)) for call in FOLLOWING]
     with asleep([space.pid_of("trainer"), space.pid_of("sim-0")]):
-        at_once([partial(called.call, call) for call in WHILE_TRAINING])
+        called.in_turn(WHILE_TRAINING)
     called.call(STOPPED)
     for call, process in followers:
         called.finish(call, process)
-    transfers = partial(called.in_turn, TRANSFERS)
-    at_once([called.evaluate, transfers, *(partial(called.call, call) for call in AFTERWARDS)])
+    at_once([partial(called.in_turn, calls) for calls in (EVALUATIONS, TRANSFERS, AFTERWARDS)])
+    called.interrupt()
+    called.in_turn(IN_BACKGROUND)
     called.in_turn(EDITS)
     return called
 

@@ -5,7 +5,10 @@ import os
 import shutil
 import signal
 import subprocess
+from dataclasses import dataclass
+from typing import Any
 
+import psutil
 import pytest
 
 from drcli.runs import lease
@@ -45,26 +48,67 @@ def _assert_every_object_is_readable(workspace) -> None:
     assert not [key for key in names if key.startswith("rollouts/")]
 
 
+@dataclass(frozen=True)
+class Interrupted:
+    """A training that was looked at while it ran, and then ended by SIGTERM.
+
+    Attributes:
+        workspace: Its folder.
+        gpus: What its workers were told about GPUs, by name of the worker.
+        second: What another run that wanted the same prefix answered meanwhile.
+        code: Exit code of the interrupted command.
+    """
+
+    workspace: Any
+    gpus: dict[str, str]
+    second: "subprocess.CompletedProcess[str]"
+    code: int
+
+
+@pytest.fixture(scope="module")
+def interrupted(shared_workspace):
+    """One training for all that looks at a training that runs on and on."""
+    space = shared_workspace
+    space.hyperparameters["term_cond_max_episodes"] = 10_000
+    space.write_custom_files()
+    with (space.folder / "system.env").open("a") as file:
+        file.write("DR_SAGEMAKER_CUDA_DEVICES=-1\n")
+    space.environment["CUDA_VISIBLE_DEVICES"] = "0"
+    training = space.start("start-training", "--foreground")
+    space.wait_for(lambda: space.iterations() >= 2, "two iterations")
+    gpus = {
+        name: psutil.Process(space.pid_of(name)).environ()["CUDA_VISIBLE_DEVICES"]
+        for name in ("trainer", "sim-0")
+    }
+    space.write_run_env(DR_RUN_ID=1)
+    second = space.run("start-training", "-w")
+    space.write_run_env()
+    training.send_signal(signal.SIGTERM)
+    return Interrupted(space, gpus, second, space.end_of(training).returncode)
+
+
+def test_the_trainer_alone_is_told_which_gpus_are_its_own(interrupted):
+    assert interrupted.gpus == {"trainer": "-1", "sim-0": "0"}
+
+
+def test_two_trainings_cannot_share_a_prefix(interrupted):
+    assert interrupted.second.returncode == 3
+    assert "is being trained" in interrupted.second.stderr
+
+
 def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third(
-    workspace, new_workspace
+    interrupted, new_workspace
 ):
-    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
-    workspace.write_custom_files()
-    first = workspace.start("start-training", "--foreground")
-    workspace.wait_for(lambda: workspace.iterations() >= 2, "two iterations")
+    workspace = interrupted.workspace
 
-    first.send_signal(signal.SIGTERM)
-    workspace.end_of(first)
-
-    assert first.returncode == 143
+    assert interrupted.code == 143
     model = workspace.model
     assert {p.name for p in (model / "logs").rglob("*.log")} >= {"sim-0.log", "trainer.log"}
     before = workspace.status()
+    assert before["state"] == "stopped"
     elsewhere = new_workspace()
     shutil.rmtree(elsewhere.folder / "custom_files")
-    shutil.copytree(
-        workspace.folder / "data" / "s3" / "bucket", elsewhere.folder / "data" / "s3" / "bucket"
-    )
+    elsewhere.put_bucket(model.parent)
     second = elsewhere.start("start-training", "--resume", "--foreground")
     wanted = len(before["history"]) + 1
     elsewhere.wait_for(lambda: elsewhere.iterations() >= wanted, "one iteration more")
@@ -81,24 +125,22 @@ def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third
     assert "optimizer starts afresh" not in elsewhere.log("trainer")
 
 
-def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, log_guru):
-    workspace.hyperparameters["term_cond_max_episodes"] = 2
-    workspace.write_custom_files()
-    assert workspace.run("start-training").returncode == 0
+def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained, log_guru):
+    workspace.put(trained)
     model = workspace.model / "model"
     newest = (model / ".coach_checkpoint").read_text()
     weights = model / f"{newest}.safetensors"
     weights.write_bytes(weights.read_bytes()[:1000])
-    workspace.hyperparameters["term_cond_max_episodes"] = 3
+    workspace.hyperparameters["term_cond_max_episodes"] = 4
     workspace.write_custom_files()
 
     resumed = workspace.run("start-training", "--resume", "--json")
 
     assert resumed.returncode == 0, resumed.stderr
     assert f"Passed over {newest}" in workspace.log("trainer")
-    assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 3
-    # The second iteration was driven twice, and log-guru stops at an episode that comes again.
-    assert len(log_guru(workspace.log("sim-0")).episodes) == 12
+    assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 4
+    # The third iteration was driven twice, and log-guru stops at an episode that comes again.
+    assert len(log_guru(workspace.log("sim-0")).episodes) == 16
 
 
 def test_a_full_disk_ends_the_run_at_once_and_names_it(workspace):

@@ -30,7 +30,7 @@ def test_of_two_starts_one_trains_and_an_experiment_trains_beside_it(workspace):
     ended = [process.communicate(timeout=90) for process in twins]
     other = workspace.status()
     del workspace.environment["DR_EXPERIMENT_NAME"]
-    workspace.wait_for(lambda: workspace.status()["state"] != "running", "the first training")
+    workspace.wait_for(lambda: workspace.record()["state"] != "running", "the first training")
 
     refusal = next(err for _, err in ended if "Error: " in err)
     assert sorted(process.returncode for process in twins) == [0, 3]
@@ -76,6 +76,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
     kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
     path = f"{installation}{os.pathsep}{installation / 'env'}"
     environment = {**kept, "DR_DIR": str(folder), "PYTHONPATH": path}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # root may write where nobody may
     commands = [
         ["init", str(folder), "--prefix", "mine"],
         ["config", "set", "DR_WORLD_NAME=bean"],

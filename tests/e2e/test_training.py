@@ -9,12 +9,14 @@ import pytest
 pytestmark = pytest.mark.slow
 
 
-def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(workspace, log_guru):
-    trained = workspace.run("start-training", "--json")
+def test_a_training_ends_by_itself_and_the_communitys_tools_read_all_of_it(
+    workspace, trained, log_guru
+):
+    workspace.put(trained)
+
     evaluated = workspace.run("evaluate", "--json")
 
-    assert trained.returncode == 0, trained.stderr
-    report = json.loads(trained.stdout.splitlines()[-1])
+    report = trained.report
     assert report["state"] == "finished"
     assert [worker["restarts"] for worker in report["workers"]] == [0, 0]
     assert [r["episodes"] for r in report["history"]] == [4, 4, 4]
@@ -52,73 +54,55 @@ def _assert_deepracer_utils_agrees(folder: Path, report: dict, laps: int) -> Non
         assert set(log.dataframe()["episode"]) == set(range(laps))
 
 
-def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 1
-    workspace.write_custom_files()
-    assert workspace.run("start-training").returncode == 0
+@pytest.fixture(scope="module")
+def second_start(shared_workspace, trained):
+    """What a start over a finished training says, and one with -w that has three workers."""
+    shared_workspace.put(trained)
+    shared_workspace.hyperparameters["term_cond_max_episodes"] = 2
+    shared_workspace.write_custom_files()
+    again = shared_workspace.run("start-training")
+    shared_workspace.write_run_env(DR_WORKERS=3)
+    wiped = shared_workspace.run("start-training", "-w", "--json")
+    assert wiped.returncode == 0, wiped.stderr + shared_workspace.logs()
+    return again, json.loads(wiped.stdout.splitlines()[-1])["history"]
 
-    again = workspace.run("start-training")
-    wiped = workspace.run("start-training", "-w", "--json")
+
+def test_a_second_start_refuses_to_overwrite_and_names_both_ways_on(second_start):
+    again, wiped = second_start
 
     assert again.returncode == 3
     assert "--resume" in again.stderr
     assert "-w" in again.stderr
-    assert wiped.returncode == 0
-    assert len(json.loads(wiped.stdout.splitlines()[-1])["history"]) == 1
-    for worker in ("sim-0", "trainer", "supervisor"):  # the log of each training is a file
-        [log] = (workspace.folder / "data" / "logs").rglob(f"{worker}.log")
+    assert [r["iteration"] for r in wiped] == [0, 1]
+
+
+def test_a_training_that_starts_anew_starts_new_logs_and_keeps_the_old_ones(
+    second_start, shared_workspace
+):
+    for worker in ("sim-0", "trainer", "supervisor"):
+        [log] = (shared_workspace.folder / "data" / "logs").rglob(f"{worker}.log")
         [before] = log.parent.glob(f"{worker}.log.2*")
         for path in (log, before):
             starts = path.read_text().count("Successfully downloaded yaml file")
             assert starts == (worker == "sim-0"), path
-        copy = workspace.model / "logs" / log.parent.parent.name / log.name
+        copy = shared_workspace.model / "logs" / log.parent.parent.name / log.name
         assert copy.read_bytes() == log.read_bytes()
 
 
-def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
-    workspace.write_custom_files(
-        # The trial before the start drives at 1 m/s, the car's actions are faster.
-        reward="    return 1.0 if params['speed'] < 1.5 else 1 / 0  # the culprit\n"
-    )
+def test_three_workers_share_episodes_that_do_not_divide_evenly(
+    second_start, shared_workspace, log_guru
+):
+    _, history = second_start
 
-    ended = workspace.run("start-training")
-
-    assert ended.returncode == 3
-    assert "the culprit" in ended.stderr
-    assert "ZeroDivisionError" in ended.stderr
-
-
-def test_two_trainings_cannot_share_a_prefix(workspace):
-    workspace.hyperparameters["term_cond_max_episodes"] = 10_000
-    workspace.write_custom_files()
-    assert workspace.run("start-training", "-q").returncode == 0
-    workspace.write_run_env(DR_RUN_ID=1)
-
-    second = workspace.run("start-training", "-w")
-
-    assert second.returncode == 3
-    assert "is being trained" in second.stderr
-    workspace.write_run_env()
-    assert workspace.run("stop-training").returncode == 0
-    assert workspace.status()["state"] == "stopped"
-
-
-def test_three_workers_share_episodes_that_do_not_divide_evenly(workspace, log_guru):
-    workspace.write_run_env(DR_WORKERS=3)
-
-    trained = workspace.run("start-training", "--json")
-
-    assert trained.returncode == 0, trained.stderr + workspace.logs()
-    model = workspace.model
-    history = json.loads(trained.stdout.splitlines()[-1])["history"]
-    assert [r["episodes"] for r in history] == [4, 4, 4]
-    logs = [log_guru(workspace.log(f"sim-{worker}")) for worker in range(3)]
-    assert [len(reading.episodes) for reading in logs] == [6, 3, 3]
+    assert [r["episodes"] for r in history] == [4, 4]
+    logs = [log_guru(shared_workspace.log(f"sim-{worker}")) for worker in range(3)]
+    assert [len(reading.episodes) for reading in logs] == [4, 2, 2]
     assert [len(reading.evaluations) for reading in logs] == [
         sum(bool(r["evaluation_progress"]) for r in history),
         0,
         0,
     ]
+    model = shared_workspace.model
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from deepracer.logs import DeepRacerLog
@@ -134,8 +118,21 @@ def test_three_workers_share_episodes_that_do_not_divide_evenly(workspace, log_g
             metrics.addRound("", fname=str(model / "metrics" / f"{file}.json"), worker=worker)
     for worker, share in enumerate([2, 1, 1]):
         mine = traces[traces["worker"] == worker]
-        assert [mine[mine["iteration"] == n]["episode"].nunique() for n in range(3)] == [share] * 3
+        assert [mine[mine["iteration"] == n]["episode"].nunique() for n in range(2)] == [share] * 2
         records = metrics.getTraining()
         records = records[records["worker"] == worker]
-        assert [(records["iteration"] == n).sum() for n in range(3)] == [share] * 3
-    assert sorted(traces["unique_episode"].unique()) == list(range(12))
+        assert [(records["iteration"] == n).sum() for n in range(2)] == [share] * 2
+    assert sorted(traces["unique_episode"].unique()) == list(range(8))
+
+
+def test_a_reward_function_that_fails_later_ends_the_run_with_its_authors_line(workspace):
+    workspace.write_custom_files(
+        # The trial before the start drives at 1 m/s, the car's actions are faster.
+        reward="    return 1.0 if params['speed'] < 1.5 else 1 / 0  # the culprit\n"
+    )
+
+    ended = workspace.run("start-training")
+
+    assert ended.returncode == 3
+    assert "the culprit" in ended.stderr
+    assert "ZeroDivisionError" in ended.stderr

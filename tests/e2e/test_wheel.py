@@ -1,6 +1,7 @@
 """The wheel is all a user needs: it holds every data file and trains from an empty folder."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -93,9 +94,24 @@ def _install(wheel: Path, folder: Path) -> Path:
     )
     borrowed = "import sys; sys.path.append({!r})".format(sysconfig.get_path("purelib"))
     (target / "borrowed.pth").write_text(borrowed + "\n")
+    _lend_compiled_code(target / "drsim")
     for program in Path(sysconfig.get_path("scripts")).glob("rclone*"):
         (folder / "bin" / program.name).symlink_to(program)
     return python
+
+
+def _lend_compiled_code(installed: Path) -> None:
+    """Put the machine code beside the modules that numba made of the same modules here.
+
+    Numba and Python take what was compiled if the module is as old and as long as it was then.
+    """
+    here = ROOT / "env" / "drsim"
+    for module in here.rglob("*.py"):
+        copy = installed / module.relative_to(here)
+        assert copy.read_bytes() == module.read_bytes()
+        os.utime(copy, ns=(module.stat().st_atime_ns, module.stat().st_mtime_ns))
+    for compiled in here.rglob("__pycache__"):
+        shutil.copytree(compiled, installed / compiled.relative_to(here), dirs_exist_ok=True)
 
 
 def _run(program: Path, *arguments: str, folder: Path) -> str:

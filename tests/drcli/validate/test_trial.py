@@ -63,8 +63,7 @@ def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, word
 @pytest.mark.parametrize(
     ("before", "body"),
     [
-        ("import os", "return float(os.fork() > 0)"),
-        ("import os; os.fork()", "return 1.0"),
+        ("import os; os.fork()", "return float(os.fork() > 0)"),
         ("import os, sys; sys.stderr.close(); os.close(2)", "return 1.0"),
         ("import sys", "return float(sys.stderr.write('x' * 100_000) > 0)"),
     ],
