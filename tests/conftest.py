@@ -84,12 +84,11 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 def left_over(marker: str, folder: Path) -> list[psutil.Process]:
     """Processes that come from the test run of that marker, or are about files below a folder."""
-    return [process for process in psutil.process_iter() if _is_from(process, marker, folder)]
+    ours = {os.getpid(), *(parent.pid for parent in psutil.Process().parents())}
+    return [p for p in psutil.process_iter() if p.pid not in ours and _is_from(p, marker, folder)]
 
 
 def _is_from(process: psutil.Process, marker: str, folder: Path) -> bool:
-    if process.pid == os.getpid():
-        return False
     with suppress(psutil.Error):
         line = process.cmdline()
         if not line or any("multiprocessing" in argument for argument in line):

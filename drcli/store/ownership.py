@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 from drcli.errors import OwnershipLost
+from drcli.jsonrecord import Misfit, built, parsed
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -64,25 +65,12 @@ class Lease:
         return self.session != session and self.term >= term
 
 
-_KINDS: dict[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(("session", "host", "machine"), str),
-    **dict.fromkeys(("pid", "term"), int),
-    **dict.fromkeys(("renewed", "pid_started"), (int, float)),
-    "released": bool,
-}
-"""What the fields of the note are; anything else is no note."""
-
-
 def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
     """The note, however old; None where there is none that can be read."""
     try:
         data, age_s = bucket.get_with_age(keys.lease(prefix))
-        found = json.loads(data)
-        # What a later version adds does not make the note another's.
-        lease = Lease(**{name: found[name] for name in _KINDS if name in found})
-    except (ObjectMissing, ValueError, TypeError):
-        return None
-    if not all(isinstance(getattr(lease, name), kind) for name, kind in _KINDS.items()):
+        lease = built(Lease, parsed(data))
+    except (ObjectMissing, Misfit):
         return None
     return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
 

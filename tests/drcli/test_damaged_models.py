@@ -85,7 +85,7 @@ class World:
         self.here = here
         self.there = ProbedBucket("uploads")
         places = (
-            *("runs.plan", "runs.increment", "runs.evaluation_plan", "worker.train", "worker.sim"),
+            *("runs.plan", "runs.increment", "runs.evaluation_plan", "worker.process"),
             *("transfer.upload", "transfer.download", "transfer.places"),
         )
         for module in places:
@@ -149,7 +149,6 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> ProbedBucket:
             SimWorker(job, lifeline, 0).run()
         learner.join(60)
         assert lifeline.failures == []
-        lease.renew(world.here, PREFIX, job.session)
     shrink(world.here)
     return world.here
 

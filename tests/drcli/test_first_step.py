@@ -71,10 +71,9 @@ def test_what_depends_on_the_step_or_guards_a_division_is_not_told(condition):
         (["x, n = params['x'], params['steps']", "if n == 1:"], "n == 1"),
         (["if (n := params['steps']) == 1:"], "(n := params['steps']) == 1"),
         (["n: int = int(params['steps'])", "k = n", "if k == 1:"], "k == 1"),
-        (["START = 1", "if params['steps'] == START:"], "params['steps'] == START"),
     ],
 )
-def test_steps_and_numbers_are_known_by_the_names_they_are_given(lines, condition):
+def test_steps_are_known_by_the_names_they_are_given(lines, condition):
     assert told(*lines, "    return 1.0", "return 2.0") == [(condition, False)]
 
 
@@ -90,7 +89,7 @@ def test_names_that_hold_something_else_as_well_are_left_alone(lines):
     assert told(*lines, "    return 1.0", "return 2.0") == []
 
 
-def test_what_a_class_keeps_is_told_apart_from_what_it_is_given():
+def test_names_and_attributes_count_in_the_function_that_gives_them():
     text = """
 class Racer:
     def __init__(self):
@@ -102,33 +101,16 @@ class Racer:
             self.start()
         if self.before == 0:
             self.start()
-        self.before = self.steps
         return self.bonus(self.steps)
 
-    def bonus(self, number):
-        return 5.0 if number == 1 else first(n=number)
-
-
-def first(n):
-    return float(n == 0)
-
-
-PREVIOUS = 0
-
-
-def remembers(params):
-    global PREVIOUS
-    new = PREVIOUS == 0
-    PREVIOUS = params["steps"]
-    return new
+    def bonus(self, steps):
+        return 5.0 if steps == 1 else 1.0
 
 
 reward_function = Racer().reward_function
 """
 
-    found = [(idle.line, idle.text) for idle in idle_conditions(text)]
-
-    assert found == [(8, "self.steps == 1"), (16, "number == 1"), (20, "n == 0")]
+    assert [(idle.line, idle.text) for idle in idle_conditions(text)] == [(8, "self.steps == 1")]
 
 
 def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():

@@ -62,8 +62,9 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     assert latest is not None
     assert latest.optimizer is not None
     assert latest.record.counters["number_format"] in ("fp32", "bf16")
-    # Driven again after the resume or not, each of a worker's episodes is in its log once.
+    # Driven again after the resume or not, each of a worker's episodes is in its log once; where
+    # driving and learning overlap, one iteration more may have been driven.
     for worker in ("sim-0", "sim-1"):
         reading = log_guru(workspace.log(worker))
         assert reading.continuous
-        assert len(reading.episodes) == 6
+        assert len(reading.episodes) in (6, 8)

@@ -239,6 +239,7 @@ class Training:
             store.save(0, 0, b"weights")
         else:
             history.restore(number, found.record.counters.get("learned"))
+            store.point_to(found.record)
         drive = 0
         while True:
             drive += 1

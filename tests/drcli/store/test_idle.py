@@ -181,7 +181,6 @@ def test_a_damaged_state_does_not_keep_it(served):
 
     assert served.pass_minutes(11)
     assert not served.runs
-    (served.config.data_dir / ".server.json").unlink()
 
 
 def test_the_log_of_a_server_that_runs_for_months_stays_small(served):

@@ -82,11 +82,9 @@ def test_whatever_a_reward_function_prints_reaches_the_log_in_any_locale(job, mo
     for name, value in {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}.items():
         monkeypatch.setenv(name, value)
 
-    done = subprocess.run(
-        [sys.executable, "-c", r"print('Kurve \u2192 \ud800')"],
-        env=job.to_environment(),
-        stdout=subprocess.PIPE,
-        check=True,
-    )
+    command = [sys.executable, "-c", r"print('Kurve \u2192 \ud800')"]
+    with job.spawn(command, stdout=subprocess.PIPE) as process:
+        said, _ = process.communicate()
 
-    assert done.stdout.decode() == "Kurve → \\ud800\n"
+    assert process.returncode == 0
+    assert said.decode() == "Kurve → \\ud800\n"

@@ -4,6 +4,7 @@ import pytest
 
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.history import IterationRecord
 from drcli.store.memory import MemoryBucket
 from drcli.store.rollouts import Manifest
 from drcli.worker.process import StopRequested
@@ -73,11 +74,18 @@ def test_the_checkpoint_that_is_there_is_taken_at_once(world):
     assert world.now_s == 0.0
 
 
+def learned(seconds: float, steps: int) -> dict:
+    """What a checkpoint says of the iteration that made it."""
+    numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
+    lists = {"evaluation_progress": [], "evaluation_lap_s": []}
+    return {**numbers, "checkpoint": "", **lists, "learn_s": seconds, "steps": steps}
+
+
 def learn_from(world, *learn_s: float, steps: int = 500) -> None:
     """Checkpoints that the trainer learned so long from so many steps to make."""
     for number, seconds in enumerate(learn_s):
-        learned = {"learn_s": seconds, "steps": steps}
-        record = world.store.save(number, steps * number, b"", counters={"learned": learned})
+        counters = {"learned": learned(seconds, steps)}
+        record = world.store.save(number, steps * number, b"", counters=counters)
         world.waiter.learn_from(record)
 
 
@@ -115,10 +123,10 @@ def test_a_stalled_trainer_is_waited_for_once(world, stalled_at):
     waits_s = []
     for number, seconds in enumerate(learn_s, start=1):
         began_s = world.now_s
-        learned = {"learn_s": seconds, "steps": 500}
+        counters = {"learned": learned(seconds, 500)}
 
-        def publish(number=number, learned=learned) -> None:
-            world.store.save(number, 500 * number, b"", counters={"learned": learned})
+        def publish(number=number, counters=counters) -> None:
+            world.store.save(number, 500 * number, b"", counters=counters)
 
         world.at(began_s + seconds, publish)
         name = world.waiter.wait(number, newest=number - 1, steps=500, since_s=began_s)
