@@ -18,4 +18,4 @@ dr-stop-training
 dr-start-training -w --until-laps 5 --max-minutes 8
 dr-evaluate
 echo "Everything lies in $work. To use the commands there:"
-echo "  cd $work && source $project/.venv/bin/activate"
+printf '  cd %q && source %q\n' "$work" "$project/.venv/bin/activate"
