@@ -70,7 +70,7 @@ def meanwhile(settings: "Settings", folder: Path, display: Display) -> Iterator[
             yield
         finally:
             stop.set()
-            watcher.join(timeout=5.0)
+            watcher.join(timeout=2.0)
 
 
 @contextmanager

@@ -93,6 +93,7 @@ class Supervisor:
         self._restart_server = restart_server
         self._signal: int | None = None
         self._insisted = False
+        self._silent = False
         self._renewal = renewal
         # Each in a thread of its own: none waits for another, and the loop for none.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
@@ -218,8 +219,9 @@ class Supervisor:
             outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
         if not lost:
-            self._logs.finish(LOGS_PATIENCE_S, self._is_insisted)
-            within(RELEASE_PATIENCE_S, self._release, self._is_insisted)
+            self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, self._is_insisted)
+            if not self._silent:
+                within(RELEASE_PATIENCE_S, self._release, self._is_insisted)
         self._server.stop()
         state: State = "failed"
         if outcome.code == 0:
@@ -240,15 +242,16 @@ class Supervisor:
 
     def _way_on(self) -> str:
         """What to do after a stop, now that the workers have left whatever they had."""
-        learned = True  # where it cannot be seen now, a resume tells
+        found: list[bool] = []
 
         def look() -> None:
-            nonlocal learned
             with suppress(DrError):
                 newest = newest_checkpoint(self._bucket, self._job.settings.model_prefix)
-                learned = newest is not None
+                found.append(newest is not None)
 
         within(LOOK_PATIENCE_S, look, self._is_insisted)
+        self._silent = not found  # then nothing else is asked of the bucket, which would take long
+        learned = not found or found[0]  # where it cannot be seen now, a resume tells
         option = "--resume" if learned else "-w"
         return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
 

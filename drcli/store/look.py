@@ -8,6 +8,10 @@ from drcli.store.bucket import Bucket
 from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.folder import FolderBucket
 
+READ_TIMEOUT_S = 2.0
+"""How long an answer may stall for those who only look. A command that was told to end looks once
+more at the very end."""
+
 
 def storage_config(settings: Settings, directory: Path) -> StorageConfig:
     """Where the bucket is, relative to the racer's working folder."""
@@ -49,4 +53,4 @@ def _impatient(endpoint: Endpoint, name: str) -> Bucket:
     """A bucket for those who look again and again: making a client takes longer than a look."""
     from drcli.store.s3 import S3Bucket
 
-    return S3Bucket(endpoint, name, patience_s=2.0)
+    return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=READ_TIMEOUT_S)
