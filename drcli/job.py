@@ -49,6 +49,7 @@ class Job:
         max_minutes: Finish after so much wall time.
         folder: Where processes leave their last words on this machine.
         launcher_pid: The process whose end ends the workers too.
+        term: Of the lease that its supervisor has taken; 0 before.
     """
 
     settings: Settings
@@ -59,6 +60,7 @@ class Job:
     max_minutes: float | None
     folder: Path
     launcher_pid: int
+    term: int = 0
 
     def spawn(
         self, command: Sequence[str], *, with_secrets: bool = False, **options: Any
@@ -103,6 +105,7 @@ class Job:
             "max_minutes": self.max_minutes,
             "folder": str(self.folder),
             "launcher_pid": self.launcher_pid,
+            "term": self.term,
         }
 
     @staticmethod

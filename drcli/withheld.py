@@ -30,8 +30,10 @@ def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
 
     The path of a file with secrets is none: the file is protected, or it is not.
     """
-    secret = {name: value for name, value in environment.items() if _is_secret(name, value)}
-    return {n: v for n, v in environment.items() if n not in secret}, secret
+    with _lock:  # another thread may just be lending
+        everything = dict(environment)
+    secret = {name: value for name, value in everything.items() if _is_secret(name, value)}
+    return {n: v for n, v in everything.items() if n not in secret}, secret
 
 
 def all_secrets() -> dict[str, str]:

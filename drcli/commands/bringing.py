@@ -27,7 +27,7 @@ def bring_tracks(settings: Settings) -> None:
 
     for name in names:
         if asks:
-            question = f"The track {name} is the community's and not here. Fetch it now?"
+            question = f"{name} is a community track that is not installed. Download it now?"
             asking.agree(question, yes=False)
         facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
         console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

@@ -213,7 +213,7 @@ def _memory(trial: Trial) -> Iterator[Remark]:
             "random",
             "warning",
             trial.name,
-            f"The same drive is paid differently another time: "
+            f"The same drive gets a different reward when repeated: "
             f"{_both(random, 'and')} ({trial.describe(random.place)}; {random.times:,} of "
             f"{random.of:,} calls).",
             "Remove random numbers and clocks: noise in the reward is learned from like any other.",

@@ -97,7 +97,7 @@ class LogCopy:
             else:
                 self._put_newest(data)
                 return
-            with suppress(DrError):  # a full disk: the next start uploads this part again
+            with suppress(OSError):  # a full disk: the next start uploads this part again
                 write_json(self._note, asdict(self._position))
 
     def left_bytes(self) -> int:
@@ -119,8 +119,7 @@ class LogCopy:
             if info.key.startswith(start) and number.isdigit():
                 self._parts.append((info.key, info.size_bytes))
                 self._next = int(number) + 1
-        if not self._note.exists():
-            self._keep_other_machines()
+        self._keep_other_machines()
         self._known = True
 
     def _keep_other_machines(self) -> None:
@@ -129,9 +128,22 @@ class LogCopy:
             data = self._bucket.get(self._key)
         except ObjectMissing:
             return
-        first = next(iter(logfiles.older_parts(self._log)), self._log)
-        if data and data[:_COMPARED_BYTES] != _read(first, 0)[: len(data)][:_COMPARED_BYTES]:
+        if data and not self._is_ours(data):
             self._put_part(data, whole=True)
+
+    def _is_ours(self, data: bytes) -> bool:
+        """Whether the newest part in the bucket comes from this log.
+
+        It goes on where the noted parts end; or it is the log's end, which was uploaded first when
+        time was short.
+        """
+        at, older = self._position, logfiles.older_parts(self._log)
+        path = next((part for part in older if logfiles.number_of(part) == at.number), self._log)
+        own = _read(path, at.offset)
+        if data[:_COMPARED_BYTES] == own[: len(data)][:_COMPARED_BYTES]:
+            return True
+        ends = b"".join(_end_of(part) for part in (*older[-1:], self._log))
+        return data[-_COMPARED_BYTES:] in ends
 
     def _next_bytes(self) -> tuple[Path | None, bytes]:
         """The file that comes next and what is new in it; None where it has just been rotated."""

@@ -112,7 +112,7 @@ def _mend_note(model: Model) -> list[str]:
         if seed is None and found is not None:
             seed = int(found[1])
         kept = set_aside(bucket, model.prefix, key)
-        became = "Its seed is lost, so a training goes on with another one."
+        became = "Its seed is lost; the training goes on with a new one."
         if seed is not None:
             put_json(bucket, key, {"seed": seed})
             became = f"Its seed, {seed}, was brought back."

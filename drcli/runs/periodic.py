@@ -33,10 +33,12 @@ class Periodic:
         """Begin with the first call."""
         self._thread.start()
 
-    def stop(self) -> None:
-        """Call no more; a call that is under way is left to itself."""
+    def stop(self, *, wait_s: float = 0.0) -> None:
+        """Call no more; a call that is under way is left to itself after so many seconds."""
         self._ended = True
         self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join(wait_s)
 
     def ask(self, errand: Callable[[], None]) -> threading.Event:
         """Have something else done by this thread as soon as it can.

@@ -56,7 +56,7 @@ class Renewal:
         if found is None and now_s - self._owned_s > STALE_S:
             self.lost = OwnershipLost(
                 f"s3://{self._bucket.name}/{self._prefix} could not be reached for "
-                f"{now_s - self._owned_s:.0f} s, and it does not say any more who trains there.",
+                f"{now_s - self._owned_s:.0f} s, and it no longer says who is training there.",
                 remedy="Look with `dr-list-models` whether the model is still there, then go on "
                 "with `dr-start-training --resume`.",
             )

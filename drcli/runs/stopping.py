@@ -15,7 +15,7 @@ from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.runs.record import RunRecord, is_alive
 from drcli.store.connect import stop_default_storage, stop_storage
 
-TRAINING_PATIENCE_S = 20.0
+TRAINING_PATIENCE_S = 30.0
 """For a checkpoint, metrics and logs; after it workers are killed."""
 
 KILLED_PATIENCE_S = 10.0

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -94,6 +95,7 @@ class Supervisor:
         self._signal: int | None = None
         self._insisted = False
         self._silent = False
+        self._log_lock = threading.Lock()
         self._renewal = renewal
         # Each in a thread of its own: none waits for another, and the loop for none.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
@@ -214,7 +216,7 @@ class Supervisor:
         lost = outcome.code == OwnershipLost.code
         for child in dismiss(self._children, 0.0 if lost else LEAVE_S):
             self._log(f"{child.name} did not leave in time and was killed.")
-        self._lease.stop()
+        self._lease.stop(wait_s=1.0)  # or it might write the lease after it was given back
         if outcome.code in (INTERRUPTED, TERMINATED):
             outcome = replace(outcome, remedy=self._way_on())
         self._log(f"{outcome.message} {outcome.remedy}".strip())
@@ -231,7 +233,7 @@ class Supervisor:
         self._record = self._with_workers().ended(
             state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
-        self._record.write(self._job.folder)
+        self._write_record()
 
     def _release(self) -> None:
         with suppress(DrError):
@@ -264,13 +266,21 @@ class Supervisor:
 
     def _publish(self, state: State) -> None:
         self._record = replace(self._with_workers(), state=state)
-        self._record.write(self._job.folder)
+        self._write_record()
+
+    def _write_record(self) -> None:
+        try:
+            self._record.write(self._job.folder)
+        except OSError as error:  # a full disk; what is shown of the run is older then
+            self._log(f"{self._job.folder} cannot be written: {error}")
 
     def _log(self, text: str) -> None:
+        """Write a line, from whichever thread; a full disk costs the line and nothing else."""
         path = log_file(self._job.settings, self._job.directory, "supervisor")
-        path.parent.mkdir(parents=True, exist_ok=True)
         max_bytes = self._job.settings.log_max_mb << 20
-        if path.exists() and path.stat().st_size > logfiles.part_bytes(max_bytes):
-            os.close(logfiles.rotate(path, max_bytes))
-        with path.open("a", encoding="utf-8") as log:
-            print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)
+        with self._log_lock, suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.exists() and path.stat().st_size > logfiles.part_bytes(max_bytes):
+                os.close(logfiles.rotate(path, max_bytes))
+            with path.open("a", encoding="utf-8") as log:
+                print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)

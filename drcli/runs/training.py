@@ -92,7 +92,9 @@ def supervise_job(job: "Job") -> int:
         )
 
     def own(client: "S3Bucket") -> "S3Bucket":
-        return client.fenced(Ownership(client, settings.model_prefix, job.session).check)
+        return client.fenced(
+            Ownership(client, settings.model_prefix, job.session, taken.term).check
+        )
 
     bucket = impatient(PATIENCE_S)
     record = RunRecord(
@@ -113,7 +115,7 @@ def supervise_job(job: "Job") -> int:
         taken = lease.take(bucket, settings.model_prefix, job.session)
         record.write(job.folder)
     return Supervisor(
-        job,
+        replace(job, term=taken.term),
         own(bucket),
         record,
         Renewal(impatient(0.0), settings.model_prefix, taken),
@@ -123,7 +125,7 @@ def supervise_job(job: "Job") -> int:
     ).run()
 
 
-def stop(settings: Settings, *, wait_s: float = 20.0, directory: Path | None = None) -> RunReport:
+def stop(settings: Settings, *, wait_s: float = 30.0, directory: Path | None = None) -> RunReport:
     """Ask the supervisor to end the training, and wait until it has.
 
     A second request while it is leaving kills the workers at once.

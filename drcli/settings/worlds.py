@@ -84,7 +84,7 @@ def missing(settings: "Settings") -> Iterator[Finding]:
         if not can_be_fetched(chosen):
             yield Finding(
                 chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={shown(chosen.world_name)} is no track that is here",
+                f"DR_WORLD_NAME={shown(chosen.world_name)} is not an available track",
                 remedy(chosen),
             )
 
@@ -95,7 +95,7 @@ def fetchable(settings: "Settings") -> Iterator[Finding]:
         if can_be_fetched(chosen):
             yield Finding(
                 chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} is a track of the community and not here yet",
+                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed yet",
                 remedy(chosen),
             )
 

@@ -143,7 +143,7 @@ def _damaged_evaluations(model: Model) -> Iterator[_Damage]:
             continue
         except ObjectDamaged as error:
             key = keys.evaluation_result(model.prefix, number)
-            yield key, str(error), lambda: "It is done without."
+            yield key, str(error), lambda: "Training continues without it."
 
 
 def _damaged_history(model: Model) -> Iterator[_Damage]:
@@ -176,7 +176,7 @@ def _damaged_records(model: Model) -> Iterator[_Damage]:
             def rebuild(name: keys.CheckpointName = name, key: str = key) -> str:
                 record = rebuilt_record(bucket, prefix, name, _known_history(model))
                 if record is None:
-                    return "That checkpoint is passed over."
+                    return "That checkpoint is skipped."
                 put_json(bucket, key, asdict(record))
                 return "It was rebuilt from the weights and the history."
 
@@ -213,7 +213,7 @@ def _damaged_scores(model: Model, missing: bool) -> Iterator[_Damage]:
         def rebuild() -> str:
             scores = rebuilt_scores(bucket, prefix, model.metric)
             if scores is None:
-                return "The next checkpoint writes it anew."
+                return "It will be rewritten with the next checkpoint."
             write_scores(bucket, prefix, scores)
             best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
             return f"It was rebuilt: the best is {best}, the last is {last}."

@@ -92,8 +92,8 @@ def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
         f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
-        "which took it over after this training had not been heard of for a minute. What this one "
-        "did since then is dropped.",
+        "which took over after nothing had been heard from this training for a minute. Anything it "
+        "did since then is discarded.",
         remedy="Nothing is lost; the other training goes on. To go on here, stop it there, then "
         "`dr-start-training --resume`.",
     )
@@ -106,17 +106,24 @@ class Ownership:
         bucket: Where the lease lies.
         prefix: Of the model.
         session: The start that this process belongs to.
+        term: Of its lease, as far as that is known.
         clock: Seconds that go on while this process is stopped, for tests.
     """
 
     def __init__(
-        self, bucket: Bucket, prefix: str, session: str, *, clock: Callable[[], float] = elapsed_s
+        self,
+        bucket: Bucket,
+        prefix: str,
+        session: str,
+        term: int = 0,
+        *,
+        clock: Callable[[], float] = elapsed_s,
     ) -> None:
         self._bucket = bucket
         self._prefix = prefix
         self._session = session
         self._clock = clock
-        self._term = 0
+        self._term = term
         self._read_s = -OTHERS_TRUSTED_S
 
     def check(self, key: str) -> None:

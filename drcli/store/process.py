@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from os import kill  # itself, where drcli.signalguard replaces what a reward function can call
 from pathlib import Path
 
 from drcli.store.backoff import wait_until
@@ -43,9 +44,9 @@ def end(pid: int, mark: str) -> None:
     """Ask the process to end, and make it end when it does not."""
     if not is_running(pid, mark):
         return
-    os.kill(pid, signal.SIGTERM)
+    kill(pid, signal.SIGTERM)
     if not wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S):
-        os.kill(pid, signal.SIGKILL)
+        kill(pid, signal.SIGKILL)
         wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S)
 
 

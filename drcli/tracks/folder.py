@@ -132,7 +132,7 @@ def target_of(name: str, folder: Path, *, replace: bool) -> Path:
     """
     if not _NAME.fullmatch(name):
         raise SettingsError(
-            f"{name[:80]!r} is no name for a track: letters, digits, _ and - make one.",
+            f"{name[:80]!r} is not a valid track name; use letters, digits, _ and -.",
             remedy="Choose another with --name.",
         )
     target = folder / f"{name}.npy"

@@ -44,8 +44,7 @@ class Goals:
         ):
             if 0 < most <= len(records):
                 return (
-                    f"Training is complete: {len(records)} iterations were learned from, "
-                    f"{name} is {most}."
+                    f"Training is complete: {len(records)} iterations are done, {name} is {most}."
                 )
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:

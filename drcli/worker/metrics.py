@@ -30,9 +30,10 @@ class TrainingMetrics:
         self._records: list[dict[str, Any]] = []
         with contextlib.suppress(ObjectMissing):
             self._records = read_records(bucket, key)
-        for record in self._records:
-            # Version 0.1.0 kept no iteration, and counted each worker's episodes without gaps.
-            record.setdefault("iteration", (record["episode"] - 1) // share.count)
+        iteration = -1
+        for record in self._records:  # version 0.1.0 kept no iteration
+            iteration += record["phase"] == "training" and record["trial"] == 1
+            iteration = record.setdefault("iteration", max(iteration, 0))
         self._per_iteration = max(share.most, counted_with(self._records))
         for record in self._records:
             record["episode"] = self._number(record["iteration"], record["trial"])

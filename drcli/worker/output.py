@@ -82,7 +82,7 @@ class PrintLimit:
         self._silent, self._omitted_prints, self._omitted_characters = False, 0, 0
         return (
             f"Prints> {prints:,} prints of the reward function with {characters / 1e6:,.1f} MB "
-            f"were left out. It may print {CHARACTERS_S >> 10} KB a second.\n"
+            f"were left out. The limit is {CHARACTERS_S >> 10} KB a second.\n"
         )
 
     def _omit(self, text: str) -> None:
@@ -103,8 +103,13 @@ class Output:
         self._inner: list[TextIO] = []
         # One thread may come back to it: an alarm may interrupt the racer's code in a print.
         self._lock = threading.RLock()
+        # A reward function may fork while the log is being rotated: its child would wait for ever.
+        os.register_at_fork(after_in_child=self._unlock)
         self._ended_line = True
         self._waited = 0
+
+    def _unlock(self) -> None:
+        self._lock = threading.RLock()
 
     def stream(self, inner: TextIO) -> TextIO:
         """A stream whose prints are counted while the racer's code runs."""

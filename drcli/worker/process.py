@@ -80,7 +80,7 @@ def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucke
         lifeline: Of this process.
     """
     bucket = open_bucket(settings, job.directory, hurried=lifeline.should_stop)
-    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session).check)
+    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session, job.term).check)
 
 
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:

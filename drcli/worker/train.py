@@ -20,8 +20,10 @@ from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedErr
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
+from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import Checkpoint, CheckpointStore
 from drcli.store.collection import RolloutReader
+from drcli.store.evaluations import evaluated_numbers
 from drcli.store.history import History, IterationRecord, fields_of
 from drcli.store.mending import Model, mend
 from drcli.worker import announce, process
@@ -138,6 +140,7 @@ class Trainer:
             return
         for damage in found.damaged:
             print(f"Checkpoint> Passed over {damage}")
+        self._forget_evaluations(after=found.record.number)
         self._load(found)
         if found.optimizer is None:
             print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
@@ -171,12 +174,25 @@ class Trainer:
                 "-w.",
             ) from None
 
+    def _forget_evaluations(self, after: int) -> None:
+        """Delete results of checkpoints that are passed over: their numbers are taken again."""
+        numbers = evaluated_numbers(self._bucket, self._prefix)
+        stale = [keys.evaluation_result(self._prefix, n) for n in numbers if n > after]
+        if stale:
+            self._bucket.delete(stale)
+
     def _recall(self) -> None:
         """Give a learner with a memory the rollouts it had learned from already."""
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
-            rollout = self._collector.recall(iteration) if iteration < self._number else None
+            if iteration >= self._number:
+                continue
+            try:
+                rollout = self._collector.recall(iteration)
+            except (ObjectMissing, ObjectDamaged) as error:
+                print(f"Training> Iteration {iteration} is not remembered: {error}")
+                continue
             if rollout is not None:
                 self._learner.remember(rollout)
                 print(f"Training> Remembers {rollout.steps} steps of iteration {iteration}.")

@@ -272,7 +272,7 @@ def test_a_track_that_is_not_here_is_refused_with_the_likely_one(dr, working_fol
 
     said = capsys.readouterr().err
     assert code == 3
-    assert "run.env stays as it was: DR_WORLD_NAME=reinvent_bse is no track that is here." in said
+    assert "run.env stays as it was: DR_WORLD_NAME=reinvent_bse is not an available track." in said
     assert "Did you mean reinvent_base?" in said
     assert (working_folder / "run.env").read_bytes() == before
 
@@ -292,7 +292,7 @@ def test_a_track_that_was_missing_before_does_not_stop_other_changes(dr, working
     code = dr("config", "set", "DR_WORKERS=3")
 
     assert code == 0
-    assert "DR_WORLD_NAME=Nope is no track that is here. That was so before." in (
+    assert "DR_WORLD_NAME=Nope is not an available track. That was so before." in (
         capsys.readouterr().err
     )
 

@@ -204,8 +204,8 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
         (["add", "loop.csv", "--length", "0"], "give --length"),
         (["add", "nothing.npy"], "nothing.npy"),
         (["add", "run.env"], "run.env"),
-        (["add", "loop.csv", "--name", "a b"], "'a b' is no name for a track"),
-        (["add", "loop.csv", "--name", "../up"], "'../up' is no name for a track"),
+        (["add", "loop.csv", "--name", "a b"], "'a b' is not a valid track name"),
+        (["add", "loop.csv", "--name", "../up"], "'../up' is not a valid track name"),
         (["add", "loop.csv", "--width", "-1"], "loop.csv"),
         (["show", "reinvent_base", "--png", "no/such/map.png"], "no/such/map.png cannot be"),
         (["fetch", "Oval_track", "--from", "ftp://x"], "ftp://x"),
@@ -213,7 +213,7 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
         (["fetch", "Oval_track", "--from", "http://[x"], "http://[x"),
         (["fetch", "Oval_track", "--from", "http://x y/"], "http://x y/"),
         (["fetch", "Oval_track", "--from", "https://"], "https://"),
-        (["fetch", "../Oval_track"], "'../Oval_track' is no name for a track"),
+        (["fetch", "../Oval_track"], "'../Oval_track' is not a valid track name"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence_with_a_remedy(route, capsys, arguments, sentence):
@@ -452,7 +452,7 @@ def test_a_start_asks_on_a_terminal_before_it_fetches(needs, working_folder, ter
 
     bring_tracks(needs("ask"))
 
-    assert "Fetch it now? [y/N]" in capsys.readouterr().err
+    assert "Download it now? [y/N]" in capsys.readouterr().err
     assert (working_folder / "tracks" / "Spain_track.npy").exists()
 
 

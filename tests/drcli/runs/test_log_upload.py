@@ -326,3 +326,20 @@ def test_a_new_training_uploads_its_log_from_the_beginning(bucket, tmp_path):
     LogCopy(fresh, KEY, stage.log("sim-0"), MAX_BYTES).update()
 
     assert fresh.copy_of() == "begins\n"
+
+
+def test_what_another_machine_wrote_meanwhile_stays_when_the_first_goes_on(bucket, log, tmp_path):
+    log.write_text(lines(0, 200))  # of which parts are noted
+    LogCopy(bucket, KEY, log, MAX_BYTES).update()
+    there = tmp_path / "there" / "sim-0.log"
+    there.parent.mkdir()
+    there.write_text("".join(f"elsewhere {k}\n" for k in range(10)))
+    LogCopy(bucket, KEY, there, MAX_BYTES).update()
+
+    with log.open("a") as file:
+        file.write(lines(200, 205))
+    LogCopy(bucket, KEY, log, MAX_BYTES).update()
+
+    said = bucket.copy_of().splitlines()
+    assert [line for line in said if line.startswith("elsewhere")] == there.read_text().splitlines()
+    assert said[-5:] == lines(200, 205).splitlines()

@@ -1,5 +1,6 @@
 """What becomes of a run whose workers end, told by short processes in their places."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -191,7 +192,7 @@ def test_a_training_that_lost_its_model_ends_at_once_and_leaves_the_bucket_alone
 
     assert time.monotonic() - began < 15.0
     record = RunRecord.read(stage.job.folder)
-    assert "took it over" in record.message
+    assert "took over" in record.message
     assert [info.key for info in stage.bucket.list("")] == [keys.lease("model")]
     assert lease.holder(stage.bucket, "model").session == "theirs"
 
@@ -273,3 +274,15 @@ def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_e
     assert stage.run() == 143
 
     assert order.read_text().split() == ["sim-0", "trainer"]
+
+
+def test_a_full_disk_costs_lines_of_the_log_and_not_the_end(stage, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    stage.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
+    monkeypatch.setattr(supervisor, "log_file", lambda *_: stage.job.folder)  # no file to write to
+    monkeypatch.setattr(RunRecord, "write", full)
+
+    assert stage.run() == 0
+    assert lease.holder(stage.bucket, "model") is None

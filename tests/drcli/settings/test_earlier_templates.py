@@ -85,7 +85,7 @@ def test_a_folder_of_earlier_years_is_accepted_and_nothing_in_it_is_unknown(fold
     report = check_settings(folder.path, environ={})
 
     assert report.errors == ()
-    expected = ("is the old name of", "LGSWide is a track of the community and not here yet")
+    expected = ("is the old name of", "LGSWide is a community track that is not installed yet")
     assert not [text for text in report.warnings if not any(part in text for part in expected)]
     idle = {name for group in report.without_effect for name in group.names}
     assert {*RUN_2020, *SYSTEM_2021} <= idle | set(catalogue()) | set(old_names())

@@ -77,7 +77,7 @@ def test_the_files_that_everybody_has_train_as_long_as_they_did_elsewhere(goals)
 
     assert limited.reached(records[:999]) is None
     assert limited.reached(records) == (
-        "Training is complete: 1000 iterations were learned from, term_cond_max_episodes is 1000."
+        "Training is complete: 1000 iterations are done, term_cond_max_episodes is 1000."
     )
 
 
@@ -85,7 +85,7 @@ def test_iterations_can_be_limited(goals):
     limited = goals("DR_TRAIN_MAX_ITERATIONS=3")
 
     assert limited.reached([record(0), record(1)]) is None
-    assert "3 iterations were learned from" in limited.reached([record(k) for k in range(3)])
+    assert "3 iterations are done" in limited.reached([record(k) for k in range(3)])
 
 
 def test_the_mean_score_is_that_of_the_last_hundred_episodes():

@@ -141,3 +141,20 @@ def _episodes_of_iterations(
 def _episode(number: int, phase: str = "training") -> Episode:
     row = Row(1, 0.0, 0.0, 0.0, 0.0, 1.0, "0", 0.0, True, True, 50.0, 0, "off_track", 0.0, 1.0)
     return Episode(number, phase, [row])
+
+
+def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change(bucket):
+    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    for iteration in range(2):
+        metrics.add(iteration, [_episode(2 * iteration), _episode(2 * iteration + 1)])
+    file = json.loads(bucket.get(KEY))
+    for record in file["metrics"]:
+        del record["iteration"]
+    bucket.put(KEY, json.dumps(file).encode())
+
+    resumed = TrainingMetrics(bucket, KEY, "progress", Share(0, workers=1, episodes=4))
+    resumed.add(2, [_episode(number) for number in range(4, 8)])
+
+    records = json.loads(bucket.get(KEY))["metrics"]
+    assert [r["iteration"] for r in records] == [0, 0, 1, 1, 2, 2, 2, 2]
+    assert [r["episode"] for r in records] == [1, 2, 5, 6, 9, 10, 11, 12]
