@@ -58,10 +58,11 @@ def counted_with(records: Sequence[dict[str, Any]]) -> int:
     """With how many episodes an iteration the episodes of a file are numbered, at least.
 
     Args:
-        records: Each with its iteration.
+        records: Those of version 0.1.0 have no iteration.
     """
     most = max((r["trial"] for r in records), default=0)
-    steps = ((r["episode"] - r["trial"]) // r["iteration"] for r in records if r["iteration"] > 0)
+    later = [r for r in records if r.get("iteration", 0) > 0]
+    steps = ((r["episode"] - r["trial"]) // r["iteration"] for r in later)
     return int(max(most, *steps, 0))
 
 

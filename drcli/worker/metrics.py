@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.training_metrics import counted_with, read_records, write_records
 from drcli.worker.share import Share
 from drcli.worker.trace import Episode, training_record
@@ -19,11 +19,25 @@ class TrainingMetrics:
     its iteration too, in a key that those tools ignore: after a resume with more episodes, all are
     numbered again.
 
+    Args:
+        bucket: Where the file lies.
+        key: Of the file.
+        best_model_metric: DR_TRAIN_BEST_MODEL_METRIC, told in the file.
+        share: What the worker drives.
+        first: Key of worker 0's file, by which all others are numbered; None for its own.
+
     Raises:
         ObjectDamaged: What is there is something else.
     """
 
-    def __init__(self, bucket: Bucket, key: str, best_model_metric: str, share: Share) -> None:
+    def __init__(
+        self,
+        bucket: Bucket,
+        key: str,
+        best_model_metric: str,
+        share: Share,
+        first: str | None = None,
+    ) -> None:
         self._bucket = bucket
         self._key = key
         self._best_model_metric = best_model_metric
@@ -35,6 +49,10 @@ class TrainingMetrics:
             iteration += record["phase"] == "training" and record["trial"] == 1
             iteration = record.setdefault("iteration", max(iteration, 0))
         self._per_iteration = max(share.most, counted_with(self._records))
+        if first is not None:
+            with contextlib.suppress(ObjectMissing, ObjectDamaged):
+                others = counted_with(read_records(bucket, first))
+                self._per_iteration = max(self._per_iteration, others)
         for record in self._records:
             record["episode"] = self._number(record["iteration"], record["trial"])
 

@@ -118,6 +118,7 @@ class SimWorker:
             keys.training_metrics(s.metrics_prefix, worker),
             s.train_best_model_metric,
             self._share,
+            first=keys.training_metrics(s.metrics_prefix, 0) if worker else None,
         )
         self._total_steps = 0
         self._budget = EvaluationBudget(s.train_eval_share)

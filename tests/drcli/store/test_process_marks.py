@@ -1,9 +1,10 @@
-"""Processes are known again by their command line, in any locale."""
+"""Processes are known again by their command line, in any locale, and can be ended."""
 
 import os
 import subprocess
 import sys
 
+import psutil
 import pytest
 
 ASKING = """
@@ -11,6 +12,16 @@ import sys
 from drcli.store.process import is_running
 
 print(is_running(int(sys.argv[1]), sys.argv[2]))
+"""
+
+ENDING = """
+import sys
+import drcli.worker.process
+from drcli import signalguard
+from drcli.store import process
+
+signalguard.install()
+process.end(int(sys.argv[1]), sys.argv[2])
 """
 
 
@@ -37,3 +48,11 @@ def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, 
     )
 
     assert answer.stdout == "True\n"
+
+
+def test_a_server_can_be_ended_where_a_reward_function_may_send_no_signals(sleeper):
+    pid, mark = sleeper
+
+    subprocess.run([sys.executable, "-c", ENDING, str(pid), mark], check=True)
+
+    assert psutil.Process(pid).status() == psutil.STATUS_ZOMBIE

@@ -158,3 +158,15 @@ def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change
     records = json.loads(bucket.get(KEY))["metrics"]
     assert [r["iteration"] for r in records] == [0, 0, 1, 1, 2, 2, 2, 2]
     assert [r["episode"] for r in records] == [1, 2, 5, 6, 9, 10, 11, 12]
+
+
+def test_a_worker_that_comes_along_later_numbers_its_episodes_as_worker_0_does(bucket):
+    alone = TrainingMetrics(bucket, KEY, "progress", Share(0, workers=1, episodes=4))
+    for iteration in range(2):
+        alone.add(iteration, [_episode(4 * iteration + k) for k in range(4)])
+    second = "model/metrics/TrainingMetrics_1.json"
+
+    joined = TrainingMetrics(bucket, second, "progress", Share(1, workers=2, episodes=4), first=KEY)
+    joined.add(2, [_episode(4), _episode(5)])
+
+    assert [r["episode"] for r in json.loads(bucket.get(second))["metrics"]] == [9, 10]
