@@ -11,7 +11,10 @@ _ANSWER_PATIENCE_S = 1.0
 """For how long an answer may be on its way through a pipe."""
 
 
-def agree(question: str, *, yes: bool) -> None:
+ASKS_NOTHING = "-f (or --yes) asks nothing."
+
+
+def agree(question: str, *, yes: bool, remedy: str = ASKS_NOTHING) -> None:
     """Ask before something is lost or replaced, unless the user has said yes already.
 
     A question is put on a terminal only. Elsewhere an answer that already waits on standard input
@@ -20,6 +23,7 @@ def agree(question: str, *, yes: bool) -> None:
     Args:
         question: Ends with a question mark.
         yes: The flag that asks nothing.
+        remedy: How to be asked no more.
 
     Raises:
         Aborted: The answer is no.
@@ -33,7 +37,7 @@ def agree(question: str, *, yes: bool) -> None:
         console.say(f"{question} [y/N]")
         answer = _waiting_line()
     if answer.strip().casefold() not in ("y", "yes"):
-        raise Aborted("Aborting. Nothing was changed.", remedy="-f (or --yes) asks nothing.")
+        raise Aborted("Aborting. Nothing was changed.", remedy=remedy)
 
 
 def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:

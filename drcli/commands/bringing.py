@@ -28,6 +28,10 @@ def bring_tracks(settings: Settings) -> None:
     for name in names:
         if asks:
             question = f"{name} is a community track that is not installed. Download it now?"
-            asking.agree(question, yes=False)
+            asking.agree(
+                question,
+                yes=False,
+                remedy="Set DR_TRACKS_FETCH to always or never to skip this question.",
+            )
         facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
         console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

@@ -25,7 +25,8 @@ EXIT_CODES = {
     8: "another training took the model over while this one was held up; that one goes on",
     130: "left or interrupted by Ctrl-C; with `--foreground` the training is stopped and "
     "everything learned is in the bucket",
-    143: "stopped by SIGTERM; everything learned is in the bucket, `--resume` continues. An "
+    143: "stopped by SIGTERM; everything learned is in the bucket, `--resume` continues (without "
+    "`--foreground` only the command ends, and the training goes on). An "
     "evaluation that was stopped has no results",
 }
 """What the exit code of every command means."""

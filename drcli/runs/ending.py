@@ -36,5 +36,9 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
 def _iterations(setting: int, hyperparameter: int) -> str:
     """The smaller limit of the two: it counts, and the other one never does."""
     if 0 < setting <= hyperparameter:
-        return f"after {setting:,} iterations (DR_TRAIN_MAX_ITERATIONS)"
-    return f"after {hyperparameter:,} iterations (term_cond_max_episodes)"
+        return f"after {_counted(setting)} (DR_TRAIN_MAX_ITERATIONS)"
+    return f"after {_counted(hyperparameter)} (term_cond_max_episodes)"
+
+
+def _counted(iterations: int) -> str:
+    return "1 iteration" if iterations == 1 else f"{iterations:,} iterations"

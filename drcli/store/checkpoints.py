@@ -302,6 +302,23 @@ class CheckpointStore:
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 
+    def forget_damaged_best(self) -> str | None:
+        """Let the last checkpoint stand for the best one where the weights of that are damaged.
+
+        Returns:
+            What is damaged, None where nothing is.
+        """
+        known = read_scores(self._bucket, self._prefix)
+        if known is None:
+            return None
+        try:
+            self.load(known.best_checkpoint.name)
+        except (ObjectMissing, ObjectDamaged) as error:
+            last = replace(known.last_checkpoint, avg_eval_metric=None)
+            write_scores(self._bucket, self._prefix, Scores(last, last))
+            return str(error)
+        return None
+
     def forget_scores(self) -> None:
         """Keep the best checkpoint, but not how good it was: the next evaluation beats it."""
         known = read_scores(self._bucket, self._prefix)
@@ -327,7 +344,8 @@ class CheckpointStore:
         if fault is not None:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{key} is damaged: {fault}.",
-                remedy="Restore it from a copy, or use an older checkpoint.",
+                remedy="Restore it from a copy, or choose another checkpoint; `dr-start-training "
+                "--resume` goes on without it.",
             )
         return data
 

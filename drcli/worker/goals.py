@@ -43,9 +43,8 @@ class Goals:
             ("term_cond_max_episodes", self._parameters.term_cond_max_episodes),
         ):
             if 0 < most <= len(records):
-                return (
-                    f"Training is complete: {len(records)} iterations are done, {name} is {most}."
-                )
+                done = "1 iteration is" if most == 1 else f"{len(records)} iterations are"
+                return f"Training is complete: {done} done, {name} is {most}."
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:
             return (

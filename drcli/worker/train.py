@@ -153,6 +153,9 @@ class Trainer:
         self._history.restore(self._number, record.counters.get("learned"))
         self._scoring.restore(self._history.records)
         self._checkpoints.point_to(record)
+        lost = self._checkpoints.forget_damaged_best()
+        if lost is not None:
+            print(f"Checkpoint> The best checkpoint is lost: {lost} Evaluations choose another.")
         print(f"Checkpoint> Restoring from path={record.name}")
         self._scoring.score_all(self._newest())
         self._recall()

@@ -285,7 +285,7 @@ def _raise_failed(
         line = code.co_firstlineno if code else None
         what = str(error)
     elif isinstance(error, DeadlinePassed):
-        what = f"{_late(deadline_s)}, an endless loop?"
+        what = f"{_late(deadline_s)}, probably an endless loop"
     else:
         what = described(error)
     short = compact(params)

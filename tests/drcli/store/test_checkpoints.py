@@ -425,3 +425,18 @@ def test_a_first_checkpoint_that_was_only_begun_is_none(memory):
     memory.put(keys.checkpoint_tensors("model", "0_Step-0.ckpt"), b"weights")
 
     assert CheckpointStore(memory, "model").load_latest() is None
+
+
+def test_a_best_checkpoint_whose_weights_are_damaged_is_forgotten(bucket):
+    store = CheckpointStore(bucket, PREFIX)
+    store.save(1, 100, b"first")
+    store.record_evaluation("1_Step-100.ckpt", 90.0)
+    store.save(2, 200, b"second")
+    assert store.forget_damaged_best() is None
+    bucket.put(keys.checkpoint_tensors(PREFIX, "1_Step-100.ckpt"), b"fir")
+
+    damage = store.forget_damaged_best()
+
+    assert damage is not None
+    assert "1_Step-100.ckpt.safetensors is damaged" in damage
+    assert store.best_name() == "2_Step-200.ckpt"
