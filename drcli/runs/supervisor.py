@@ -40,6 +40,19 @@ and for giving the prefix back. Whoever ends a process gives it 30 s."""
 DISMISSED_S = 10.0
 """How long after a worker left in good order the trainer may take to end, as it then should."""
 
+CRASHES: dict[int, str] = {
+    signal.SIGSEGV: "a memory fault (signal SIGSEGV)",
+    signal.SIGBUS: "a memory fault (signal SIGBUS)",
+    signal.SIGILL: "an unknown instruction (signal SIGILL)",
+    signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
+    signal.SIGABRT: "an abort (signal SIGABRT)",
+}
+"""Signals by which a process ends through a fault of its own code, such as a reward function's."""
+
+CRASH_S = 600.0
+"""A worker that crashes within this time after a restart has done so quickly: it may drive for a
+while each time until it comes to the same place."""
+
 QUICK_DEATH_S = 20.0
 """A worker that lives shorter than this after a restart has died quickly."""
 
@@ -189,10 +202,12 @@ class Supervisor:
                 return None
 
         lived_s = time.monotonic() - child.started
-        child.quick_deaths = child.quick_deaths + 1 if lived_s < QUICK_DEATH_S else 0
-        limit = MAX_QUICK_DEATHS if code > 0 else MAX_QUICK_KILLS
+        crash = CRASHES.get(-code)
+        quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
+        child.quick_deaths = child.quick_deaths + 1 if quick else 0
+        limit = MAX_QUICK_DEATHS if code > 0 or crash is not None else MAX_QUICK_KILLS
         if child.quick_deaths > limit:
-            reason = words.message if words else f"exit code {code}"
+            reason = words.message if words else f"{crash or f'exit code {code}'}."
             remedy = words.remedy if words else f"Read the reason with `dr-logs {child.name}`."
             died = f"{child.name} died {child.quick_deaths} times in a row: {reason}"
             return Outcome(

@@ -286,3 +286,14 @@ def test_a_full_disk_costs_lines_of_the_log_and_not_the_end(stage, monkeypatch):
 
     assert stage.run() == 0
     assert lease.holder(stage.bucket, "model") is None
+
+
+def test_a_worker_that_crashes_again_and_again_ends_the_run_and_names_the_fault(stage):
+    crashes = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    stage.scripts = {"trainer": [STAYS], "sim-0": [crashes] * 4}
+
+    assert stage.run() == 5
+
+    record = RunRecord.read(stage.job.folder)
+    assert record.message == "sim-0 died 4 times in a row: a memory fault (signal SIGSEGV)."
+    assert "dr-logs sim-0" in record.remedy
