@@ -38,8 +38,8 @@ def load_world(settings: Settings) -> Track:
         where = settings.source("DR_WORLD_NAME")
         if can_be_fetched(settings):
             raise SettingsError(
-                f"DR_WORLD_NAME={settings.world_name} ({where}) is a track of the community and "
-                "not here yet.",
+                f"DR_WORLD_NAME={settings.world_name} ({where}) is a community track that is "
+                "not installed yet.",
                 remedy=remedy(settings),
             ) from None
         raise SettingsError(

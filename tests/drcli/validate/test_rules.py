@@ -132,7 +132,7 @@ CASES = (
         lambda f: f.settings(DR_WORLD_NAME="reinvent_base_cw"),
         lambda f: f.settings(DR_WORLD_NAME="reInvent2019_track"),
         "note",
-        ("run.env line 1", "a track of the community", "`dr-tracks fetch reInvent2019_track`"),
+        ("run.env line 1", "a community track", "`dr-tracks fetch reInvent2019_track`"),
     ),
     Case(
         "V-06",
