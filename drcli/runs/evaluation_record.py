@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
-from drcli.runs.record import is_alive
+from drcli.runs.machine import is_alive
 
 _FILE = "running.json"
 

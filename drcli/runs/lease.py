@@ -9,7 +9,7 @@ import time
 from dataclasses import replace
 
 from drcli.errors import SettingsError
-from drcli.runs.machine import is_running, started_s, this_machine
+from drcli.runs.machine import is_alive, started_s, this_machine
 from drcli.store.bucket import Bucket
 from drcli.store.ownership import Lease, read_lease, write_lease
 
@@ -51,7 +51,7 @@ def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still be at work: on this machine we can look, elsewhere we believe."""
     if lease.machine != this_machine():
         return True
-    return is_running(lease.pid, lease.pid_started)
+    return is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:

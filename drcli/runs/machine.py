@@ -51,7 +51,16 @@ def started_s(pid: int) -> float | None:
         return _started_unix_s(pid)
 
 
-def is_running(pid: int, began_s: float) -> bool:
+def exists(pid: int) -> bool:
+    """Whether a process runs; what is left of one that ended does not.
+
+    Args:
+        pid: As somebody wrote it down.
+    """
+    return started_s(pid) is not None
+
+
+def is_alive(pid: int, began_s: float) -> bool:
     """Whether a process runs and is the one that began then, as `started_s` or Unix time has it."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)
     return now_s is not None and abs(now_s - began_s) < _SAME_S
@@ -64,5 +73,5 @@ def _started_unix_s(pid: int) -> float | None:
         process = psutil.Process(pid)
         ended = process.status() == psutil.STATUS_ZOMBIE
         return None if ended else process.create_time()
-    except psutil.Error:
+    except (psutil.Error, ValueError, OverflowError):  # the others for what is no process id
         return None

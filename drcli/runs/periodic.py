@@ -1,5 +1,6 @@
 """Work that a supervisor does again and again beside its loop, which must never wait for it."""
 
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -24,9 +25,8 @@ class Periodic:
         self._every_s = every_s
         self._say = say
         self._said = ""
-        self._wake = threading.Event()
         self._ended = False
-        self._errand: Callable[[], None] | None = None
+        self._errands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -36,7 +36,7 @@ class Periodic:
     def stop(self, *, wait_s: float = 0.0) -> None:
         """Call no more; a call that is under way is left to itself after so many seconds."""
         self._ended = True
-        self._wake.set()
+        self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
@@ -54,17 +54,17 @@ class Periodic:
             finally:
                 done.set()
 
-        self._errand = do
-        self._wake.set()
+        self._errands.put(do)
         return done
 
     def _run(self) -> None:
+        call = self._what
         while not self._ended:
-            self._wake.clear()
-            errand, self._errand = self._errand, None
-            self._attempt(errand or self._what)
-            if self._errand is None:
-                self._wake.wait(self._every_s)
+            self._attempt(call)
+            try:
+                call = self._errands.get(timeout=self._every_s)
+            except queue.Empty:
+                call = self._what
 
     def _attempt(self, call: Callable[[], None]) -> None:
         try:

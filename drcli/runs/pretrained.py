@@ -9,7 +9,8 @@ from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import contains
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore, Record
+from drcli.store.checkpoint_record import Record
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.mending import Model, readable_scores
 
 

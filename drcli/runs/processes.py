@@ -6,7 +6,8 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.logs import log_file
-from drcli.runs.record import RunRecord, exists, run_folder
+from drcli.runs.machine import exists
+from drcli.runs.record import RunRecord, run_folder
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.jsonrecord import Misfit, built
 from drcli.rewriting import read_json, write_json
-from drcli.runs.machine import is_running
+from drcli.runs.machine import is_alive
 from drcli.runs.report import State
 
 _FILE = "run.json"
@@ -110,22 +110,3 @@ def storage_of(settings: Settings) -> dict[str, str]:
 def run_folder(settings: Settings, directory: Path) -> Path:
     """Where this machine keeps what it knows of the run."""
     return directory / "data" / "runs" / str(settings.run_id)
-
-
-def exists(pid: int) -> bool:
-    """Whether a process runs; one that has ended and was not taken note of by its parent does not.
-
-    Args:
-        pid: As somebody wrote it down.
-    """
-    import psutil
-
-    try:
-        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
-    except (psutil.NoSuchProcess, ValueError, OverflowError):
-        return False
-
-
-def is_alive(pid: int, pid_started: float) -> bool:
-    """Whether a process runs and is the one that began at that time."""
-    return is_running(pid, pid_started)

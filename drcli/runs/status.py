@@ -5,7 +5,8 @@ from pathlib import Path
 from drcli.config import Settings
 from drcli.errors import StorageError
 from drcli.runs.logs import log_file
-from drcli.runs.record import LIVE_STATES, RunRecord, exists, run_folder
+from drcli.runs.machine import exists
+from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json

@@ -12,7 +12,8 @@ from typing import Literal
 from drcli.config import Settings
 from drcli.errors import SettingsError, WorkerDied
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.record import RunRecord, is_alive
+from drcli.runs.machine import is_alive
+from drcli.runs.record import RunRecord
 from drcli.store.connect import stop_default_storage, stop_storage
 
 TRAINING_PATIENCE_S = 30.0

@@ -11,8 +11,8 @@ from drcli.config import Settings
 from drcli.errors import WorkerDied
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
-from drcli.runs.machine import started_s
-from drcli.runs.record import RunRecord, is_alive, run_folder, storage_of
+from drcli.runs.machine import is_alive, started_s
+from drcli.runs.record import RunRecord, run_folder, storage_of
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
 

@@ -5,51 +5,21 @@ counters. It counts from the moment the pointer names it, which is written after
 trainer alone writes here; everybody else reads.
 """
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from drcli.errors import StorageError
-from drcli.jsonrecord import Misfit, built
+from drcli.jsonrecord import Misfit
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.store.checkpoint_record import Record, checked_record
 from drcli.store.fingerprint import Fingerprint
-from drcli.store.history import learned_record
 from drcli.store.keys import CheckpointName
 from drcli.store.scores import Score, Scores, read_scores, write_scores
 
 KEEP = 4
 """Newest checkpoints that pruning leaves, beside the best one. Source: the reference simulator."""
-
-
-@dataclass(frozen=True)
-class Record:
-    """What is known of a checkpoint without reading its tensors.
-
-    Args:
-        name: For instance `12_Step-7824.ckpt`.
-        tensors: What the weights must look like.
-        optimizer: The same of the optimizer state, None where there is none.
-        sim_time_s: Simulated seconds driven until then.
-        counters: Whatever the trainer needs to continue: iteration, episodes, elapsed time.
-    """
-
-    name: str
-    tensors: Fingerprint
-    optimizer: Fingerprint | None = None
-    sim_time_s: float = 0.0
-    counters: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def number(self) -> int:
-        """The checkpoint's number."""
-        return _parsed(self.name).number
-
-    @property
-    def steps(self) -> int:
-        """Environment steps learned from until then."""
-        return _parsed(self.name).steps
 
 
 @dataclass(frozen=True)
@@ -125,7 +95,7 @@ class CheckpointStore:
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         put_json(self._bucket, keys.checkpoint_record(self._prefix, record.name), asdict(complete))
-        self._bucket.delete(self._older_optimizers(_parsed(record.name)))
+        self._bucket.delete(self._older_optimizers(CheckpointName(record.number, record.steps)))
         return complete
 
     def _older_optimizers(self, newest: CheckpointName) -> list[str]:
@@ -218,7 +188,7 @@ class CheckpointStore:
         key = keys.checkpoint_record(self._prefix, name)
         fields = get_json(self._bucket, key)
         try:
-            return _checked_record(name, fields)
+            return checked_record(name, fields)
         except Misfit as e:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{key} is damaged: {e}.",
@@ -397,36 +367,3 @@ class CheckpointStore:
             if name.number not in numbers
         ]
         self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
-
-
-def _checked_record(name: str, fields: Any) -> Record:
-    """A record from JSON, with counters that a trainer can go on with.
-
-    Raises:
-        Misfit: It is something else.
-    """
-    record = built(Record, fields)
-    if record.name != name:
-        raise Misfit(f"it describes {json.dumps(record.name)[:60]}")
-    counters = record.counters
-    built(_Counters, counters)
-    if counters.get("learned") is not None:
-        learned_record(counters["learned"])
-    return record
-
-
-@dataclass(frozen=True)
-class _Counters:
-    """What must have the right type where the counters have it."""
-
-    episodes: int = 0
-    elapsed_s: float = 0.0
-    seed: int = 0
-    inputs: Mapping[str, str] = field(default_factory=dict)
-
-
-def _parsed(name: str) -> CheckpointName:
-    parsed = CheckpointName.parse(name)
-    if parsed is None:
-        raise ValueError(f"{name!r} is not the name of a checkpoint.")
-    return parsed

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore, Record
+from drcli.store.checkpoint_record import Record
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.evaluations import EvaluationResult, evaluated_numbers, read_evaluation
 from drcli.store.fingerprint import Fingerprint
 from drcli.store.history import IterationRecord, fields_of, learned_record, record_of

@@ -9,11 +9,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from drcli.errors import SettingsError, StorageError, TrainingFailed
+from drcli.errors import StorageError, TrainingFailed
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
@@ -21,17 +19,17 @@ from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import Checkpoint, CheckpointStore
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.collection import RolloutReader
-from drcli.store.evaluations import evaluated_numbers
 from drcli.store.history import History, IterationRecord, fields_of
 from drcli.store.mending import Model, mend
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads
 from drcli.worker.goals import Goals
-from drcli.worker.learning import Learner, build_learner
+from drcli.worker.learning import build_learner
 from drcli.worker.process import Activity, Lifeline, StopRequested
+from drcli.worker.restoring import forget_evaluations, restore_optimizer, restore_weights
 from drcli.worker.scoring import Scoring
 from drcli.worker.waiting import DOUBT_S
 
@@ -140,8 +138,8 @@ class Trainer:
             return
         for damage in found.damaged:
             print(f"Checkpoint> Passed over {damage}")
-        self._forget_evaluations(after=found.record.number)
-        self._load(found)
+        forget_evaluations(self._bucket, self._prefix, after=found.record.number)
+        restore_weights(self._learner, found)
         if found.optimizer is None:
             print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
         else:
@@ -159,30 +157,6 @@ class Trainer:
         print(f"Checkpoint> Restoring from path={record.name}")
         self._scoring.score_all(self._newest())
         self._recall()
-
-    def _load(self, found: Checkpoint) -> None:
-        """Take up the weights of a checkpoint.
-
-        Raises:
-            SettingsError: They are of another network than the parameter files describe.
-        """
-        try:
-            self._learner.model.load_state_dict(load_tensors(found.tensors))
-        except (RuntimeError, SafetensorError) as error:
-            what = str(error).strip().splitlines()[-1].strip()
-            raise SettingsError(
-                f"The weights of {found.record.name} do not fit model_metadata.json and "
-                f"hyperparameters.json: {what}",
-                remedy="Bring back the files that the model was trained with, or start anew with "
-                "-w.",
-            ) from None
-
-    def _forget_evaluations(self, after: int) -> None:
-        """Delete results of checkpoints that are passed over: their numbers are taken again."""
-        numbers = evaluated_numbers(self._bucket, self._prefix)
-        stale = [keys.evaluation_result(self._prefix, n) for n in numbers if n > after]
-        if stale:
-            self._bucket.delete(stale)
 
     def _recall(self) -> None:
         """Give a learner with a memory the rollouts it had learned from already."""
@@ -388,15 +362,6 @@ class Trainer:
 
 def _print_epoch(stats: EpochStats) -> None:
     print(announce.epoch_line(stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr))
-
-
-def restore_optimizer(learner: Learner, state: bytes) -> None:
-    """Take up an optimizer state, a safetensors file, if it fits: weights go on without it, too."""
-    try:
-        learner.restore(load_tensors(state))
-    except ValueError as error:
-        print(f"Checkpoint> Its optimizer state does not fit: {error}")
-        print("Checkpoint> The optimizer starts afresh.")
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

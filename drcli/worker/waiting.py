@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
-from drcli.store.checkpoints import CheckpointStore, Record
+from drcli.store.checkpoint_record import Record
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.rollouts import find_manifest
 from drcli.worker.process import StopRequested
 

@@ -61,3 +61,15 @@ def test_work_that_takes_too_long_is_left():
     assert not within(PATIENCE_S, lambda: end.wait(PATIENCE_S) and None, lambda: True)
     end.set()
     assert within(PATIENCE_S, lambda: None)
+
+
+def test_no_errand_is_lost_whenever_it_comes():
+    began = threading.Event()
+    periodic = Periodic("work", began.set, 1000.0, lambda words: None)
+    periodic.start()
+    assert began.wait(PATIENCE_S)
+
+    errands = [periodic.ask(lambda: None) for _ in range(200)]
+
+    assert all(errand.wait(PATIENCE_S) for errand in errands)
+    periodic.stop()

@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.machine import started_s
-from drcli.runs.record import RunRecord, WorkerRecord, exists, is_alive, run_folder
+from drcli.runs.machine import exists, is_alive, started_s
+from drcli.runs.record import RunRecord, WorkerRecord, run_folder
 from drcli.runs.status import inspect
 from drcli.runs.stopping import running_trainings, stop_runs
 

@@ -14,7 +14,7 @@ from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC
 from drcli.model_metadata import ModelMetadata
 from drcli.worker.learning import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
-from drcli.worker.train import restore_optimizer
+from drcli.worker.restoring import restore_optimizer
 from drcli.worker.world import sensors_of_model
 from drsim.privileged import PRIVILEGED_DIMS
 

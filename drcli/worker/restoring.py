@@ -1,0 +1,50 @@
+"""How a trainer goes on from a checkpoint: weights, optimizer, and what is no longer true."""
+
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+
+from drcli.errors import SettingsError
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import Checkpoint
+from drcli.store.evaluations import evaluated_numbers
+from drcli.worker.learning import Learner
+
+
+def restore_weights(learner: Learner, found: Checkpoint) -> None:
+    """Take up the weights of a checkpoint.
+
+    Raises:
+        SettingsError: They are of another network than the parameter files describe.
+    """
+    try:
+        learner.model.load_state_dict(load_tensors(found.tensors))
+    except (RuntimeError, SafetensorError) as error:
+        what = str(error).strip().splitlines()[-1].strip()
+        raise SettingsError(
+            f"The weights of {found.record.name} do not fit model_metadata.json and "
+            f"hyperparameters.json: {what}",
+            remedy="Bring back the files that the model was trained with, or start anew with -w.",
+        ) from None
+
+
+def restore_optimizer(learner: Learner, state: bytes) -> None:
+    """Take up an optimizer state, a safetensors file, if it fits: weights go on without it, too."""
+    try:
+        learner.restore(load_tensors(state))
+    except ValueError as error:
+        print(f"Checkpoint> Its optimizer state does not fit: {error}")
+        print("Checkpoint> The optimizer starts afresh.")
+
+
+def forget_evaluations(bucket: Bucket, prefix: str, *, after: int) -> None:
+    """Delete the results of checkpoints that are passed over: their numbers are taken again.
+
+    Args:
+        bucket: Holds the model.
+        prefix: The model.
+        after: Number of the checkpoint that the training goes on from.
+    """
+    numbers = [number for number in evaluated_numbers(bucket, prefix) if number > after]
+    if numbers:
+        bucket.delete([keys.evaluation_result(prefix, number) for number in numbers])
