@@ -65,7 +65,7 @@ def idle_conditions(text: str | bytes) -> list[Idle]:
     function hands to another is not followed.
 
     Args:
-        text: A reward function, or the bytes of its file; what is no Python has no conditions.
+        text: A reward function, or the bytes of its file; what is not Python has no conditions.
     """
     try:
         with warnings.catch_warnings():
@@ -125,10 +125,16 @@ def _assignments(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr | None]]:
         ) == len(values):
             yield from zip(names, values, strict=True)
         case ast.Assign(targets=targets, value=value):
-            yield from ((target, value) for target in targets)
+            for target in targets:
+                if isinstance(target, ast.Tuple | ast.List):
+                    yield from ((name, None) for name in target.elts)
+                else:
+                    yield target, value
         case ast.AnnAssign(target=target, value=value) | ast.NamedExpr(target=target, value=value):
             yield target, value
         case ast.AugAssign(target=target) | ast.For(target=target):
+            yield target, None
+        case ast.comprehension(target=target):
             yield target, None
         case ast.arg(arg=name):
             yield ast.Name(name), None

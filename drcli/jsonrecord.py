@@ -70,9 +70,10 @@ def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
     """
     if not isinstance(value, dict):
         raise Misfit(f"it is {_kind_of(value)} instead of an object with keys")
+    dataclass: Any = kind  # which mypy cannot tell of a type variable
     found: dict[str, Any] = {}
-    hints = _hints(kind)  # type: ignore[arg-type]
-    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
+    hints = _hints(dataclass)
+    for item in dataclasses.fields(dataclass):
         if item.name in value:
             found[item.name] = _fitted(item.name, hints[item.name], value[item.name], nan)
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
@@ -107,9 +108,9 @@ def _fitted(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
             _refuse(name, value)
         of = inner[1] if inner else Any
         return {key: _fitted(f"{name}.{key}", of, item, nan) for key, item in value.items()}
-    if dataclasses.is_dataclass(hint):
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         try:
-            return built(hint, value, nan=nan)  # type: ignore[arg-type]
+            return built(hint, value, nan=nan)
         except Misfit as e:
             raise Misfit(f"in '{name}': {e}") from e
     return _plain(name, hint, value, nan)

@@ -72,6 +72,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     """Fail a run that leaves processes behind, and end them: a server takes 60 MB for each test."""
     if hasattr(session.config, "workerinput"):
         return  # the process that gave out the tests looks once, when all are done
+    # pytest has no public name for it outside of fixtures.
     folder = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
     _, left = psutil.wait_procs(left_over(os.environ[MARKER], folder), timeout=LEAVE_S)
     for process in left:

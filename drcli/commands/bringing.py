@@ -10,7 +10,7 @@ def bring_tracks(settings: Settings) -> None:
 
     Raises:
         Aborted: Somebody said no.
-        SettingsError: DR_TRACKS_URL is no address, or what came is no track.
+        SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
     from drcli.settings.worlds import to_fetch

@@ -98,7 +98,7 @@ def choose_compute(
     if wanted in FORMATS:
         why = "as set"
     elif name != usual:
-        why = f"as the training began; here {usual} is faster, which DR_TORCH_PRECISION sets"
+        why = f"kept from the start of this training ({usual} is faster here: DR_TORCH_PRECISION)"
     elif units:
         why = "this processor has matrix units for bfloat16 (AMX)"
         why += "" if usual == "bf16" else ", but the parts are small"

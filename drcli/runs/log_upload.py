@@ -22,7 +22,7 @@ PART_BYTES = 4 << 20
 """Size of a part in the bucket. What is newer than the last part is uploaded again each time."""
 
 _GLANCE_S = 0.1
-"""How often it is looked at the end whether to wait on."""
+"""At the end: how often the wait for the last upload is reconsidered."""
 
 _COMPARED_BYTES = 4 << 10
 """Two logs that begin with the same bytes are the same log: they hold times and numbers."""

@@ -73,5 +73,5 @@ def _started_unix_s(pid: int) -> float | None:
         process = psutil.Process(pid)
         ended = process.status() == psutil.STATUS_ZOMBIE
         return None if ended else process.create_time()
-    except (psutil.Error, ValueError, OverflowError):  # the others for what is no process id
+    except (psutil.Error, ValueError, OverflowError):  # the others: not a process id
         return None

@@ -127,7 +127,7 @@ def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
     except Misfit as e:
         raise ObjectDamaged(
             f"{bucket.name}/{key} is damaged: {e}.",
-            remedy="Go on with `dr-start-training --resume`, which writes it anew.",
+            remedy="Go on with `dr-start-training --resume`, which writes it again.",
         ) from e
     return note
 

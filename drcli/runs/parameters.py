@@ -57,9 +57,11 @@ def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
     try:
         values = yaml.safe_load(data)
     except (yaml.YAMLError, RecursionError) as e:
-        raise ValueError(f"It is no YAML: {e}") from e
+        mark = getattr(e, "problem_mark", None)
+        where = "" if mark is None else f" (line {mark.line + 1})"
+        raise ValueError(f"it is not YAML{where}") from e
     if not isinstance(values, dict):
-        raise ValueError("It holds no NAME: value lines.")
+        raise ValueError("it has no lines of the form NAME: value")
     buckets = ("METRICS_S3_BUCKET", "SAGEMAKER_SHARED_S3_BUCKET", "SIMTRACE_S3_BUCKET")
     places = {
         **dict.fromkeys(buckets, bucket),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drcli.settings.system import DERIVED, DOCKER, WINDOW
 
-_VIEWER = "there is no viewer"
+_VIEWER = "the viewer is not available in this version"
 _TOURNAMENT = "races against another model are evaluations (DR_RACE_TYPE=HEAD_TO_MODEL)"
 _IMPORT = "models are not imported into the console"
 _CUT_OFF = "the name is cut off; write {}"

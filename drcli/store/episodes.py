@@ -32,7 +32,8 @@ _EXTRA = "extra."
 Doubles = NDArray[np.float64]
 
 LEAST_STEP_BYTES = 16
-"""What a step takes at least: action, log-probability, value and reward, none of them folded."""
+"""What a step takes at least: action, log-probability, value and reward, four bytes each as version
+0.1.0 wrote them."""
 
 LARGEST_FRAMES_BYTES = 1 << 20
 """What the frames of one step take at most. Two cameras of 160 x 120 take 38,400."""

@@ -17,14 +17,12 @@ class EvaluationResult:
         progress: Percent of the lap that each episode completed; never empty.
         reward: Sum of rewards of each.
         lap_s: Simulated seconds of those that completed their lap.
-        clock_s: Simulation clock after them, seconds.
     """
 
     checkpoint: str
     progress: list[float]
     reward: list[float]
     lap_s: list[float]
-    clock_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.progress or len(self.reward) != len(self.progress):

@@ -24,7 +24,7 @@ from drcli.store.lock import exclusive
 from drcli.store.server_state import ServerState
 
 LOOK_S = 30.0
-"""How often it is looked whether the server was used."""
+"""How often the watcher checks whether the server was used."""
 
 NOISE_BYTES = 100
 """What the server reads and writes between two looks when nobody asks: measured, 1 byte in ten

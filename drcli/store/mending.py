@@ -241,20 +241,19 @@ def _damaged_metrics(model: Model) -> Iterator[_Damage]:
 
 
 def _damaged_notes(model: Model) -> Iterator[_Damage]:
-    """What is true only while a run goes on, and is written anew by the next one."""
+    """What is true only while a run goes on; the next one writes it again."""
     bucket, prefix = model.bucket, model.prefix
     notes = [info.key for info in bucket.list(keys.status_folder(prefix))]
     for key in [keys.lease(prefix), *notes]:
         try:
-            found = get_json(bucket, key)
+            if isinstance(get_json(bucket, key), dict):
+                continue
+            reason = f"{bucket.name}/{key} is damaged: it is not an object with keys."
         except ObjectMissing:
             continue
         except ObjectDamaged as error:
-            yield key, str(error), lambda: "It is written anew when the training goes on."
-            continue
-        if not isinstance(found, dict):
-            reason = f"{bucket.name}/{key} is damaged: it is not an object with keys."
-            yield key, reason, lambda: "It is written anew when the training goes on."
+            reason = str(error)
+        yield key, reason, lambda: "It will be rewritten when the training goes on."
 
 
 def _refuse_missing(bucket: Bucket, prefix: str, key: str, named: Sequence[str]) -> None:

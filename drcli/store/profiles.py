@@ -68,6 +68,7 @@ def lend_to_refreshes(credentials: object) -> None:
         with withheld.lent():
             return fetch()
 
+    # A private name of botocore, which has no public one; where it is missing, nothing is done.
     credentials._refresh_using = refresh  # type: ignore[attr-defined]
 
 

@@ -118,5 +118,5 @@ def _parameters(settings: Settings, bucket: Bucket, prefix: str, target: tuple[s
     try:
         return moved_training_parameters(written, *target)
     except ValueError as e:
-        waits.warn(f"{bucket.name}/{key} is damaged: {e} The copy is made from the settings.")
+        waits.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
         return moved_training_parameters(training_parameters(settings), *target)

@@ -181,7 +181,7 @@ def _examined(
 
 
 def _told_without_start(item: Violation, to_come: Mapping[str, Finding]) -> Violation:
-    """What a start refuses or asks about is no fault of a folder in which nothing is started."""
+    """What a start would refuse or ask about is no fault where nothing is started."""
     if item.rule == "V-09":
         return replace(item, severity="note", message=f"There is a model at {item.where}.")
     if item.rule == "V-05" and item.where in to_come:

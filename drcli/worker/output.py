@@ -2,7 +2,7 @@
 
 The log is the process's standard output and error at the level of the system, so that faults of C
 code reach it too. To rotate it, the process puts a new file in its place between two lines: nothing
-is lost, nobody else has to live for it, and a process that is killed leaves whole files behind.
+is lost, no other process is needed for it, and one that is killed leaves whole files behind.
 """
 
 import io
@@ -18,10 +18,10 @@ from typing import Any, TextIO
 from drcli import logfiles
 
 LOOK_S = 0.1
-"""How often it is looked how large the log is."""
+"""How often the size of the log is checked."""
 
 PATIENCE_LOOKS = 4
-"""After so many looks a log is rotated in the middle of a line: it may never end."""
+"""After so many checks a log is rotated in the middle of a line, which may never end."""
 
 BURST_CHARACTERS = 1 << 20
 """How much a reward function may print at once after it was quiet."""
@@ -114,6 +114,7 @@ class Output:
     def stream(self, inner: TextIO) -> TextIO:
         """A stream whose prints are counted while the racer's code runs."""
         self._inner.append(inner)
+        # Not one of io's classes, because it passes everything but `write` on to another stream.
         return _Stream(self, inner)  # type: ignore[return-value]
 
     def write(self, inner: TextIO, text: str) -> None:

@@ -26,7 +26,7 @@ def kernel(function: F) -> F:
         if not _numba_config.CACHE_DIR and _home_is_unknown():
             _use_temporary_folder()
         return _compiled(function, cache=True)
-    except RuntimeError:  # numba's word for: there is no place for a cache
+    except RuntimeError:  # how numba says that it found no place for a cache
         pass
     try:
         _use_temporary_folder()

@@ -83,6 +83,8 @@ def test_steps_are_known_by_the_names_they_are_given(lines, condition):
         ["k = 0", "if k == 0:"],
         ["steps = params['steps']", "steps -= 2", "if steps == 0:"],
         ["for steps in range(3):", "    pass", "if steps == 0:"],
+        ["steps = params['steps']", "steps, rest = divmod(steps, 2)", "if steps == 0:"],
+        ["steps = params['steps']", "if any(steps == 0 for steps in [0, 1]):"],
     ],
 )
 def test_names_that_hold_something_else_as_well_are_left_alone(lines):

@@ -69,7 +69,7 @@ def test_a_training_keeps_its_format_on_another_processor_and_says_so(processor,
     compute = choose_compute("auto", batch_size=64, threads=1, before=before)
 
     assert compute.number_format == before
-    assert "as the training began" in compute.reason
+    assert "kept from the start of this training" in compute.reason
     assert "DR_TORCH_PRECISION" in compute.reason
 
 
