@@ -105,9 +105,13 @@ class Collector:
             return None
 
     def recall(self, iteration: int) -> Rollout | None:
-        """What is still there of an older iteration, whoever drove it; None if nothing."""
-        manifests = self._reader.find_manifests(iteration, range(self._workers))
-        return self._read(manifests).rollout if manifests else None
+        """What is still there of an older iteration, whoever drove it; None if nothing is whole."""
+        try:
+            manifests = self._reader.find_manifests(iteration, range(self._workers))
+            return self._read(manifests).rollout if manifests else None
+        except (ObjectMissing, ObjectDamaged) as error:
+            print(f"Training> Iteration {iteration} is not remembered: {error}")
+            return None
 
     def _wait(
         self,

@@ -18,7 +18,6 @@ from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedErr
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.model_metadata import ModelMetadata
 from drcli.store import health, keys
-from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.collection import RolloutReader
 from drcli.store.history import History, IterationRecord, fields_of
@@ -163,13 +162,7 @@ class Trainer:
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
-            if iteration >= self._number:
-                continue
-            try:
-                rollout = self._collector.recall(iteration)
-            except (ObjectMissing, ObjectDamaged) as error:
-                print(f"Training> Iteration {iteration} is not remembered: {error}")
-                continue
+            rollout = self._collector.recall(iteration) if iteration < self._number else None
             if rollout is not None:
                 self._learner.remember(rollout)
                 print(f"Training> Remembers {rollout.steps} steps of iteration {iteration}.")

@@ -76,5 +76,5 @@ def test_a_copy_of_a_model_is_told_its_own_place_and_keeps_everything_else(setti
 
 @pytest.mark.parametrize("data", [b"", b"[1, 2]", b"{", b"\xff"])
 def test_what_is_no_parameter_file_is_refused(data):
-    with pytest.raises(ValueError, match="^it "):
+    with pytest.raises(ValueError, match=r"^it "):
         moved_training_parameters(data, "uploads", "m")

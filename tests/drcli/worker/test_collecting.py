@@ -161,3 +161,17 @@ def test_older_rollouts_can_be_recalled(bucket, reader):
     assert reader.iterations() == [4]
     assert collector.recall(4).steps == 10
     assert collector.recall(3) is None
+
+
+@pytest.mark.parametrize("data", [None, b"cut"], ids=["lost", "damaged"])
+def test_an_older_iteration_with_a_bad_part_is_not_remembered_and_said(
+    bucket, reader, data, capsys
+):
+    hand_in(bucket, 0, iteration=4)
+    part = find_manifest(bucket, PREFIX, 4, 0).parts[0].key
+    bucket.delete([part])
+    if data is not None:
+        bucket.put(part, data)
+
+    assert Collector(reader, 1, 1_000).recall(4) is None
+    assert "Iteration 4 is not remembered" in capsys.readouterr().out
