@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from drcli.findings import Finding, closest, shown
+from drcli.base.problems import Finding, closest, shown
 from drcli.jsonfile import JsonFile, as_written
 
 STEERING_DEG = (-30.0, 30.0)

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Sequence
 
 from drcli import console
-from drcli.errors import Aborted
+from drcli.base.errors import Aborted
 
 _ANSWER_PATIENCE_S = 1.0
 """For how long an answer may be on its way through a pipe."""

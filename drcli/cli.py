@@ -12,10 +12,11 @@ from typing import Annotated
 
 import typer
 
-from drcli import __version__, plainletters, verbosity, waits
+from drcli import __version__, plainletters
+from drcli.base import notices, verbosity
+from drcli.base.errors import DrError
 from drcli.commands.folder import working_folder
 from drcli.commands.lazy import QUIET_HELP, LazyGroup
-from drcli.errors import DrError
 
 EPILOG = """Every command also has a name of its own: dr-status is dr status. `dr init` is the way
 to begin, `dr completion install` lets the Tab key finish command lines.
@@ -80,8 +81,8 @@ def main(args: list[str] | None = None) -> None:
     """
     # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
     gc.set_threshold(GC_THRESHOLD)
-    waits.show = _show_wait
-    waits.warn = _show_warning
+    notices.show = _show_wait
+    notices.warn = _show_warning
     _show_warning.cache_clear()
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):

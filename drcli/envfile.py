@@ -13,9 +13,9 @@ from pathlib import Path
 
 from dotenv.parser import Binding, parse_stream
 
-from drcli.errors import SettingsError
-from drcli.findings import Finding, shown
-from drcli.textfile import decode
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, shown
+from drcli.base.text_file import decode
 
 LARGEST_BYTES = 64 * 1024
 """No settings file comes near this; a file beyond it was named by mistake."""

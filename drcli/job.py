@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from drcli import withheld
+from drcli.base.atomic_file import read_json, write_json
+from drcli.base.errors import DrError, NoAnswer
+from drcli.base.json_record import Misfit, built
 from drcli.config import Settings
-from drcli.errors import DrError, NoAnswer
-from drcli.jsonrecord import Misfit, built
-from drcli.rewriting import read_json, write_json
 
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from drcli.errors import SettingsError
-from drcli.findings import shown
-from drcli.textfile import decode
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.base.text_file import decode
 
 Path = tuple[str | int, ...]
 """Keys and indices that lead from the whole file to a value."""

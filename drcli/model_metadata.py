@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from drcli.action_space import ActionSpace, ActionSpaceReader
-from drcli.findings import Finding, closest, one_of, settings_error, shown
+from drcli.base.problems import Finding, closest, one_of, settings_error, shown
 from drcli.jsonfile import JsonFile, as_written, read_json_object
 
 NETWORKS = (

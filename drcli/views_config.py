@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli import views_validate
-from drcli.findings import MOST_SHOWN, shown
+from drcli.base.problems import MOST_SHOWN, shown
 from drcli.views_layout import INDENT, Fitted, indented
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.errors import SettingsError
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
-from drcli.errors import SettingsError
 
 if TYPE_CHECKING:
     from drcli.settings.fields import FileName

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 
 if TYPE_CHECKING:
     from drcli.config import Settings

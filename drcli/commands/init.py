@@ -13,7 +13,7 @@ from drcli.commands.folder import current_folder, working_folder
 from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
-    from drcli.findings import FindingsError
+    from drcli.base.problems import FindingsError
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -80,7 +80,7 @@ def init(
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
     from drcli import asking, console
-    from drcli.findings import FindingsError
+    from drcli.base.problems import FindingsError
     from drcli.setup.folder import has_activate_script, plan_experiment, plan_folder
     from drcli.setup.questions import with_answers
     from drcli.setup.writing import write

@@ -12,9 +12,9 @@ from typer.core import TyperGroup
 from typer.main import get_command_from_info, get_group
 from typer.models import CommandInfo
 
-from drcli import verbosity
+from drcli.base import verbosity
+from drcli.base.problems import shown
 from drcli.commands.table import COMMANDS, Command
-from drcli.findings import shown
 
 TAKES_ANY = {
     "ignore_unknown_options": True,

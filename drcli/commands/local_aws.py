@@ -16,7 +16,7 @@ def local_aws(context: typer.Context) -> None:
 
     Example: dr-local-aws s3 ls s3://bucket/
     """
-    from drcli.errors import NotAvailable
+    from drcli.base.errors import NotAvailable
     from drcli.runs.aws_command import aws_command
 
     program = shutil.which("aws")

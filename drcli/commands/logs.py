@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.errors import Absent
 from drcli.commands.folder import settings, working_folder
-from drcli.errors import Absent
 
 TAIL_LINES = 20
 POLL_S = 0.3

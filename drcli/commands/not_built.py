@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
+from drcli.base.errors import NotAvailable
 from drcli.commands.options import AsJson
-from drcli.errors import NotAvailable
 
 _DROA = "DeepRacer on AWS is not spoken to from here yet: models, logs and imports stay there."
 _DROA_REMEDY = (

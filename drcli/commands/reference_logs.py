@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.errors import Absent
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
-from drcli.errors import Absent
 
 if TYPE_CHECKING:
     from drcli.runs.processes import Process

@@ -33,7 +33,7 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
     Example: dr-reward check
     """
     from drcli import console, views_reward
-    from drcli.errors import SettingsError
+    from drcli.base.errors import SettingsError
     from drcli.reward import check as checking
 
     with console.waiting("Drivers try the reward function ..."):

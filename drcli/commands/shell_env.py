@@ -4,8 +4,8 @@ import os
 
 import typer
 
+from drcli.base.errors import DrError
 from drcli.commands.folder import working_folder
-from drcli.errors import DrError
 
 EXPERIMENT = "_DR_EXPERIMENT"
 """Variable by which the script names an experiment. An option would load pydantic to check it."""

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.errors import WorkerDied
 from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
-from drcli.errors import WorkerDied
 
 if TYPE_CHECKING:
     from drcli.config import Settings

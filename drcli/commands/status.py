@@ -12,7 +12,7 @@ def status(as_json: AsJson = False) -> None:
     Example: dr-status --json
     """
     from drcli import console, views
-    from drcli.errors import WorkerDied
+    from drcli.base.errors import WorkerDied
     from drcli.runs.status import inspect
 
     report = inspect(settings(), working_folder())

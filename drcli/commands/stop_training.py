@@ -21,7 +21,7 @@ def stop_training(as_json: AsJson = False) -> None:
     Example: dr-stop-training
     """
     from drcli import console
-    from drcli.errors import SettingsError, WorkerDied
+    from drcli.base.errors import SettingsError, WorkerDied
     from drcli.runs.stopping import Stopped, StopReport, stop_the_only_training
     from drcli.runs.training import is_running, stop
 

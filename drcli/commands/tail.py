@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from drcli import logfiles
+from drcli.base import log_files
 
 _BLOCK_BYTES = 1 << 20
 
@@ -84,7 +84,7 @@ class Tail:
 
 def older(log: Path) -> Iterator[str]:
     """The older parts of a log, from the oldest on, in pieces; the current file is not in it."""
-    for part in logfiles.older_parts(log):
+    for part in log_files.older_parts(log):
         with part.open(encoding="utf-8", errors="replace", newline="") as file:
             while piece := file.read(_BLOCK_BYTES):
                 yield piece

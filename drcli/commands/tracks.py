@@ -43,8 +43,8 @@ def show(
     Example: dr-tracks show reinvent_base --png map.png
     """
     from drcli import console, views_tracks
-    from drcli.errors import SettingsError
-    from drcli.findings import shown
+    from drcli.base.errors import SettingsError
+    from drcli.base.problems import shown
     from drcli.settings.worlds import ROUTE_FILES, is_here, remedy
     from drcli.tracks.folder import MAP_COLUMNS, show_track
 

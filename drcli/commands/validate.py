@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.errors import SettingsError
 from drcli.commands.folder import working_folder
 from drcli.commands.options import AsJson
-from drcli.errors import SettingsError
 
 
 def validate(

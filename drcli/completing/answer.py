@@ -12,10 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from drcli.base.errors import DrError
 from drcli.commands.folder import working_folder
 from drcli.commands.table import COMMANDS, Command, program_names
 from drcli.completing.values import Place
-from drcli.errors import DrError
 
 Candidate = tuple[str, str]
 """A word and what it is."""

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
 from drcli.completing.scripts import SHELLS, Shell, script
-from drcli.errors import SettingsError
 
 
 @dataclass(frozen=True)

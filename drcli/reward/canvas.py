@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from drcli.errors import SettingsError
-from drcli.rewriting import rewrite
+from drcli.base.atomic_file import rewrite
+from drcli.base.errors import SettingsError
 
 Floats = NDArray[np.float64]
 Color = tuple[int, int, int]

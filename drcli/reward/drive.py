@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.reward.pilots import (
     FAST,
     LEAVING,

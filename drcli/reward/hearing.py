@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli import withheld
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.first_step import idle_conditions
 from drcli.reward.statement import (
     FAULTS_FILE,

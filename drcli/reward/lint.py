@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from drcli.findings import closest
+from drcli.base.problems import closest
 from drcli.reward.statement import Difference, EffectKind, Failure, FailureKind
 from drcli.reward.trial import Trial
 from drcli.reward.worth import worth_remarks

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, FindingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.findings import Finding, FindingsError
 from drcli.runs.inputs import shipped_file
 from drcli.store import keys
 

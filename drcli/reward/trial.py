@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.reward.drive import Drive, Trip
 from drcli.reward.field import Field, field, unusual
 from drcli.reward.hearing import Hearing, Questions

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from drcli import signalguard
+from drcli.base import signal_guard
 from drcli.reward.calls import Guard
 from drcli.reward.statement import FAULTS_FILE, ORDER_FILE, STATEMENT_FILE, Order
 from drcli.reward.testimony import testify
@@ -24,7 +24,7 @@ _MEMORY_BYTES = 16 << 30
 def _main(folder: Path) -> None:
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)
-    signalguard.install()
+    signal_guard.install()
     ends_at_once = os._exit
 
     def tell_and_end(status: int) -> NoReturn:

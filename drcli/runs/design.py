@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.findings import Finding, settings_error
+from drcli.base.problems import Finding, settings_error
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys

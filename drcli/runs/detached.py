@@ -2,7 +2,7 @@
 
 import sys
 
-from drcli.errors import DrError
+from drcli.base.errors import DrError
 from drcli.job import Job
 from drcli.runs.training import supervise_job
 

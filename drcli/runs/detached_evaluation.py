@@ -2,7 +2,7 @@
 
 import sys
 
-from drcli.errors import DrError
+from drcli.base.errors import DrError
 from drcli.job import Job
 from drcli.runs.evaluation import wait_in_background
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from drcli import logfiles
-from drcli.config import Settings
-from drcli.errors import (
+from drcli.base import log_files
+from drcli.base.atomic_file import read_json
+from drcli.base.errors import (
     DrError,
     NotAvailable,
     SettingsError,
@@ -21,13 +21,13 @@ from drcli.errors import (
     TrainingFailed,
     WorkerDied,
 )
+from drcli.base.process_identity import started_s
+from drcli.config import Settings
 from drcli.job import Job, LastWords
-from drcli.rewriting import read_json
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
-from drcli.runs.machine import started_s
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.runs.stuck import words_of_stuck
 from drcli.store import keys
@@ -186,7 +186,7 @@ def _run(plan: EvaluationPlan) -> None:
     """Run the worker to its end, its output going to the log."""
     job = plan.job
     path = log_file(job.settings, job.directory, "evaluation")
-    for part in logfiles.older_parts(path):
+    for part in log_files.older_parts(path):
         part.unlink(missing_ok=True)
     if path.exists():
         os.truncate(path, 0)

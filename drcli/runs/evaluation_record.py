@@ -4,9 +4,9 @@ import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from drcli.jsonrecord import Misfit, built
-from drcli.rewriting import read_json, write_json
-from drcli.runs.machine import is_alive
+from drcli.base.atomic_file import read_json, write_json
+from drcli.base.json_record import Misfit, built
+from drcli.base.process_identity import is_alive
 
 _FILE = "running.json"
 
@@ -23,7 +23,7 @@ class EvaluationRecord:
         world: DR_WORLD_NAME.
         checkpoint: What drives.
         pid: The process that waits for its end and is to be told to stop.
-        pid_started: When that process began (`drcli.runs.machine.started_s`): process numbers are
+        pid_started: When that process began (`drcli.base.process_identity.started_s`): process numbers are
             used again.
         worker_pid: The process that drives.
         started_at: Unix seconds.

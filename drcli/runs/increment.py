@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings, load_settings
-from drcli.errors import SettingsError
 from drcli.runs import lease
 from drcli.runs.mending import look_after
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_second_run

@@ -6,9 +6,9 @@ from importlib import resources
 from pathlib import Path
 from shlex import quote
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.findings import Finding
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from drcli import logfiles
+from drcli.base import log_files
 from drcli.runs.logs import log_file
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def start_process(
             with_secrets=True,
             stdout=log,
             stderr=subprocess.STDOUT,
-            env={**chosen, logfiles.VARIABLE: str(path)},
+            env={**chosen, log_files.VARIABLE: str(path)},
             cwd=job.directory,
             start_new_session=True,
         )

@@ -8,8 +8,8 @@ import socket
 import time
 from dataclasses import replace
 
-from drcli.errors import SettingsError
-from drcli.runs.machine import is_alive, started_s, this_machine
+from drcli.base.errors import SettingsError
+from drcli.base.process_identity import is_alive, started_s, this_machine
 from drcli.store.bucket import Bucket
 from drcli.store.ownership import Lease, read_lease, write_lease
 

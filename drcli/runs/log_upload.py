@@ -8,10 +8,10 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from drcli import logfiles
+from drcli.base import log_files
+from drcli.base.atomic_file import read_json, write_json
+from drcli.base.errors import DrError
 from drcli.config import Settings
-from drcli.errors import DrError
-from drcli.rewriting import read_json, write_json
 from drcli.runs.logs import log_file, log_kind
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -60,7 +60,7 @@ class LogCopy:
         self._key = key
         self._log = log
         self._max_bytes = max_bytes
-        self._note = log.with_name(f"{log.name}{logfiles.UPLOADED}")
+        self._note = log.with_name(f"{log.name}{log_files.UPLOADED}")
         self._position = _noted(self._note, log)
         self._known = False
         self._parts: list[tuple[str, int]] = []
@@ -82,7 +82,7 @@ class LogCopy:
         if not self._known:
             self._look()
         if hurried and self.left_bytes() > PART_BYTES:
-            ends = [_end_of(path) for path in (*logfiles.older_parts(self._log)[-1:], self._log)]
+            ends = [_end_of(path) for path in (*log_files.older_parts(self._log)[-1:], self._log)]
             self._bucket.put(self._key, b"".join(ends)[-PART_BYTES:])
         while not over():
             path, data = self._next_bytes()
@@ -104,9 +104,9 @@ class LogCopy:
         """How much of the log is not in the bucket."""
         at = self._position
         left = -at.offset - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0)
-        for path in [*logfiles.older_parts(self._log), self._log]:
+        for path in [*log_files.older_parts(self._log), self._log]:
             with suppress(OSError):
-                number = None if path == self._log else logfiles.number_of(path)
+                number = None if path == self._log else log_files.number_of(path)
                 left += path.stat().st_size if number is None or number >= at.number else 0
         return max(0, left)
 
@@ -137,8 +137,8 @@ class LogCopy:
         It goes on where the noted parts end; or it is the log's end, which was uploaded first when
         time was short.
         """
-        at, older = self._position, logfiles.older_parts(self._log)
-        path = next((part for part in older if logfiles.number_of(part) == at.number), self._log)
+        at, older = self._position, log_files.older_parts(self._log)
+        path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
         own = _read(path, at.offset)
         if data[:_COMPARED_BYTES] == own[: len(data)][:_COMPARED_BYTES]:
             return True
@@ -148,14 +148,14 @@ class LogCopy:
     def _next_bytes(self) -> tuple[Path | None, bytes]:
         """The file that comes next and what is new in it; None where it has just been rotated."""
         at = self._position
-        for part in logfiles.older_parts(self._log):
-            number = logfiles.number_of(part)
+        for part in log_files.older_parts(self._log):
+            number = log_files.number_of(part)
             if number > at.number:  # what lay between was deleted, because the log grew too large
                 at = self._position = _Position(number)
             if number == at.number:
                 return part, _read(part, at.offset)
         data = _read(self._log, at.offset)
-        current = logfiles.current_number(self._log)
+        current = log_files.current_number(self._log)
         if current < at.number:  # somebody has deleted the older parts
             self._position = _Position(current)
         return (self._log if current == at.number else None), data
@@ -261,7 +261,7 @@ def _noted(note: Path, log: Path) -> _Position:
     """The position that an earlier start noted; the beginning where it fits no file."""
     try:
         position = _Position(**read_json(note))
-        current = logfiles.current_number(log)
+        current = log_files.current_number(log)
         size = log.stat().st_size if position.number == current else math.inf
         if 1 <= position.number <= current and 0 <= position.offset <= size:
             return position

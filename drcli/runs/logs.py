@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from drcli import logfiles
+from drcli.base import log_files
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 
 _FOLDERS = ("robomaker", "sagemaker")
 
@@ -40,7 +40,7 @@ def begin_logs(settings: Settings, directory: Path) -> None:
     """
     folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
     try:
-        logfiles.set_aside(folders, settings.log_max_mb << 20)
+        log_files.set_aside(folders, settings.log_max_mb << 20)
     except OSError as e:
         raise SettingsError(
             f"{e.filename}: the log of the training before cannot be renamed ({e.strerror or e}).",

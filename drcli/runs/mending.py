@@ -7,9 +7,9 @@ know.
 import re
 from collections.abc import Callable
 
-from drcli import waits
+from drcli.base import notices
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.runs import lease
@@ -44,7 +44,7 @@ def look_after(
     model = Model.of(settings, bucket, prefix)
     told = mend_all(model, missing=missing) if may_write and not trained else damages(model)
     for sentence in told:
-        waits.warn(sentence)
+        notices.warn(sentence)
 
 
 def mend_all(model: Model, *, missing: bool = True) -> list[str]:

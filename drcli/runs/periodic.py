@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from drcli.errors import DrError
+from drcli.base.errors import DrError
 
 
 class Periodic:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli import waits
+from drcli.base import notices
+from drcli.base.atomic_file import only_writer
+from drcli.base.errors import SettingsError, StorageError
 from drcli.config import Settings, catalogue
-from drcli.errors import SettingsError, StorageError
 from drcli.job import Job
-from drcli.rewriting import only_writer
 from drcli.runs import lease
 from drcli.runs.design import Design
 from drcli.runs.ending import ending
@@ -119,7 +119,9 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         )
     if options.resume:
         for sentence in mend_all(Model.of(settings, bucket, prefix)):
-            waits.warn(sentence)  # now: what is told with the plan is lost if the start is refused
+            notices.warn(
+                sentence
+            )  # now: what is told with the plan is lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import contains
 from drcli.store import keys

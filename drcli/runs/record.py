@@ -3,10 +3,10 @@
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from drcli.base.atomic_file import read_json, write_json
+from drcli.base.json_record import Misfit, built
+from drcli.base.process_identity import is_alive
 from drcli.config import Settings
-from drcli.jsonrecord import Misfit, built
-from drcli.rewriting import read_json, write_json
-from drcli.runs.machine import is_alive
 from drcli.runs.report import State
 
 _FILE = "run.json"
@@ -40,7 +40,7 @@ class RunRecord:
         world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
         pid: The supervisor.
-        pid_started: When that process began (`drcli.runs.machine.started_s`): process numbers are
+        pid_started: When that process began (`drcli.base.process_identity.started_s`): process numbers are
             used again.
         started_at: Unix seconds.
         ended_at: Unix seconds, or None.

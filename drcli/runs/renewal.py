@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from drcli.errors import OwnershipLost
+from drcli.base.errors import OwnershipLost
 from drcli.runs.lease import STALE_S
 from drcli.store.bucket import Bucket
 from drcli.store.ownership import Lease, elapsed_s, lost_to, read_lease, write_lease

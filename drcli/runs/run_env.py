@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.atomic_file import only_writer, remedy_for, rewrite
+from drcli.base.errors import SettingsError
 from drcli.config import Settings, active_run_file
 from drcli.envfile import parse_env, with_values
-from drcli.errors import SettingsError
-from drcli.rewriting import only_writer, remedy_for, rewrite
 
 DELIMITER = "-"
 """Stands before the number of a name that has none yet."""

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from drcli.base.errors import StorageError
+from drcli.base.process_identity import exists
 from drcli.config import Settings
-from drcli.errors import StorageError
 from drcli.runs.logs import log_file
-from drcli.runs.machine import exists
 from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys

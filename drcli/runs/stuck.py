@@ -7,7 +7,7 @@ import re
 import signal
 from pathlib import Path
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.job import LastWords
 from drcli.store.keys import REWARD_FUNCTION_FILE
 

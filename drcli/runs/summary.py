@@ -9,8 +9,8 @@ from pathlib import Path
 from platform import python_version
 from typing import Literal
 
+from drcli.base.errors import StorageError
 from drcli.config import Settings
-from drcli.errors import StorageError
 from drcli.runs.addresses import addresses
 from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.prefix import newest_checkpoint

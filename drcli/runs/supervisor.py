@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 
-from drcli import logfiles
-from drcli.errors import DrError, OwnershipLost, StorageError
+from drcli.base import log_files
+from drcli.base.errors import DrError, OwnershipLost, StorageError
 from drcli.job import Job, LastWords
 from drcli.runs import lease
 from drcli.runs.children import Child, dismiss
@@ -295,7 +295,7 @@ class Supervisor:
         max_bytes = self._job.settings.log_max_mb << 20
         with self._log_lock, suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists() and path.stat().st_size > logfiles.part_bytes(max_bytes):
-                os.close(logfiles.rotate(path, max_bytes))
+            if path.exists() and path.stat().st_size > log_files.part_bytes(max_bytes):
+                os.close(log_files.rotate(path, max_bytes))
             with path.open("a", encoding="utf-8") as log:
                 print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)

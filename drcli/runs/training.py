@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drcli.base.errors import WorkerDied
+from drcli.base.process_identity import is_alive, started_s
 from drcli.config import Settings
-from drcli.errors import WorkerDied
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
-from drcli.runs.machine import is_alive, started_s
 from drcli.runs.record import RunRecord, run_folder, storage_of
 from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
@@ -75,7 +75,7 @@ def supervise_job(job: "Job") -> int:
     Raises:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
-    from drcli.rewriting import only_writer
+    from drcli.base.atomic_file import only_writer
     from drcli.runs import lease
     from drcli.runs.plan import refuse_second_run
     from drcli.runs.renewal import Renewal

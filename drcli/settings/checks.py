@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from drcli.findings import Finding, UnfitError
+from drcli.base.problems import Finding, UnfitError
 from drcli.settings.kinds import BESIDE_MODELS, BUCKET_RULE, follows_s3
 from drcli.settings.model import Settings, catalogue
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli import activation
+from drcli.base.atomic_file import only_writer, rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, FindingsError, shown
 from drcli.config import active_run_file, load_settings
 from drcli.envfile import Entry, content_of, parse_env, with_any_value
-from drcli.errors import SettingsError
-from drcli.findings import Finding, FindingsError, shown
-from drcli.rewriting import only_writer, rewrite
 from drcli.settings.experiment import EXPERIMENT
 from drcli.settings.fields import FileName
 from drcli.settings.model import catalogue

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drcli.findings import shown
+from drcli.base.problems import shown
 from drcli.settings.former import FORMER
 from drcli.settings.model import Settings, catalogue
 from drcli.settings.secrets import hidden

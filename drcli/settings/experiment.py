@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from drcli import activation
+from drcli.base.problems import Finding, FindingsError, one_of, shown
 from drcli.envfile import Entry
-from drcli.findings import Finding, FindingsError, one_of, shown
 from drcli.settings.files import Files
 from drcli.settings.kinds import FOLDER_NAME
 from drcli.settings.layers import Layers

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
 
 from pydantic_core import SchemaValidator, ValidationError, core_schema
 
-from drcli.findings import UnfitError, one_of
+from drcli.base.problems import UnfitError, one_of
 from drcli.settings.kinds import Check, Shape
 
 T = TypeVar("T")

@@ -4,9 +4,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding
 from drcli.envfile import Entry, EnvFile, parse_env, read_env_file
-from drcli.errors import SettingsError
-from drcli.findings import Finding
 
 
 class Files:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drcli.base.problems import Finding, FindingsError, closest
 from drcli.config import load_settings
 from drcli.envfile import Entry
-from drcli.findings import Finding, FindingsError, closest
 from drcli.settings.effects import Idle, idle, remainder
 from drcli.settings.fields import Effect, Setting
 from drcli.settings.former import FORMER

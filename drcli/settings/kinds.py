@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Annotated, Any
 from urllib.parse import urlsplit
 
-from drcli.findings import UnfitError
+from drcli.base.problems import UnfitError
 
 FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""

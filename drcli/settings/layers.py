@@ -8,8 +8,8 @@ means the value below its own layer.
 import re
 from collections.abc import Mapping, Sequence
 
+from drcli.base.problems import Finding, shown
 from drcli.envfile import Entry
-from drcli.findings import Finding, shown
 
 LONGEST_VALUE = 4096
 """Characters of a filled-in value. Names that repeat each other could otherwise fill the memory."""

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from drcli.base.problems import Finding, FindingsError, few, shown
 from drcli.envfile import Entry
-from drcli.findings import Finding, FindingsError, few, shown
 from drcli.settings.checks import contradictions, misfits, oddities
 from drcli.settings.effects import without_effect
 from drcli.settings.experiment import EXPERIMENT, chosen_experiment, run_file

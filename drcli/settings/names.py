@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from drcli.base.problems import Finding, closest, shown
 from drcli.envfile import Entry
-from drcli.findings import Finding, closest, shown
 from drcli.settings.former import FORMER
 from drcli.settings.layers import Layers
 from drcli.settings.model import catalogue

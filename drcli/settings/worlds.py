@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drcli.findings import Finding, closest, shown
+from drcli.base.problems import Finding, closest, shown
 
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
     from drcli.settings.model import Settings

@@ -7,10 +7,10 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, FindingsError, shown
 from drcli.config import Settings, load_settings
 from drcli.envfile import content_of, parse_env, read_env_file, with_any_value
-from drcli.errors import SettingsError
-from drcli.findings import Finding, FindingsError, shown
 from drcli.settings.experiment import EXPERIMENT
 from drcli.settings.kinds import FOLDER_NAME
 from drcli.settings.worlds import ROUTE_FILES, built_in, is_here, own

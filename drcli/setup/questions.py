@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from drcli.base.problems import UnfitError, shown
 from drcli.completing.values import CLOUDS, RACE_TYPES
 from drcli.config import catalogue
-from drcli.findings import UnfitError, shown
 
 Ask = Callable[[str, str, Sequence[str]], str]
 """Takes a question, a default and the allowed words; returns the answer."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli import activation
+from drcli.base.problems import FindingsError
 from drcli.envfile import Entry
-from drcli.findings import FindingsError
 from drcli.settings.experiment import EXPERIMENT, chosen_experiment, run_file
 from drcli.settings.files import Files
 from drcli.settings.layers import Layers

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from drcli.base.atomic_file import only_writer, remedy_for, rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, FindingsError
 from drcli.envfile import content_of
-from drcli.errors import SettingsError
-from drcli.findings import Finding, FindingsError
-from drcli.rewriting import only_writer, remedy_for, rewrite
 
 
 @dataclass(frozen=True)

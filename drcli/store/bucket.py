@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Protocol
 
-from drcli.errors import StorageError
-from drcli.jsonrecord import Misfit, parsed
+from drcli.base.errors import StorageError
+from drcli.base.json_record import Misfit, parsed
 
 
 class ObjectMissing(StorageError):

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from drcli.jsonrecord import Misfit, built
-from drcli.store.fingerprint import Fingerprint
+from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import Misfit, built
 from drcli.store.history import learned_record
 from drcli.store.keys import CheckpointName
 

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from drcli.errors import StorageError
-from drcli.jsonrecord import Misfit
+from drcli.base.errors import StorageError
+from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import Misfit
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 from drcli.store.checkpoint_record import Record, checked_record
-from drcli.store.fingerprint import Fingerprint
 from drcli.store.keys import CheckpointName
 from drcli.store.scores import Score, Scores, read_scores, write_scores
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
+from drcli.base.backoff import SLOW_GROWTH, delays_s
 from drcli.store import keys
-from drcli.store.backoff import SLOW_GROWTH, delays_s
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.episodes import Episodes, unpack_together
 from drcli.store.rollouts import Manifest, Part, belongs, find_manifest

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store.endpoint import Engine
 
 LEFTOVERS = ".rclone_*"

@@ -3,7 +3,7 @@
 import re
 from dataclasses import asdict, dataclass
 
-from drcli.jsonrecord import Misfit, built
+from drcli.base.json_record import Misfit, built
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, get_json, put_json
 

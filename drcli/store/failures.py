@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import dataclass
 
-from drcli.errors import DiskFull, NoAnswer, StorageError
+from drcli.base.errors import DiskFull, NoAnswer, StorageError
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 

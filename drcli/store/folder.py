@@ -12,7 +12,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import NoReturn
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.engines import LEFTOVERS
 

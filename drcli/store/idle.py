@@ -18,9 +18,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
+from drcli.base.file_lock import exclusive
 from drcli.store import process
-from drcli.store.lock import exclusive
 from drcli.store.server_state import ServerState
 
 LOOK_S = 30.0

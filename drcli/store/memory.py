@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from typing import Self
 
+from drcli.base.fingerprint import Fingerprint
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
-from drcli.store.fingerprint import Fingerprint
 
 
 class MemoryBucket:

@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
-from drcli.errors import OwnershipLost
-from drcli.jsonrecord import Misfit, built, parsed
+from drcli.base.errors import OwnershipLost
+from drcli.base.json_record import Misfit, built, parsed
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

@@ -4,10 +4,12 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from os import kill  # itself, where drcli.signalguard replaces what a reward function can call
+from os import (
+    kill,  # itself, where drcli.base.signal_guard replaces what a reward function can call
+)
 from pathlib import Path
 
-from drcli.store.backoff import wait_until
+from drcli.base.backoff import wait_until
 
 _TERM_PATIENCE_S = 5.0
 

@@ -5,7 +5,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from drcli import withheld
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 
 if TYPE_CHECKING:
     from boto3.session import Session

@@ -4,8 +4,8 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drcli.base.fingerprint import Fingerprint
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
-from drcli.store.fingerprint import Fingerprint
 from drcli.store.s3 import PART_BYTES
 
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from drcli.base.fingerprint import Fingerprint
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoint_record import Record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.evaluations import EvaluationResult, evaluated_numbers, read_evaluation
-from drcli.store.fingerprint import Fingerprint
 from drcli.store.history import IterationRecord, fields_of, learned_record, record_of
 from drcli.store.keys import CheckpointName
 from drcli.store.scores import Score, Scores, metric_of, tie_break_of

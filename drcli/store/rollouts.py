@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass, field
 from threading import BoundedSemaphore
 from typing import Any
 
-from drcli.jsonrecord import Misfit, built, parsed
+from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import Misfit, built, parsed
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.episodes import LEAST_STEP_BYTES, Episodes, pack_episodes
-from drcli.store.fingerprint import Fingerprint
 
 _UNSENT_PARTS = 4
 """How many parts may wait in memory for a slow bucket before playing has to wait, too."""

@@ -11,9 +11,10 @@ from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from drcli import waits, withheld
-from drcli.errors import StorageError
-from drcli.store.backoff import delays_s
+from drcli import withheld
+from drcli.base import notices
+from drcli.base.backoff import delays_s
+from drcli.base.errors import StorageError
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
@@ -206,9 +207,11 @@ class S3Bucket:
                 left_s = patience_s - waited_s
                 if left_s <= 0:
                     raise explain(e, attempt) from e
-                if not shown and waited_s > waits.QUIET_S:
+                if not shown and waited_s > notices.QUIET_S:
                     shown = True
-                    waits.show(f"No good answer from {self._endpoint.place} yet; trying again ...")
+                    notices.show(
+                        f"No good answer from {self._endpoint.place} yet; trying again ..."
+                    )
                 self._pause(min(next(delays), left_s))
 
     def _get(self, key: str, watch: Watch | None) -> bytes:

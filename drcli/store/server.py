@@ -12,11 +12,11 @@ from functools import lru_cache
 from pathlib import Path
 
 from drcli import withheld
-from drcli.errors import StorageError
+from drcli.base.backoff import wait_until
+from drcli.base.errors import StorageError
+from drcli.base.file_lock import exclusive
 from drcli.store import engines, idle, process
-from drcli.store.backoff import wait_until
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.lock import exclusive
 from drcli.store.s3 import S3Bucket
 from drcli.store.server_state import ServerState, own_file
 

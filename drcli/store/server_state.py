@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from drcli import waits
-from drcli.errors import StorageError
-from drcli.jsonrecord import Misfit, built, parsed
+from drcli.base import notices
+from drcli.base.errors import StorageError
+from drcli.base.json_record import Misfit, built, parsed
 from drcli.store.endpoint import Endpoint, Engine, StorageConfig
 
 
@@ -55,7 +55,7 @@ class ServerState:
             kept = path.with_name(f"{path.name}.damaged")
             with suppress(OSError):
                 path.replace(kept)
-            waits.warn(
+            notices.warn(
                 f"{path} is damaged: {e}. The local server gets new access keys; the damaged file "
                 f"is kept as {kept}."
             )

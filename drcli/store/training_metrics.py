@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from drcli.jsonrecord import Misfit, built, parsed
+from drcli.base.json_record import Misfit, built, parsed
 from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.store.traces import STATUS_LABELS, TracedEpisode
 

@@ -10,7 +10,7 @@ import urllib.request
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from drcli.errors import SettingsError, StorageError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.tracks.facts import TrackFacts
 from drcli.tracks.folder import add_track, target_of
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.tracks.facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.png import png_bytes

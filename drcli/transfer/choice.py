@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore

@@ -1,8 +1,8 @@
 """What a checkpoint needs beside its own files: reward function, parameters, metrics."""
 
-from drcli import waits
+from drcli.base import notices
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.runs.parameters import moved_training_parameters, training_parameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged
@@ -118,5 +118,5 @@ def _parameters(settings: Settings, bucket: Bucket, prefix: str, target: tuple[s
     try:
         return moved_training_parameters(written, *target)
     except ValueError as e:
-        waits.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
+        notices.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
         return moved_training_parameters(training_parameters(settings), *target)

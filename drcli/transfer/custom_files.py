@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import NoReturn
 
+from drcli.base.atomic_file import remedy_for, rewrite
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.rewriting import remedy_for, rewrite
 from drcli.runs.inputs import custom_files_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket

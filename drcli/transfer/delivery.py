@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.store.proof import Proof

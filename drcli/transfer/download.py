@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from drcli import waits
+from drcli.base import notices
 from drcli.config import Settings
 from drcli.runs.inputs import custom_files_folder
 from drcli.runs.mending import look_after
@@ -133,7 +133,7 @@ def download(
     if options.dry_run:
         return _rehearsed(report, delivery, source, listed, options)
     if planned.used:
-        waits.show(f"Checking the weights of {source.url} ...")
+        notices.show(f"Checking the weights of {source.url} ...")
         check_weights(source)
     with progress("Downloading model", sum(info.size_bytes for info in listed)) as watch:
         delivery.withdraw()

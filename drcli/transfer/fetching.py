@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from drcli import waits
-from drcli.errors import SettingsError, StorageError
-from drcli.jsonrecord import Misfit, parsed
+from drcli.base import notices
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.json_record import Misfit, parsed
 from drcli.runs.parameters import moved_training_parameters
 from drcli.store import keys
 from drcli.store.bucket import (
@@ -204,7 +204,7 @@ def _load(store: CheckpointStore, name: str, source: str) -> None:
     try:
         store.record(name)
     except ObjectDamaged as e:
-        waits.warn(f"{e} The copy gets another one, worked out from the weights.")
+        notices.warn(f"{e} The copy gets another one, worked out from the weights.")
         return
     try:
         store.load(name)
@@ -233,7 +233,7 @@ def _readable(source: Source, item: Item) -> Item:
         scores = rebuilt_scores(source.bucket, source.prefix, "progress")
         if scores is None:
             raise
-        waits.warn(f"{error} The copy gets another one, worked out from the checkpoints.")
+        notices.warn(f"{error} The copy gets another one, worked out from the checkpoints.")
         if item.name.endswith(".json"):
             return Item(item.name, scores_file(scores))
         return Item(item.name, scores.last_checkpoint.name.encode())

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings, catalogue, load_settings
-from drcli.errors import SettingsError
 from drcli.runs.prefix import contains
 from drcli.runs.run_env import Edit, plan_edit, raised, written
 from drcli.store import keys

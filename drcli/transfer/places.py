@@ -5,9 +5,9 @@ import uuid
 from dataclasses import replace
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.findings import shown
 from drcli.runs import lease
 from drcli.runs.prefix import contains
 from drcli.store import keys

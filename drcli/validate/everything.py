@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.problems import Finding
 from drcli.config import Settings
-from drcli.errors import SettingsError, StorageError
-from drcli.findings import Finding
 from drcli.job import Job
 from drcli.runs.inputs import InputFile, find
 from drcli.runs.record import RunRecord, run_folder

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding
 from drcli.config import Settings
-from drcli.errors import SettingsError
-from drcli.findings import Finding
 from drcli.hyperparameters import KEYS, Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.runs.design import Design

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
 

@@ -6,10 +6,10 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
+from drcli.base.text_file import decode
 from drcli.first_step import idle_conditions
 from drcli.runs.inputs import InputFile
-from drcli.textfile import decode
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding
 from drcli.config import Settings, catalogue, load_settings
-from drcli.errors import SettingsError
-from drcli.findings import Finding
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error, from_findings, from_sentence, key_of
 

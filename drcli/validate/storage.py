@@ -3,9 +3,9 @@
 import time
 from dataclasses import dataclass
 
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.problems import FindingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError, StorageError
-from drcli.findings import FindingsError
 from drcli.runs import lease, pretrained
 from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import is_used, newest_checkpoint

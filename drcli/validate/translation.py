@@ -3,8 +3,8 @@
 import re
 from collections.abc import Callable, Iterable
 
-from drcli.errors import DrError, SettingsError
-from drcli.findings import Finding, FindingsError
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import Finding, FindingsError
 from drcli.validate.report import Severity, Violation
 
 RuleOf = Callable[[Finding], str]

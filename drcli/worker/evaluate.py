@@ -15,9 +15,9 @@ from typing import Any
 import torch
 from safetensors.torch import load as load_tensors
 
-from drcli import signalguard
+from drcli.base import signal_guard
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.model_metadata import ModelMetadata
@@ -251,7 +251,7 @@ def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], No
     """The evaluation, to be run as a process."""
 
     def loop(job: Job, lifeline: Lifeline) -> None:
-        signalguard.install()
+        signal_guard.install()
         evaluate(job, lifeline, entries(job.settings, stamp, checkpoints))
 
     return loop

@@ -15,7 +15,7 @@ from pathlib import Path
 from time import monotonic, sleep  # which the racer's code may replace in `time`
 from typing import Any, TextIO
 
-from drcli import logfiles
+from drcli.base import log_files
 
 LOOK_S = 0.1
 """How often the size of the log is checked."""
@@ -141,7 +141,7 @@ class Output:
         """
         with self._lock:
             state = os.fstat(1)
-            if state.st_size < logfiles.part_bytes(max_bytes) or not _is(log, state):
+            if state.st_size < log_files.part_bytes(max_bytes) or not _is(log, state):
                 return False
             if not self._ended_line and self._waited < PATIENCE_LOOKS:
                 self._waited += 1
@@ -149,7 +149,7 @@ class Output:
             self._waited = 0
             for inner in self._inner:
                 inner.flush()
-            fresh = logfiles.rotate(log, max_bytes)
+            fresh = log_files.rotate(log, max_bytes)
             try:
                 os.dup2(fresh, 1)
                 os.dup2(fresh, 2)
@@ -193,7 +193,7 @@ def install(max_bytes: int) -> None:
             stream.reconfigure(line_buffering=True)
     sys.stdout = _output.stream(sys.stdout)
     sys.stderr = _output.stream(sys.stderr)
-    log = os.environ.get(logfiles.VARIABLE)
+    log = os.environ.get(log_files.VARIABLE)
     if log:
         threading.Thread(target=_keep_small, args=(Path(log), max_bytes), daemon=True).start()
 

@@ -11,8 +11,8 @@ import traceback
 from collections.abc import Callable
 from types import FrameType
 
+from drcli.base.errors import DrError
 from drcli.config import Settings
-from drcli.errors import DrError
 from drcli.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket

@@ -3,7 +3,7 @@
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint

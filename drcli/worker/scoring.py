@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable
 
+from drcli.base.backoff import wait_until
 from drcli.store import keys
-from drcli.store.backoff import wait_until
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.evaluations import EvaluationResult, read_evaluation

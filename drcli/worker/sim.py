@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
-from drcli import signalguard
+from drcli.base import signal_guard
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.learn.acting import SideBySide
@@ -372,7 +372,7 @@ def main(worker: int) -> Callable[[Job, Lifeline], None]:
 
     def loop(job: Job, lifeline: Lifeline) -> None:
         flush_denormals()
-        signalguard.install()
+        signal_guard.install()
         SimWorker(job, lifeline, worker).run()
 
     return loop

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from safetensors.torch import save as save_tensors
 
-from drcli.errors import StorageError, TrainingFailed
+from drcli.base.errors import StorageError, TrainingFailed
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError

@@ -17,9 +17,9 @@ from types import TracebackType
 
 import numpy as np
 
-from drcli import signalguard
+from drcli.base import signal_guard
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.job import Job
 from drcli.validate.report import Violation, leave_tried
 from drcli.worker.world import load_race, load_world
@@ -209,7 +209,7 @@ def main(file: Path | None, name: str) -> None:
     """Try what the job says, as a process of its own, and leave what is found in its folder."""
     job = Job.received()
     threading.Thread(target=_end_after, args=(job.launcher_pid,), daemon=True).start()
-    signalguard.install()
+    signal_guard.install()
     if file is None:
         leave_tried(try_inputs(job.settings, None), job.folder)
         return

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 from typing import Literal
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 from drcli.model_metadata import ModelMetadata
 from drcli.settings.worlds import can_be_fetched, remedy
 from drcli.store import keys

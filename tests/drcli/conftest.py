@@ -145,5 +145,5 @@ def dr() -> Callable[..., int]:
 def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Warnings that commands show while they work."""
     said: list[str] = []
-    monkeypatch.setattr("drcli.waits.warn", said.append)
+    monkeypatch.setattr("drcli.base.notices.warn", said.append)
     return said

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from drcli import __version__
+from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.cli import main
 from drcli.commands.lazy import load
 from drcli.commands.table import COMMANDS
-from drcli.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich", "pydantic"}
 """What showing help must not load."""

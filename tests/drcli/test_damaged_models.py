@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
+from drcli.base.errors import DrError
+from drcli.base.fingerprint import Fingerprint
 from drcli.config import Settings, load_settings
-from drcli.errors import DrError
 from drcli.runs import lease
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment
@@ -24,7 +25,6 @@ from drcli.runs.status import inspect
 from drcli.store import keys
 from drcli.store.bucket import Watch, put_json
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.fingerprint import Fingerprint
 from drcli.store.history import read_history
 from drcli.store.memory import MemoryBucket
 from drcli.store.rebuilding import whole_checkpoints

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drcli.jsonrecord import Misfit, built, parsed
+from drcli.base.json_record import Misfit, built, parsed
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import threading
 
 import pytest
 
-from drcli import rewriting, verbosity
-from drcli.errors import SettingsError
-from drcli.rewriting import only_writer, read_json, rewrite, write_json
+from drcli.base import atomic_file, verbosity
+from drcli.base.atomic_file import only_writer, read_json, rewrite, write_json
+from drcli.base.errors import SettingsError
 
 
 def test_a_file_keeps_its_mode(tmp_path):
@@ -107,7 +107,7 @@ def test_writers_of_one_folder_take_turns(tmp_path):
 
 
 def test_a_wait_says_what_it_waits_for_and_ends(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(rewriting, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(atomic_file, "PATIENCE_S", 0.0)
 
     with (
         only_writer(tmp_path),
@@ -122,7 +122,7 @@ def test_a_wait_says_what_it_waits_for_and_ends(tmp_path, monkeypatch, capsys):
 
 
 def test_a_quiet_wait_says_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(rewriting, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(atomic_file, "PATIENCE_S", 0.0)
     monkeypatch.setattr(verbosity, "quiet", True)
 
     with only_writer(tmp_path), pytest.raises(SettingsError), only_writer(tmp_path):

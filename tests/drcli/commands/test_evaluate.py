@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.errors import WorkerDied
+from drcli.base.errors import WorkerDied
 from drcli.job import Job
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.evaluation_record import EvaluationRecord

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli import logfiles
+from drcli.base import log_files
 from drcli.commands import logs
 
 LINES = [f"line {k}\n" for k in range(30)]
@@ -49,7 +49,7 @@ def test_all_of_a_log_is_shown_on_request(dr, log, capsys):
 def test_all_of_a_log_has_its_older_parts_too_and_nothing_of_earlier_trainings(dr, log, capsys):
     path = log("trainer")
     path.write_text("older\n")
-    os.close(logfiles.rotate(path, 1000))
+    os.close(log_files.rotate(path, 1000))
     path.write_text("newest\n")
     path.with_name("trainer.log.20260102-030405").write_text("another training\n")
 

@@ -8,10 +8,10 @@ import pytest
 from rich.cells import cell_len
 
 from drcli import console
+from drcli.base.errors import SettingsError
 from drcli.commands.lazy import load
 from drcli.commands.report_keys import REPORTS, keys_of
 from drcli.commands.table import COMMANDS
-from drcli.errors import SettingsError
 
 from .conftest import MODEL, TRACK
 

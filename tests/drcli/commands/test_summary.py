@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from drcli import views_everyday
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.runs import summary
 from drcli.runs.record import RunRecord
 from drcli.runs.summary import BucketState, Running, Summary

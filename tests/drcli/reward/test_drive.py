@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.reward.check import _parameters
 from drcli.reward.drive import drive
 from drcli.reward.pilots import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING

@@ -7,7 +7,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.reward.hearing import Hearing, Questions
 
 ENDS = "import os\ndef reward_function(params):\n    os._exit(3)\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.reward import duel, plot
 from drcli.reward.canvas import (
     Canvas,

@@ -7,7 +7,7 @@ import time
 import psutil
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.runs import lease
 from drcli.runs.increment import make_increment, plan_increment
 from drcli.runs.record import RunRecord, run_folder

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.runs.inputs import find
 
 

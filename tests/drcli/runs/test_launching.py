@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from drcli import logfiles
-from drcli.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
+from drcli.base import log_files
+from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.job import Job, LastWords
 from drcli.runs import evaluation, launching, training
 from drcli.runs.evaluation_plan import EvaluationPlan
@@ -109,7 +109,7 @@ def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
 
 
 def test_a_process_is_told_the_log_that_it_writes_so_that_it_can_rotate_it(job):
-    say = f"import os; print(os.environ['{logfiles.VARIABLE}'])"
+    say = f"import os; print(os.environ['{log_files.VARIABLE}'])"
 
     process = launching.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
 

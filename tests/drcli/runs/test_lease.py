@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
+from drcli.base.process_identity import started_s
 from drcli.runs import lease
-from drcli.runs.machine import started_s
 from drcli.store import keys
 from drcli.store.memory import MemoryBucket
 from drcli.store.ownership import read_lease, write_lease

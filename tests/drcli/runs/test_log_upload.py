@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from drcli import logfiles
+from drcli.base import log_files
+from drcli.base.errors import StorageError
 from drcli.config import load_settings
-from drcli.errors import StorageError
 from drcli.runs import log_upload
 from drcli.runs.log_upload import LogCopy, LogUpload
 from drcli.runs.logs import begin_logs, log_file
@@ -66,7 +66,7 @@ def add(log, text):
 
 
 def rotate(log, max_bytes=10**9):
-    os.close(logfiles.rotate(log, max_bytes))
+    os.close(log_files.rotate(log, max_bytes))
 
 
 def test_a_short_log_is_one_object(bucket, log):
@@ -139,7 +139,7 @@ def test_older_parts_that_somebody_deletes_are_not_waited_for(bucket, log):
     rotate(log)
     add(log, lines(0, 10))
     copy.update()
-    logfiles.older_parts(log)[0].unlink()
+    log_files.older_parts(log)[0].unlink()
 
     copy.update()
 

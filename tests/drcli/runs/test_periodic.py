@@ -2,7 +2,7 @@
 
 import threading
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.runs.periodic import Periodic, within
 
 PATIENCE_S = 20.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from drcli.errors import SettingsError, StorageError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.runs import lease, plan, training
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, run_folder

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.store import keys
 
 CLONE = (

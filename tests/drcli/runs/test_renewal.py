@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drcli.errors import OwnershipLost, SettingsError, StorageError
+from drcli.base.errors import OwnershipLost, SettingsError, StorageError
 from drcli.runs import lease
 from drcli.runs.renewal import LOOK_S, RENEW_S, Renewal
 from drcli.store import keys

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings, load_settings
-from drcli.errors import SettingsError
 
 
 class Folder:

@@ -4,8 +4,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from drcli.base.errors import SettingsError
 from drcli.config import catalogue
-from drcli.errors import SettingsError
 from drcli.settings.editing import set_values
 
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drcli.base.errors import SettingsError
 from drcli.envfile import LARGEST_BYTES, parse_env, with_values
-from drcli.errors import SettingsError
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import pwd
 
 import pytest
 
+from drcli.base.errors import SettingsError
+from drcli.base.problems import FindingsError
 from drcli.config import load_settings
-from drcli.errors import SettingsError
-from drcli.findings import FindingsError
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 import pytest
 
+from drcli.base.errors import SettingsError
 from drcli.config import Settings
-from drcli.errors import SettingsError
 
 MULTI = "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=3\nDR_WORLD_NAME=reinvent_base\n"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drcli import activation
+from drcli.base.errors import SettingsError
 from drcli.config import active_run_file, load_settings
-from drcli.errors import SettingsError
 from drcli.setup.shell import shell_change
 
 

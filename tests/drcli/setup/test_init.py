@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli import rewriting
+from drcli.base import atomic_file
+from drcli.base.errors import SettingsError
 from drcli.config import load_settings
-from drcli.errors import SettingsError
 from drcli.setup import writing
 from drcli.setup.shipped import model_file
 
@@ -187,7 +187,7 @@ def test_what_fails_half_way_is_taken_back(dr, empty, capsys, monkeypatch):
     def rewrite_until_full(path: Path, data: bytes) -> None:
         if path.name == "model_metadata.json":
             raise SettingsError(f"{path}: no space left.", remedy="Make room.")
-        rewriting.rewrite(path, data)
+        atomic_file.rewrite(path, data)
 
     monkeypatch.setattr(writing, "rewrite", rewrite_until_full)
     code = dr("init", "--force")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.errors import OwnershipLost, StorageError
+from drcli.base.errors import OwnershipLost, StorageError
 from drcli.store.bucket import ObjectDamaged, ObjectMissing, get_json, put_json
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore

@@ -15,11 +15,11 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from drcli.errors import StorageError
+from drcli.base.backoff import wait_until
+from drcli.base.errors import StorageError
+from drcli.base.file_lock import exclusive
 from drcli.store import idle, process, server
-from drcli.store.backoff import wait_until
 from drcli.store.idle import Watch
-from drcli.store.lock import exclusive
 from drcli.store.s3 import S3Bucket
 
 MINUTE_S = 60.0

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from drcli.base.errors import StorageError
 from drcli.config import load_settings
-from drcli.errors import StorageError
 from drcli.store import profiles
 from drcli.store.connect import open_upload_bucket
 from drcli.store.profiles import Profile, read_profile

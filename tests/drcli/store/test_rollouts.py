@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store import collection, keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.collection import RolloutReader, Waiting

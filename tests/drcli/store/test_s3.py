@@ -9,8 +9,8 @@ import pytest
 from botocore.exceptions import ClientError, EndpointConnectionError
 from botocore.response import StreamingBody
 
-from drcli import waits
-from drcli.errors import OwnershipLost, StorageError
+from drcli.base import notices
+from drcli.base.errors import OwnershipLost, StorageError
 from drcli.store import failures, profiles, s3
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
@@ -83,7 +83,7 @@ def test_a_read_during_an_overwrite_is_repeated(scripted):
 
 def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeypatch):
     said = []
-    monkeypatch.setattr(waits, "show", said.append)
+    monkeypatch.setattr(notices, "show", said.append)
     bucket = scripted(SILENT, endpoint=REMOTE, repeat=True)
 
     with pytest.raises(StorageError, match=r"nothing answers") as failure:

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from drcli.errors import StorageError
+from drcli.base.backoff import wait_until
+from drcli.base.errors import StorageError
+from drcli.base.file_lock import exclusive
 from drcli.store import process, server, server_state
-from drcli.store.backoff import wait_until
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.lock import exclusive
 from drcli.store.s3 import S3Bucket
 
 FIND = """
@@ -330,7 +330,7 @@ def test_a_lock_that_stays_held_is_a_failure_with_its_file(tmp_path):
 @pytest.mark.parametrize("state", ["", "{", "[]", "7", '{"engine": "rclone", "port": "x"}'])
 def test_a_damaged_state_file_is_named_and_put_aside(local, monkeypatch, state):
     told: list[str] = []
-    monkeypatch.setattr("drcli.waits.warn", told.append)
+    monkeypatch.setattr("drcli.base.notices.warn", told.append)
     local.data_dir.mkdir()
     path = local.data_dir / ".server.json"
     path.write_text(state)

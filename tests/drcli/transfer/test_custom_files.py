@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.transfer.custom_files import download_custom_files, upload_custom_files
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from drcli.errors import SettingsError, StorageError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.runs import lease
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore

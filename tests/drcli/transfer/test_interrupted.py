@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import pytest
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory import MemoryBucket

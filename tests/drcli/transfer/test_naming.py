@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 from drcli.runs import lease
 from drcli.transfer.naming import make_upload_increment, plan_upload_increment
 

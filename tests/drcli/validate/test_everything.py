@@ -8,8 +8,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from drcli.base.errors import SettingsError, StorageError
 from drcli.config import load_settings
-from drcli.errors import SettingsError, StorageError
 from drcli.runs.plan import StartOptions, prepare
 from drcli.runs.record import RunRecord
 from drcli.validate import rules

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drcli.errors import StorageError
+from drcli.base.errors import StorageError
 from drcli.runs import lease
 from drcli.store.bucket import ObjectInfo
 from drcli.validate.rules import RULES

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from drcli import logfiles
+from drcli.base import log_files
 from drcli.worker.output import (
     BURST_CHARACTERS,
     CHARACTERS_S,
@@ -125,12 +125,12 @@ def test_no_line_is_lost_or_cut_by_rotation_whoever_writes_it_and_however_it_end
             [sys.executable, "-c", script],
             stdout=file,
             stderr=file,
-            env={**os.environ, logfiles.VARIABLE: str(log)},
+            env={**os.environ, log_files.VARIABLE: str(log)},
             timeout=60,
         )
 
     assert done.returncode == -6
-    parts = [*logfiles.older_parts(log), log]
+    parts = [*log_files.older_parts(log), log]
     assert len(parts) >= 2
     texts = [path.read_text() for path in parts]
     assert all(text.endswith("\n") for text in texts[:-1])
@@ -161,18 +161,18 @@ def test_a_line_without_end_written_past_python_is_rotated_as_well(tmp_path):
             [sys.executable, "-c", ENDLESS],
             stdout=file,
             stderr=file,
-            env={**os.environ, logfiles.VARIABLE: str(log)},
+            env={**os.environ, log_files.VARIABLE: str(log)},
         )
     try:
         deadline = time.monotonic() + 60
-        while logfiles.current_number(log) < 4 and time.monotonic() < deadline:
+        while log_files.current_number(log) < 4 and time.monotonic() < deadline:
             time.sleep(0.02)
     finally:
         process.kill()
         process.wait()
 
-    assert logfiles.current_number(log) >= 4
-    assert len(logfiles.older_parts(log)) == 1
+    assert log_files.current_number(log) >= 4
+    assert len(log_files.older_parts(log)) == 1
 
 
 def test_a_process_whose_output_is_elsewhere_rotates_nothing(tmp_path):
@@ -181,4 +181,4 @@ def test_a_process_whose_output_is_elsewhere_rotates_nothing(tmp_path):
     output = Output(PrintLimit())
 
     assert not output.rotate_if_large(log, 10)
-    assert logfiles.older_parts(log) == []
+    assert log_files.older_parts(log) == []

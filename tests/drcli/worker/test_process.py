@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from drcli.base.errors import SettingsError
 from drcli.config import load_settings
-from drcli.errors import SettingsError
 from drcli.job import Job, LastWords
 
 DEAF = """import signal

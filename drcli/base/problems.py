@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 
 MOST_SHOWN = 40
 """Findings that one error lists; a file with more of them was named by mistake."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drcli.errors import StorageError
-from drcli.store.backoff import wait_until
+from drcli.base.backoff import wait_until
+from drcli.base.errors import StorageError
 
 
 @contextmanager

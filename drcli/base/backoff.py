@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 
-from drcli import waits
+from drcli.base import notices
 
 FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
@@ -55,8 +55,8 @@ def wait_until(
             return True
         waited_s = clock() - began_s
         left_s = patience_s - waited_s
-        if what and waited_s > waits.QUIET_S:
-            waits.show(what)
+        if what and waited_s > notices.QUIET_S:
+            notices.show(what)
             what = ""
         if left_s <= 0:
             return False

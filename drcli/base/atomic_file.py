@@ -11,10 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drcli import verbosity
-from drcli.errors import SettingsError
-from drcli.jsonrecord import Misfit, parsed
-from drcli.store.backoff import wait_until
+from drcli.base import verbosity
+from drcli.base.backoff import wait_until
+from drcli.base.errors import SettingsError
+from drcli.base.json_record import Misfit, parsed
 
 PATIENCE_S = 30.0
 """How long to wait for another command; each needs the folder for a moment only."""

@@ -1,6 +1,6 @@
 """Bytes to text, for files that people edit: a byte order mark is fine, all but text is not."""
 
-from drcli.errors import SettingsError
+from drcli.base.errors import SettingsError
 
 
 def decode(data: bytes, name: str, *, largest_bytes: int, kind: str, remedy: str) -> str:
