@@ -17,9 +17,9 @@ from rich.markup import escape
 from rich.segment import Segment, Segments
 from rich.text import Text
 
-from drcli import activation
 from drcli.base import verbosity
 from drcli.base.errors import OutputLost
+from drcli.config import activation
 
 Advance = Callable[[int], None]
 """Takes how much more is done."""

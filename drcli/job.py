@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli import withheld
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError, NoAnswer
 from drcli.base.json_record import Misfit, built
-from drcli.config import Settings
+from drcli.config import secret_environment
+from drcli.config.settings import Settings
 
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
@@ -75,10 +75,10 @@ class Job:
             with_secrets: Whether the process has to use the bucket, and so the keys to it.
             options: Of `subprocess.Popen`; `env` adds to the environment.
         """
-        plain, _ = withheld.split(os.environ)
-        secrets = withheld.all_secrets()
+        plain, _ = secret_environment.split(os.environ)
+        secrets = secret_environment.all_secrets()
         if secrets:
-            withheld.hide_process()
+            secret_environment.hide_process()
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -114,7 +114,7 @@ class Job:
         handed = json.loads(sys.stdin.buffer.read())
         with Path(os.devnull).open("rb") as nothing:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
-        withheld.keep(handed["secrets"])
+        secret_environment.keep(handed["secrets"])
         fields = handed["job"]
         fields["settings"] = Settings.restore(fields["settings"])
         fields["directory"] = Path(fields["directory"])

@@ -13,8 +13,8 @@ from drcli.base.problems import MOST_SHOWN, shown
 from drcli.views_layout import INDENT, Fitted, indented
 
 if TYPE_CHECKING:
-    from drcli.settings.editing import Edit
-    from drcli.settings.inspection import Value, Values
+    from drcli.config.editing import Edit
+    from drcli.config.inspection import Value, Values
     from drcli.validate.check import FullCheck
 
 PLACE_COLUMN = 46

@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH
 from drcli.store.connect import stop_storage
 

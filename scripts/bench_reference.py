@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.store.connect import stop_storage
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -18,8 +18,8 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from drcli.setup.folder import plan_folder
-from drcli.setup.writing import write
+from drcli.config.folder_files import write
+from drcli.config.new_folder import plan_folder
 from drcli.store.connect import stop_default_storage
 
 START_BAR_S = 0.4

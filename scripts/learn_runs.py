@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.learn.acting import SideBySide
 from drcli.learn.buffer import Rollout

@@ -12,7 +12,7 @@ from pathlib import Path
 import error_texts
 
 from drcli.commands import manual
-from drcli.settings.document import settings_page
+from drcli.config.document import settings_page
 from drcli.validate import rules
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -1,6 +1,6 @@
 """Fetches the community's tracks that a start needs and that are not here."""
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 
 
 def bring_tracks(settings: Settings) -> None:
@@ -13,7 +13,7 @@ def bring_tracks(settings: Settings) -> None:
         SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    from drcli.settings.worlds import to_fetch
+    from drcli.config.worlds import to_fetch
 
     names = to_fetch(settings)
     if not names or settings.tracks_fetch == "never":

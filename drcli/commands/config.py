@@ -9,7 +9,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
-    from drcli.settings.fields import FileName
+    from drcli.config.fields import FileName
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
 
@@ -34,7 +34,7 @@ def show(
     Example: dr-config show --changed
     """
     from drcli import console, views_config
-    from drcli.settings.inspection import inspect_values
+    from drcli.config.inspection import inspect_values
 
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
@@ -93,7 +93,7 @@ def change(
     Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
     """
     from drcli import console, views_config
-    from drcli.settings.editing import set_values
+    from drcli.config.editing import set_values
 
     edit = set_values(working_folder(), _wanted(values), file=_file(file))
     console.emit(edit, views_config.edit(edit), as_json=as_json)
@@ -129,7 +129,7 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
-    from drcli.settings.inspection import find_name, suggestion
+    from drcli.config.inspection import find_name, suggestion
 
     name = find_name(written, others)
     if name is None:

@@ -9,7 +9,7 @@ from drcli.commands.folder import settings, working_folder
 from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
-    from drcli.config import Settings
+    from drcli.config.settings import Settings
 
 STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for the reference expect."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drcli.base.errors import SettingsError
 
 if TYPE_CHECKING:
-    from drcli.config import Settings
+    from drcli.config.settings import Settings
 
 
 def working_folder() -> Path:
@@ -51,7 +51,7 @@ def settings() -> "Settings":
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
-    from drcli.config import load_settings
+    from drcli.config.settings import load_settings
 
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():

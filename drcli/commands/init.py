@@ -81,9 +81,9 @@ def init(
     """
     from drcli import asking, console
     from drcli.base.problems import FindingsError
-    from drcli.setup.folder import has_activate_script, plan_experiment, plan_folder
-    from drcli.setup.questions import with_answers
-    from drcli.setup.writing import write
+    from drcli.cli.setup_questions import with_answers
+    from drcli.config.folder_files import write
+    from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
 
     if folder == "":
         raise typer.BadParameter("The name of the folder is empty; the current one needs none.")

@@ -9,7 +9,7 @@ from drcli.commands.folder import working_folder
 from drcli.commands.options import AsJson
 
 if TYPE_CHECKING:
-    from drcli.config import Settings
+    from drcli.config.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, help="Check, plot and compare reward functions.")
 
@@ -91,7 +91,7 @@ def compare(
 
 
 def _settings(world: str | None) -> "Settings":
-    from drcli.config import load_settings
+    from drcli.config.settings import load_settings
 
     flags = {"DR_WORLD_NAME": world} if world is not None else {}
     return load_settings(working_folder(), flags=flags)

@@ -35,7 +35,7 @@ def set_upload_model(
     Example: dr-set-upload-model team/fast-car-1
     """
     from drcli import console
-    from drcli.settings.editing import set_values
+    from drcli.config.editing import set_values
 
     folder, before = working_folder(), settings().upload_s3_prefix
     edit = set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")

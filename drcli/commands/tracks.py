@@ -45,7 +45,7 @@ def show(
     from drcli import console, views_tracks
     from drcli.base.errors import SettingsError
     from drcli.base.problems import shown
-    from drcli.settings.worlds import ROUTE_FILES, is_here, remedy
+    from drcli.config.worlds import ROUTE_FILES, is_here, remedy
     from drcli.tracks.folder import MAP_COLUMNS, show_track
 
     wanted = settings().replaced(world_name=name, overrides=())
@@ -114,7 +114,7 @@ def fetch(
 def _say_what_it_hides(name: str) -> None:
     """Tell that a new file takes the place of a built-in track."""
     from drcli import console
-    from drcli.settings.worlds import built_in
+    from drcli.config.worlds import built_in
 
     if name in built_in():
         console.warn(

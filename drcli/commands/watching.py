@@ -12,7 +12,7 @@ from drcli import console, views, views_iterations
 from drcli.commands.tail import Tail
 
 if TYPE_CHECKING:
-    from drcli.config import Settings
+    from drcli.config.settings import Settings
     from drcli.runs.report import IterationRecord, RunReport
 
 POLL_S = 1.0

@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 
 from drcli.base.errors import DrError
-from drcli.settings.worlds import built_in, own
+from drcli.config.worlds import built_in, own
 
 RACE_TYPES = ("TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL")
 CLOUDS = ("local", "remote", "aws", "azure")
@@ -39,8 +39,8 @@ class Place:
     @cached_property
     def settings(self) -> Mapping[str, str]:
         """Texts of the settings by DR_ name, unchecked; those of broken files are missing."""
-        from drcli import activation
-        from drcli.setup.shell import shell_change
+        from drcli.config import activation
+        from drcli.config.shell import shell_change
 
         try:
             change = shell_change(self.folder, os.environ)

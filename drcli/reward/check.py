@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.reward.drive import drive, each_race
 from drcli.reward.lint import SIMULATION_STEP_S, Remark, remarks
 from drcli.reward.source import display_name, file_of

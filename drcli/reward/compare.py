@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.reward.drive import drive
 from drcli.reward.pilots import FAST, STEADY
 from drcli.reward.source import display_name, files_of

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.reward.pilots import (
     FAST,
     LEAVING,

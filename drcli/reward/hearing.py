@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli import withheld
 from drcli.base.errors import SettingsError
+from drcli.config import secret_environment
 from drcli.first_step import idle_conditions
 from drcli.reward.statement import (
     FAULTS_FILE,
@@ -79,14 +79,17 @@ class Hearing:
             waypoints={way: list(points) for way, points in questions.waypoints.items()},
         )
         (folder / ORDER_FILE).write_text(order.model_dump_json(), "utf-8")
-        if withheld.all_secrets():
-            withheld.hide_process()
+        if secret_environment.all_secrets():
+            secret_environment.hide_process()
         self._process = subprocess.Popen(
             # -P: files of the working folder must not be taken for modules of that name.
             [sys.executable, "-P", "-m", _MODULE, str(folder)],
             cwd=directory,
             # As in a training, where printing any letter is fine.
-            env={**withheld.split(os.environ)[0], "PYTHONIOENCODING": "utf-8:backslashreplace"},
+            env={
+                **secret_environment.split(os.environ)[0],
+                "PYTHONIOENCODING": "utf-8:backslashreplace",
+            },
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.reward.canvas import FAINT, LINES, Canvas, number, refuse_replacing, sequential
 from drcli.reward.drive import Trip, drive
 from drcli.reward.field import SPEED_MPS

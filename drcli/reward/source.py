@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding, FindingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.inputs import shipped_file
 from drcli.store import keys
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store import keys
 from drcli.store.connect import known_endpoint
 from drcli.store.endpoint import Endpoint

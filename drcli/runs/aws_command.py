@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store.connect import running_endpoint
 
 _COMPATIBLE = {

@@ -22,7 +22,7 @@ from drcli.base.errors import (
     WorkerDied,
 )
 from drcli.base.process_identity import started_s
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord

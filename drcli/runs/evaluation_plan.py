@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.job import Job
 from drcli.runs.evaluation_record import claim, sweep
 from drcli.runs.mending import look_after

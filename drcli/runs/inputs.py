@@ -8,7 +8,7 @@ from shlex import quote
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

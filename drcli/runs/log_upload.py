@@ -11,7 +11,7 @@ from pathlib import Path
 from drcli.base import log_files
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.logs import log_file, log_kind
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 
 _FOLDERS = ("robomaker", "sagemaker")
 

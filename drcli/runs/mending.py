@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.runs import lease

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.json_record import Misfit, built
-from drcli.config import Settings, catalogue, hidden
+from drcli.config.settings import Settings, catalogue, hidden
 from drcli.runs.pretrained import Pretrained
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json

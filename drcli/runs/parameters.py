@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store import keys
 
 

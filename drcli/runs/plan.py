@@ -11,7 +11,7 @@ from typing import Any, Literal
 from drcli.base import notices
 from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
-from drcli.config import Settings, catalogue
+from drcli.config.settings import Settings, catalogue
 from drcli.job import Job
 from drcli.runs import lease
 from drcli.runs.design import Design

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import contains
 from drcli.store import keys

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.process_identity import exists
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, run_folder

@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import Misfit, built
 from drcli.base.process_identity import is_alive
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.report import State
 
 _FILE = "run.json"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.processes import Process
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.logs import log_file
 from drcli.runs.record import LIVE_STATES, RunRecord, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport

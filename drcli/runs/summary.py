@@ -10,7 +10,7 @@ from platform import python_version
 from typing import Literal
 
 from drcli.base.errors import StorageError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.addresses import addresses
 from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.prefix import newest_checkpoint

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drcli.base.errors import WorkerDied
 from drcli.base.process_identity import is_alive, started_s
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, run_folder, storage_of

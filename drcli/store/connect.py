@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from drcli.config import Settings, catalogue
+from drcli.config.settings import Settings, catalogue
 from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames, StorageConfig
 from drcli.store.look import storage_config
 from drcli.store.profiles import read_profile

@@ -3,7 +3,7 @@
 from functools import lru_cache
 from pathlib import Path
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store.bucket import Bucket
 from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.folder import FolderBucket

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 from drcli.store.checkpoints import CheckpointStore

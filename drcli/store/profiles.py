@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from drcli import withheld
 from drcli.base.errors import StorageError
+from drcli.config import secret_environment
 
 if TYPE_CHECKING:
     from boto3.session import Session
@@ -65,7 +65,7 @@ def lend_to_refreshes(credentials: object) -> None:
         return
 
     def refresh() -> object:
-        with withheld.lent():
+        with secret_environment.lent():
             return fetch()
 
     # A private name of botocore, which has no public one; where it is missing, nothing is done.

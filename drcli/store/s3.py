@@ -11,10 +11,10 @@ from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from drcli import withheld
 from drcli.base import notices
 from drcli.base.backoff import delays_s
 from drcli.base.errors import StorageError
+from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
@@ -320,7 +320,7 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
     )
     session = session_of(endpoint.profile, endpoint.names.profile)
     try:
-        with _making_clients, withheld.lent():
+        with _making_clients, secret_environment.lent():
             client = session.client(
                 "s3",
                 endpoint_url=endpoint.url,

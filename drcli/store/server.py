@@ -11,10 +11,10 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from drcli import withheld
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
+from drcli.config import secret_environment
 from drcli.store import engines, idle, process
 from drcli.store.endpoint import Endpoint, StorageConfig
 from drcli.store.s3 import S3Bucket
@@ -259,7 +259,7 @@ def _inherited() -> dict[str, str]:
 
     Secrets are left out too: `/proc` would show them as long as the server runs.
     """
-    plain, _ = withheld.split(os.environ)
+    plain, _ = secret_environment.split(os.environ)
     return {k: v for k, v in plain.items() if not k.startswith("RCLONE_")}
 
 

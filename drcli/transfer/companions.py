@@ -2,7 +2,7 @@
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.parameters import moved_training_parameters, training_parameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged

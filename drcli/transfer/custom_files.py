@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.inputs import custom_files_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket

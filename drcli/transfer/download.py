@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base import notices
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs.inputs import custom_files_folder
 from drcli.runs.mending import look_after
 from drcli.store import keys

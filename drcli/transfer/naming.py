@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings, catalogue, load_settings
+from drcli.config.run_env import Edit, plan_edit, raised, written
+from drcli.config.settings import Settings, catalogue, load_settings
 from drcli.runs.prefix import contains
-from drcli.runs.run_env import Edit, plan_edit, raised, written
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 from drcli.transfer.places import (

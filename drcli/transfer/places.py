@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs import lease
 from drcli.runs.prefix import contains
 from drcli.store import keys

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from drcli.settings.effects import NAMED_BY_CHECK
-from drcli.settings.inspection import Check, check_settings
+from drcli.config.effects import NAMED_BY_CHECK
+from drcli.config.inspection import Check, check_settings
 from drcli.validate.report import Report, Violation
 
 

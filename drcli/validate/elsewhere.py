@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import gcd
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.validate.report import Severity, Violation

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Finding
-from drcli.config import Settings
+from drcli.config.settings import Settings
+from drcli.config.worlds import fetchable
 from drcli.job import Job
 from drcli.runs.inputs import InputFile, find
 from drcli.runs.record import RunRecord, run_folder
-from drcli.settings.worlds import fetchable
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.job import Job
 from drcli.runs.design import Design
 from drcli.runs.inputs import InputFile, Inputs, missing_files

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.validate.report import Violation

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import KEYS, Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.runs.design import Design

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
-from drcli.config import Settings, catalogue, load_settings
+from drcli.config.settings import Settings, catalogue, load_settings
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error, from_findings, from_sentence, key_of
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.runs import lease, pretrained
 from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import is_used, newest_checkpoint

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.worker.trace import Episode, log_lines

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from drcli.config import Settings
+from drcli.config.settings import Settings
 
 OVERLAP_CORES = 4
 """From so many cores on, driving and learning go on at the same time."""

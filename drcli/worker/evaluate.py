@@ -17,7 +17,7 @@ from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.model_metadata import ModelMetadata

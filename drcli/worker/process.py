@@ -12,7 +12,7 @@ from collections.abc import Callable
 from types import FrameType
 
 from drcli.base.errors import DrError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 from drcli.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
+from drcli.config.worlds import can_be_fetched, remedy
 from drcli.model_metadata import ModelMetadata
-from drcli.settings.worlds import can_be_fetched, remedy
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.worker import output

@@ -15,7 +15,7 @@ from safetensors.numpy import save
 
 from drcli.base.errors import DrError
 from drcli.base.fingerprint import Fingerprint
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.runs import lease
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli import withheld
-from drcli.config import load_settings
+from drcli.config import secret_environment
+from drcli.config.settings import load_settings
 from drcli.job import Job
 from drcli.store.profiles import lend_to_refreshes
 
@@ -58,7 +58,7 @@ print(json.dumps({
 
 @pytest.fixture(autouse=True)
 def nothing_kept(monkeypatch):
-    monkeypatch.setattr(withheld, "_kept", {})
+    monkeypatch.setattr(secret_environment, "_kept", {})
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def job(working_folder: Path) -> Job:
 
 
 def test_secrets_are_told_from_what_anybody_may_read():
-    assert withheld.split({**SECRETS, **OPEN}) == (OPEN, SECRETS)
+    assert secret_environment.split({**SECRETS, **OPEN}) == (OPEN, SECRETS)
 
 
 @pytest.mark.parametrize("with_secrets", [True, False])
@@ -79,7 +79,7 @@ def test_a_process_has_no_secrets_in_its_environment_and_lends_those_it_was_hand
 ):
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(withheld, "hide_process", lambda: None)
+    monkeypatch.setattr(secret_environment, "hide_process", lambda: None)
 
     process = job.spawn(
         [sys.executable, "-c", LOOKS], with_secrets=with_secrets, stdout=subprocess.PIPE
@@ -95,7 +95,7 @@ def test_a_process_has_no_secrets_in_its_environment_and_lends_those_it_was_hand
 
 def test_keys_that_expire_are_renewed_with_the_secrets_at_hand(monkeypatch):
     monkeypatch.delenv("AWS_CONTAINER_AUTHORIZATION_TOKEN", raising=False)
-    withheld.keep({"AWS_CONTAINER_AUTHORIZATION_TOKEN": "sesame4"})
+    secret_environment.keep({"AWS_CONTAINER_AUTHORIZATION_TOKEN": "sesame4"})
     from botocore.credentials import RefreshableCredentials
 
     asked: list[str | None] = []

@@ -18,7 +18,7 @@ from typing import Any
 import psutil
 import pytest
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.store.connect import open_bucket, stop_storage
 from drcli.store.s3 import S3Bucket
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import load_settings
-from drcli.setup.folder import plan_experiment
-from drcli.setup.writing import write
+from drcli.config.folder_files import write
+from drcli.config.new_folder import plan_experiment
+from drcli.config.settings import load_settings
 
 pytestmark = pytest.mark.slow
 
@@ -84,7 +84,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
         ["list-models"],
         ["status"],
     ]
-    stop = "from drcli.config import *; from drcli.store.connect import *; from pathlib import *; "
+    stop = "from drcli.config.settings import *; from drcli.store.connect import *; from pathlib import *; "
     stop += f"f = Path({str(folder)!r}); stop_storage(load_settings(f), f)"
 
     old = os.umask(0o027)

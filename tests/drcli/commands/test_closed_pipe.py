@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.runs.record import RunRecord, run_folder
 
 

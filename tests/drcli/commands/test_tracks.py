@@ -14,7 +14,7 @@ import pytest
 from drcli.base.errors import Aborted, StorageError
 from drcli.cli import main
 from drcli.commands.bringing import bring_tracks
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.tracks import fetch, folder
 from drsim.errors import TrackError
 from drsim.worlds import load_track

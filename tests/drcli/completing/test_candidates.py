@@ -11,7 +11,7 @@ from drcli.completing import values
 from drcli.completing.answer import candidates, main
 from drcli.completing.places import VALUES
 from drcli.completing.values import Place
-from drcli.config import catalogue
+from drcli.config.settings import catalogue
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich", "pydantic", "drsim"}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.reward.drive import drive
 from drcli.reward.statement import Order, Statement
 from drcli.reward.testimony import testify as testify_to

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.runs import lease
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store.checkpoints import CheckpointStore

@@ -8,7 +8,7 @@ import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import StorageError
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.runs import log_upload
 from drcli.runs.log_upload import LogCopy, LogUpload
 from drcli.runs.logs import begin_logs, log_file

@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.runs.parameters import (
     evaluation_parameters,
     moved_training_parameters,

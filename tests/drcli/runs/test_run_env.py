@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.runs.run_env import raised
+from drcli.config.run_env import raised
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 
 
 class Folder:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import catalogue
-from drcli.settings.document import settings_page
-from drcli.settings.former import FORMER
+from drcli.config.document import settings_page
+from drcli.config.former_names import FORMER
+from drcli.config.settings import catalogue
 
 ROOT = Path(__file__).resolve().parents[3]
 

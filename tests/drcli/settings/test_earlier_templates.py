@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import catalogue
-from drcli.settings.former import FORMER
-from drcli.settings.inspection import check_settings, inspect_values
-from drcli.settings.names import old_names
+from drcli.config.former_names import FORMER
+from drcli.config.inspection import check_settings, inspect_values
+from drcli.config.names import old_names
+from drcli.config.settings import catalogue
 
 ALL_NAMES = Path(__file__).resolve().parents[4] / "shared" / "spec" / "drfc-variable-names.txt"
 

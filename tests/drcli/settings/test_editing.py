@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config import catalogue
-from drcli.settings.editing import set_values
+from drcli.config.editing import set_values
+from drcli.config.settings import catalogue
 
 
 @pytest.fixture

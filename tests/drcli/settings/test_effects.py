@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.settings.effects import idle, without_effect
+from drcli.config.effects import idle, without_effect
 
 
 def test_harmless_settings_share_one_sentence(folder):

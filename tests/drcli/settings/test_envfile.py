@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.envfile import LARGEST_BYTES, parse_env, with_values
+from drcli.config.env_file import LARGEST_BYTES, parse_env, with_values
 
 
 @pytest.mark.parametrize(

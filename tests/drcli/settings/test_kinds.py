@@ -2,8 +2,8 @@
 
 import pytest
 
-from drcli.config import load_settings
-from drcli.settings.kinds import follows_s3
+from drcli.config.settings import load_settings
+from drcli.config.value_types import follows_s3
 
 
 @pytest.mark.parametrize("name", ["bucket", "my-races", "a.b.c", "2024", "xyz", "a" * 63])

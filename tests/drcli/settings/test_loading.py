@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import Settings, catalogue
+from drcli.config.settings import Settings, catalogue
 
 
 @pytest.mark.parametrize("layers", [4, 3, 2, 1, 0])
@@ -268,7 +268,7 @@ def test_no_two_names_are_so_alike_that_one_passes_for_a_typo_of_an_old_one():
 
 def test_loading_needs_none_of_the_slow_libraries():
     slow = "{'torch', 'numpy', 'mujoco', 'boto3', 'typer', 'rich'}"
-    code = f"import sys, drcli.config; print({slow} & set(sys.modules) or '')"
+    code = f"import sys, drcli.config.settings; print({slow} & set(sys.modules) or '')"
 
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 

@@ -6,7 +6,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import FindingsError
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 
 
 @pytest.mark.parametrize(

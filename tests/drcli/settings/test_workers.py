@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config import Settings
+from drcli.config.settings import Settings
 
 MULTI = "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=3\nDR_WORLD_NAME=reinvent_base\n"
 

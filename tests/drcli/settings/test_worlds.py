@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drcli.settings import worlds
+from drcli.config import worlds
 from drsim.errors import TrackError
 from drsim.worlds import known_worlds, load_track
 

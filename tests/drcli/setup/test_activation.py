@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from drcli import activation
 from drcli.base.errors import SettingsError
-from drcli.config import active_run_file, load_settings
-from drcli.setup.shell import shell_change
+from drcli.config import activation
+from drcli.config.settings import active_run_file, load_settings
+from drcli.config.shell import shell_change
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.setup.questions import with_answers
+from drcli.cli.setup_questions import with_answers
 
 
 def never(sentence: str) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.settings.kinds import BESIDE_MODELS
+from drcli.config.value_types import BESIDE_MODELS
 from drcli.store import keys
 from drcli.store.keys import CheckpointName
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drcli.config import Settings, load_settings
+from drcli.config.settings import Settings, load_settings
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore

@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.runs.plan import StartOptions, prepare
 from drcli.runs.record import RunRecord
 from drcli.validate import rules

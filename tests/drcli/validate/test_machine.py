@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.store.memory import MemoryBucket

@@ -12,7 +12,7 @@ from threading import Event
 
 import pytest
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.job import Job
 from drcli.runs.inputs import InputFile
 from drcli.validate.examination import examine

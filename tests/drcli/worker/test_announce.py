@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.model_metadata import ModelMetadata
 from drcli.worker.announce import evaluation_lines, start_lines, training_lines

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.store import health

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config import load_settings
+from drcli.config.settings import load_settings
 from drcli.job import Job, LastWords
 
 DEAF = """import signal

@@ -1,0 +1,93 @@
+"""Judges values: whether they fit their field and fit each other."""
+
+from collections.abc import Iterator, Mapping
+
+from drcli.base.problems import Finding, UnfitError
+from drcli.config.model import Settings, catalogue
+from drcli.config.value_types import BESIDE_MODELS, BUCKET_RULE, follows_s3
+
+
+def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+    """DR_ name, reason and remedy of each value that its field refuses."""
+    for name, text in texts.items():
+        if not all(character >= " " for character in text):
+            yield name, "holds a line break or control character", f"Remove it from {name}."
+    for name in texts:
+        setting = catalogue()[name]
+        try:
+            setting.read(values[setting.field])
+        except UnfitError as unfit:
+            yield name, unfit.reason, unfit.remedy
+
+
+def oddities(settings: Settings) -> Iterator[str]:
+    """Sentences about values that are followed here and refused by the reference."""
+    if settings.eval_max_resets == 1:
+        yield (
+            f"{settings.source('DR_EVAL_MAX_RESETS')}: DR_EVAL_MAX_RESETS=1 puts a car back once "
+            "here; the reference refuses it and takes 0, or 2 and more."
+        )
+
+
+def contradictions(settings: Settings) -> Iterator[Finding]:
+    """Values that fit on their own but not together."""
+    if settings.cloud in ("remote", "azure") and not settings.remote_minio_url:
+        yield Finding(
+            settings.source("DR_CLOUD"),
+            f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty",
+            "Set DR_REMOTE_MINIO_URL, as in http://192.168.1.5:9000, or write DR_CLOUD=local.",
+        )
+    if settings.cloud in ("local", "aws") and not follows_s3(settings.bucket):
+        yield Finding(
+            settings.source("DR_LOCAL_S3_BUCKET"),
+            f"DR_LOCAL_S3_BUCKET={settings.bucket} is no name of a bucket with "
+            f"DR_CLOUD={settings.cloud}",
+            BUCKET_RULE,
+        )
+    if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
+        yield Finding(
+            settings.sources.get("DR_H2B_LOWER_LANE_CHANGE_TIME")
+            or settings.source("DR_H2B_UPPER_LANE_CHANGE_TIME"),
+            f"DR_H2B_LOWER_LANE_CHANGE_TIME={settings.h2b_lower_lane_change_time} is more than "
+            f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}",
+            "Exchange the two, or set both to the same time.",
+        )
+    if f"{settings.custom_files_prefix}/".startswith(f"{settings.model_prefix}/"):
+        yield Finding(
+            settings.sources.get("DR_LOCAL_S3_MODEL_PREFIX")
+            or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files, or "
+            f"holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+            "Give the model a folder of its own: -w would wipe your files.",
+        )
+    for name, prefix in _models_named(settings):
+        if prefix.startswith(f"{settings.custom_files_prefix}/"):
+            yield Finding(
+                settings.sources.get(name) or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+                f"{name}={prefix} lies in the folder of your own files "
+                f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+                "Give the model a folder beside it: they could overwrite each other.",
+            )
+    first, slash, _ = settings.model_prefix.partition("/")
+    if slash and first in BESIDE_MODELS:
+        yield Finding(
+            settings.source("DR_LOCAL_S3_MODEL_PREFIX"),
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} lies in {first}/, where running "
+            "trainings keep what they work with",
+            f"Let it begin with another name, such as my-{first}/.",
+        )
+    if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
+        yield Finding(
+            settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX"),
+            f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train",
+            f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
+        )
+
+
+def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:
+    """DR_ name and prefix of each model of our own bucket that the settings name."""
+    yield "DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix
+    if settings.pretrained:
+        yield "DR_LOCAL_S3_PRETRAINED_PREFIX", settings.pretrained_prefix
+    if settings.upload_s3_bucket == settings.bucket:
+        yield "DR_UPLOAD_S3_PREFIX", settings.upload_s3_prefix

@@ -1,0 +1,105 @@
+"""Says which settings of the racer's files do nothing here, and why."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from drcli.base.problems import shown
+from drcli.config.former_names import FORMER
+from drcli.config.model import Settings, catalogue
+from drcli.config.secrets import hidden
+
+OUTSIDE = ("default", "environment")
+"""Where a value stands that the racer has not written down here: a shell in which the reference was
+activated holds all of its names."""
+
+
+NAMED_BY_CHECK = "`dr config check` names them."
+
+
+@dataclass(frozen=True)
+class Idle:
+    """Settings that do nothing, all for the same reason.
+
+    Attributes:
+        reason: Why, without a full stop.
+        names: The settings, in the order of the documentation.
+    """
+
+    reason: str
+    names: tuple[str, ...]
+
+
+def idle(settings: Settings) -> tuple[Idle, ...]:
+    """Every name in the racer's files that does nothing, also where it has its default."""
+    by_reason: dict[str, list[str]] = {}
+    for item in _useless(settings):
+        if settings.source(item.name) not in OUTSIDE:
+            by_reason.setdefault(item.reason, []).append(item.name)
+    return tuple(Idle(reason, tuple(names)) for reason, names in by_reason.items())
+
+
+def without_effect(settings: Settings) -> Iterator[str]:
+    """Warnings about settings that do nothing: a line a reason, and one for all harmless ones."""
+    yield from missed(settings)
+    rest = remainder(settings)
+    if rest is not None:
+        yield rest
+
+
+def missed(settings: Settings) -> Iterator[str]:
+    """A sentence a reason about the settings that somebody counts on in vain."""
+    by_reason: dict[str, list[_Useless]] = {}
+    for item in _useless(settings):
+        if item.missed:
+            by_reason.setdefault(item.reason, []).append(item)
+    for reason, group in by_reason.items():
+        written = ", ".join(item.written for item in group)
+        verb = "has" if len(group) == 1 else "have"
+        yield f"{settings.source(group[0].name)}: {written} {verb} no effect: {reason}."
+
+
+def remainder(settings: Settings) -> str | None:
+    """One sentence about all others in the racer's files, None where there are none."""
+    told = {item.name for item in _useless(settings) if item.missed}
+    harmless = [name for group in idle(settings) for name in group.names if name not in told]
+    if not harmless:
+        return None
+    files = sorted({settings.source(name).partition(" line ")[0] for name in harmless})
+    verb = "is" if len(harmless) == 1 else "are"
+    return (
+        f"{' and '.join(files)}: {len(harmless)} of the settings {verb} for containers, windows, "
+        f"videos and the like, without effect here. {NAMED_BY_CHECK}"
+    )
+
+
+@dataclass(frozen=True)
+class _Useless:
+    """A name that does nothing here, whoever set it.
+
+    Attributes:
+        name: The name.
+        reason: Why, without a full stop.
+        written: Name and value, as they may be shown.
+        missed: Whether somebody counts on it.
+    """
+
+    name: str
+    reason: str
+    written: str
+    missed: bool
+
+
+def _useless(settings: Settings) -> Iterator[_Useless]:
+    for name, setting in catalogue().items():
+        if setting.effect != "used":
+            value = getattr(settings, setting.field)
+            missed = setting.effect == "planned" and value != setting.default
+            yield _Useless(name, setting.reason, _written(name, str(value)), missed)
+    for name, value in settings.extra.items():
+        if name in FORMER:
+            former = FORMER[name]
+            yield _Useless(name, former.reason, _written(name, value), former.missed(value))
+
+
+def _written(name: str, value: str) -> str:
+    return f"{name}={shown(hidden(name, value))}"

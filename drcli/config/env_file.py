@@ -1,0 +1,213 @@
+"""Reads and edits run.env and system.env: NAME=value lines, each with the place it stands at.
+
+The lines are read, never executed. Values may hold spaces and `=`, may stand in quotes, and `#`
+after a space starts a comment. `$NAME` is left in place here; `drcli.config.layers` fills it in.
+"""
+
+import codecs
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dotenv.parser import Binding, parse_stream
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, shown
+from drcli.base.text_file import decode
+
+LARGEST_BYTES = 64 * 1024
+"""No settings file comes near this; a file beyond it was named by mistake."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_LINE_END = re.compile(r"\r\n|\n|\r")
+_QUOTED = re.compile(r"""([^\S\r\n]*)(['"])((?:\\.|(?!\2)[^\\])*)\2(.*)""", re.DOTALL)
+_BARE = re.compile(
+    r"([^\S\r\n]*?)((?:\S[^\r\n]*?)?)((?:[^\S\r\n]+#[^\r\n]*)?[^\S\r\n]*(?:\r\n|\n|\r)?)"
+)
+"""What follows the =: space, value, and all that is behind it."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One value somebody gave to a name.
+
+    Attributes:
+        name: The variable.
+        value: The text as written, without its quotes.
+        where: Place, such as `run.env line 7`.
+        expands: Whether `$NAME` inside stands for another value.
+    """
+
+    name: str
+    value: str
+    where: str
+    expands: bool
+
+
+@dataclass(frozen=True)
+class EnvFile:
+    """The entries of a file in their order, and the lines that could not be read."""
+
+    entries: tuple[Entry, ...]
+    findings: tuple[Finding, ...]
+
+
+def read_env_file(path: Path, name: str) -> EnvFile:
+    """Read a file.
+
+    Args:
+        path: The file.
+        name: What to call it in messages.
+
+    Raises:
+        SettingsError: It cannot be opened or is no text.
+    """
+    return parse_env(content_of(path, name), name)
+
+
+def content_of(path: Path, name: str) -> bytes:
+    """The bytes of a settings file.
+
+    Args:
+        path: The file.
+        name: What to call it in messages.
+
+    Raises:
+        SettingsError: It cannot be opened.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as e:
+        raise SettingsError(
+            f"{name}: cannot be read ({e.strerror or e}).",
+            remedy=f"Check that {path} is a file and that you may read it.",
+        ) from e
+
+
+def parse_env(data: bytes, name: str) -> EnvFile:
+    """Take the content of a settings file apart.
+
+    Args:
+        data: Content, UTF-8 with or without a byte order mark, any line ends.
+        name: What to call the file in messages.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    entries: list[Entry] = []
+    findings: list[Finding] = []
+    for binding in parse_stream(io.StringIO(_text(data, name), newline="")):
+        written = binding.original.string
+        lead = written[: len(written) - len(written.lstrip())]
+        where = f"{name} line {binding.original.line + len(_LINE_END.findall(lead))}"
+        problem = _problem(binding)
+        if problem is not None:
+            findings.append(Finding(where, f"{shown(written.strip())} {problem[0]}", problem[1]))
+        elif binding.key is not None and binding.value is not None:
+            quoted = written.partition("=")[2].lstrip().startswith("'")
+            entries.append(Entry(binding.key, binding.value, where, expands=not quoted))
+    return EnvFile(tuple(entries), tuple(findings))
+
+
+def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
+    """The content of a settings file with other values for some names.
+
+    Everything else stays as it is: comments, also those behind the values, order, quotes, line
+    ends, byte order mark. Where a name stands twice the last line is changed, which is the one
+    that counts; a name that is missing gets a line at the end.
+
+    Args:
+        data: Content that `parse_env` finds nothing wrong with.
+        values: New values by name, without quotes or line breaks in them.
+        name: What to call the file in messages.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    text = _text(data, name)
+    bindings = list(parse_stream(io.StringIO(text, newline="")))
+    lines = [binding.original.string for binding in bindings]
+    places = {binding.key: index for index, binding in enumerate(bindings) if binding.key}
+    ends = _LINE_END.search(text)
+    end = ends[0] if ends is not None else "\n"
+    for key, value in values.items():
+        if key in places:
+            lines[places[key]] = _line_with(lines[places[key]], value)
+            continue
+        if lines and not lines[-1].endswith(("\n", "\r")):
+            lines[-1] += end
+        lines.append(f"{key}={value}{end}")
+    mark = codecs.BOM_UTF8 if data.startswith(codecs.BOM_UTF8) else b""
+    return mark + "".join(lines).encode()
+
+
+def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None:
+    """The content of a settings file in which a name reads as one value, and all else as before.
+
+    The value gets quotes where it needs them; a `$` in it stays alive.
+
+    Args:
+        data: Content that `parse_env` finds nothing wrong with.
+        key: The name to give a value to.
+        value: What it shall read as.
+        name: What to call the file in messages.
+
+    Returns:
+        None where no quotes help, or the value is no text.
+
+    Raises:
+        SettingsError: The content is no text.
+    """
+    wanted = {**{entry.name: entry.value for entry in parse_env(data, name).entries}, key: value}
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        return None  # other bytes of a command line arrive as these
+    for written in (value, f'"{value}"', f"'{value}'"):
+        changed = with_values(data, {key: written}, name)
+        after = {entry.name: entry for entry in parse_env(changed, name).entries}
+        read = {entry.name: entry.value for entry in after.values()}
+        if read == wanted and (after[key].expands or "$" not in value):
+            return changed
+    return None
+
+
+def _line_with(line: str, value: str) -> str:
+    """A NAME=value line with another value, in the quotes that it had."""
+    head, equals, rest = line.partition("=")
+    quoted = _QUOTED.fullmatch(rest)
+    if quoted is not None:
+        space, quote, _, behind = quoted.groups()
+        return f"{head}{equals}{space}{quote}{value}{quote}{behind}"
+    bare = _BARE.fullmatch(rest)
+    space, behind = (bare[1], bare[3]) if bare is not None else ("", "")
+    return f"{head}{equals}{space}{value}{behind}"
+
+
+def _text(data: bytes, name: str) -> str:
+    remedy = f"Save {name} as plain UTF-8 text, or restore it from your backup."
+    text = decode(data, name, largest_bytes=LARGEST_BYTES, kind="settings file", remedy=remedy)
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise SettingsError(f"{name} line {line}: holds a NUL, so is no text.", remedy=remedy)
+    return text
+
+
+def _problem(binding: Binding) -> tuple[str, str] | None:
+    """What is wrong with a line, and the remedy."""
+    if binding.error:
+        return (
+            "is no NAME=value line",
+            "Write NAME=value, close every quote at the end of the value, "
+            "and start comments with #.",
+        )
+    if binding.key is None:
+        return None
+    if binding.value is None:
+        return "has no =", "Write NAME=value, or start the line with # if it is a comment."
+    if not _NAME.fullmatch(binding.key):
+        return (
+            "does not start with a variable name",
+            "Use only letters, digits and _ in the name, as in DR_WORKERS=1.",
+        )
+    return None

@@ -1,0 +1,234 @@
+"""How a DR_ name is declared: one field with its type, default, range and meaning.
+
+Pydantic's core reads the flags and numbers that somebody wrote, one by one: to load the rest of it
+and to build a model of all the fields takes a quarter of a second, and every command reads
+settings.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
+
+from pydantic_core import SchemaValidator, ValidationError, core_schema
+
+from drcli.base.problems import UnfitError, one_of
+from drcli.config.value_types import Check, Shape
+
+T = TypeVar("T")
+
+Effect = Literal["used", "accepted", "planned"]
+"""Whether a setting does something here: `accepted` is harmless to ignore, `planned` is not."""
+
+FileName = Literal["run.env", "system.env"]
+"""Where a setting belongs; it counts in both files."""
+
+_UNREADABLE = {
+    "flag": "is neither True nor False",
+    "whole": "is no whole number",
+    "number": "is no number",
+}
+
+
+class Group:
+    """Settings that belong together.
+
+    Attributes:
+        title: Heading in the documentation.
+        file: Where they belong.
+    """
+
+    title: ClassVar[str]
+    file: ClassVar[FileName] = "run.env"
+
+
+@dataclass(frozen=True)
+class _Declaration:
+    """What `setting` was told."""
+
+    name: str
+    default: Any
+    meaning: str
+    low: float | None
+    high: float | None
+    effect: Effect
+    reason: str
+    old_names: tuple[str, ...]
+    file: FileName | None
+
+
+def setting(
+    name: str,
+    default: T,
+    meaning: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    old_names: tuple[str, ...] = (),
+    planned: str = "",
+    ignored: str = "",
+    file: FileName | None = None,
+) -> T:
+    """Declare a field of a group.
+
+    Args:
+        name: Its DR_ name, which stands nowhere else.
+        default: Its value when nobody sets it; texts may hold `$NAME`.
+        meaning: One line for the documentation.
+        low: Least value allowed.
+        high: Greatest value allowed.
+        old_names: Names that earlier versions of the reference used for it.
+        planned: Why it does nothing yet, although somebody who changes it expects an effect.
+        ignored: Why it may be ignored for good.
+        file: Where it belongs, if not where its group does.
+    """
+    effect: Effect = "planned" if planned else "accepted" if ignored else "used"
+    reason = planned or ignored
+    declaration = _Declaration(name, default, meaning, low, high, effect, reason, old_names, file)
+    return cast(T, declaration)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known about one DR_ name.
+
+    Attributes:
+        name: The DR_ name.
+        field: Attribute of `Settings`.
+        kind: What its text must be: text, flag, whole, number, choice, path or list.
+        choices: The allowed words of a choice.
+        default: Value when nobody sets it.
+        meaning: One line.
+        low: Least number, if limited.
+        high: Greatest number, if limited.
+        effect: Whether it does something here.
+        reason: Why it does not.
+        old_names: Names that mean the same.
+        shape: What a text may be.
+        group: Heading in the documentation.
+        file: Where it belongs; it counts in both files.
+        judge: Judges a text that fits the kind and returns the value; None where any will do.
+    """
+
+    name: str
+    field: str
+    kind: str
+    choices: tuple[str, ...]
+    default: Any
+    meaning: str
+    low: float | None
+    high: float | None
+    effect: Effect
+    reason: str
+    old_names: tuple[str, ...]
+    shape: str
+    group: str
+    file: FileName
+    judge: Callable[[str], Any] | None
+
+    @property
+    def default_text(self) -> str:
+        """The default as it would be written in a settings file."""
+        return "" if self.default in (None, ()) else str(self.default)
+
+    @property
+    def expected(self) -> str:
+        """What may be written, as it reads after `Set it to`."""
+        words = {
+            "flag": "True or False",
+            "whole": "a whole number",
+            "number": "a number",
+            "path": "a folder",
+            "list": "progress,lane pairs such as 0.23,-1;0.46,1",
+        }
+        text = words.get(self.kind) or self.shape or "any text"
+        if self.choices:
+            text = f"one of {', '.join(self.choices)}"
+        if self.low is not None and self.high is not None:
+            return f"{text} from {self.low} to {self.high}"
+        return text if self.low is None else f"{text}, {self.low} or more"
+
+    def read(self, text: str) -> Any:
+        """The value that a text means.
+
+        Raises:
+            UnfitError: None.
+        """
+        value = self._of_kind(text)
+        return value if self.judge is None else self.judge(value)
+
+    def _of_kind(self, text: str) -> Any:
+        if self.kind == "choice" and text not in self.choices:
+            raise UnfitError(f"is none of {', '.join(self.choices)}", one_of(self.choices, text))
+        if self.kind not in _UNREADABLE:
+            return Path(text) if self.kind == "path" else text
+        try:
+            return _reader(self.kind, self.low, self.high).validate_python(text)
+        except ValidationError as e:
+            fault = e.errors(include_url=False)[0]["type"]
+            reason = _UNREADABLE[self.kind]
+            if fault == "greater_than_equal":
+                reason = f"is below {self.low}"
+            elif fault == "less_than_equal":
+                reason = f"is above {self.high}"
+            raise UnfitError(reason, self._remedy()) from None
+
+    def _remedy(self) -> str:
+        remedy = f"Set {self.name} to {self.expected}"
+        if self.default_text:
+            remedy += f", or leave it out for the default {self.default_text}"
+        return f"{remedy}."
+
+
+@cache
+def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator:
+    """What reads texts of a kind."""
+    if kind == "flag":
+        return SchemaValidator(core_schema.bool_schema())
+    if kind == "whole":
+        least, most = (None if edge is None else int(edge) for edge in (low, high))
+        return SchemaValidator(core_schema.int_schema(ge=least, le=most))
+    return SchemaValidator(core_schema.float_schema(ge=low, le=high, allow_inf_nan=False))
+
+
+def declared(model: type[Group]) -> Mapping[str, Setting]:
+    """Every setting of a model by its DR_ name, in the order of declaration."""
+    found = {}
+    groups = [base for base in reversed(model.__mro__) if issubclass(base, Group)]
+    for group in groups:
+        for field, annotation in inspect.get_annotations(group).items():
+            told = vars(group).get(field)
+            if not isinstance(told, _Declaration):
+                continue
+            hints = getattr(annotation, "__metadata__", ())
+            kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
+            found[told.name] = Setting(
+                name=told.name,
+                field=field,
+                kind=kind,
+                choices=choices,
+                default=told.default,
+                meaning=told.meaning,
+                low=told.low,
+                high=told.high,
+                effect=told.effect,
+                reason=told.reason,
+                old_names=told.old_names,
+                shape="".join(hint.words for hint in hints if isinstance(hint, Shape)),
+                group=group.title,
+                file=told.file or group.file,
+                judge=next((hint.judge for hint in hints if isinstance(hint, Check)), None),
+            )
+    return found
+
+
+def _kind(annotation: Any) -> tuple[str, tuple[str, ...]]:
+    if get_origin(annotation) is Literal:
+        return "choice", get_args(annotation)
+    if isinstance(annotation, UnionType):
+        (annotation,) = (kind for kind in get_args(annotation) if kind is not NoneType)
+    kinds = {str: "text", bool: "flag", int: "whole", float: "number", Path: "path"}
+    return kinds.get(annotation, "list"), ()

@@ -1,0 +1,198 @@
+"""Writes what was planned into a folder: all of it or, when something is in the way, nothing."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from drcli.base.atomic_file import only_writer, remedy_for, rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Finding, FindingsError
+from drcli.config.env_file import content_of
+
+
+@dataclass(frozen=True)
+class NewFile:
+    """A file to write.
+
+    Attributes:
+        name: Its path below the working folder.
+        data: Its content.
+    """
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class FolderPlan:
+    """What is about to be written.
+
+    Attributes:
+        folder: The working folder, absolute.
+        files: Everything that belongs there.
+        folders: Folders that belong there even when they are empty.
+        missing_track: The chosen track, where it is still to be fetched.
+        warnings: Sentences about what is allowed and may surprise.
+    """
+
+    folder: Path
+    files: tuple[NewFile, ...]
+    folders: tuple[str, ...]
+    missing_track: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def clashes(self) -> list[str]:
+        """Files that are there already with another content, by name."""
+        return [file.name for file in self.files if _differs(self.folder / file.name, file.data)]
+
+
+@dataclass(frozen=True)
+class FolderReport:
+    """What was written.
+
+    Attributes:
+        folder: The working folder.
+        written: Files, by their path below it.
+        unchanged: Files that were as they should be.
+        backups: Copies of files that were replaced.
+        warnings: Sentences about what is allowed and may surprise.
+    """
+
+    folder: str
+    written: list[str]
+    unchanged: list[str]
+    backups: list[str]
+    warnings: list[str]
+
+
+def write(plan: FolderPlan) -> FolderReport:
+    """Write what was planned. What is replaced stays beside it as .bak.
+
+    Raises:
+        FindingsError: Something is in the way; nothing was written.
+        SettingsError: Something cannot be written; all is as it was.
+    """
+    _refuse_obstacles(plan)
+    written, unchanged, backups = [], [], []
+    with _taken_back_on_failure() as undo:
+        _make_folders(plan.folder, undo)
+        with only_writer(plan.folder):
+            for name in plan.folders:
+                _make_folders(plan.folder / name, undo)
+            for file in plan.files:
+                path = plan.folder / file.name
+                before = _content(path)
+                if before == file.data:
+                    unchanged.append(file.name)
+                    continue
+                _make_folders(path.parent, undo)
+                if _differs(path, file.data):
+                    copy = _free_name(path)
+                    undo.append(partial(copy.unlink, missing_ok=True))
+                    rewrite(copy, before or b"")
+                    backups.append(str(copy.relative_to(plan.folder)))
+                undo.append(_restoring(path, before))
+                rewrite(path, file.data)
+                written.append(file.name)
+    return FolderReport(str(plan.folder), written, unchanged, backups, list(plan.warnings))
+
+
+def _refuse_obstacles(plan: FolderPlan) -> None:
+    """Refuse what would fail half way.
+
+    Raises:
+        FindingsError: Something is in the way.
+    """
+    found: dict[Path, str] = {}
+    for name in ("", *plan.folders):
+        if not (plan.folder / name).is_dir():
+            found |= _obstacle(plan.folder / name)
+    for file in plan.files:
+        path = Path(os.path.realpath(plan.folder / file.name))
+        if path.exists() and not path.is_file():
+            found[path] = "is no file, and one has to be written there"
+        elif _content(path) == file.data:
+            continue
+        elif path.is_file() and not os.access(path, os.W_OK):
+            found[path] = "is write-protected"
+        else:
+            found |= _obstacle(path.parent)
+    if found:
+        remedy = "Move it away or change its rights, or choose another folder."
+        raise FindingsError([Finding(str(path), what, remedy) for path, what in found.items()])
+
+
+def _obstacle(folder: Path) -> dict[Path, str]:
+    """Why a folder cannot be made or written into, by the path that is in the way."""
+    nearest = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+    if not nearest.is_dir():
+        return {nearest: "is no folder, so nothing can be written in it"}
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        return {nearest: "may not be written into"}
+    return {}
+
+
+@contextmanager
+def _taken_back_on_failure() -> Iterator[list[Callable[[], object]]]:
+    """Collects what takes back each step, and does so when a later step fails."""
+    steps: list[Callable[[], object]] = []
+    try:
+        yield steps
+    except BaseException:
+        for step in reversed(steps):
+            with suppress(OSError, SettingsError):
+                step()
+        raise
+
+
+def _restoring(path: Path, before: bytes | None) -> Callable[[], object]:
+    """What gives a file its content back, or takes it away where there was none."""
+    if before is None:
+        return partial(path.unlink, missing_ok=True)
+    return partial(rewrite, path, before)
+
+
+def _differs(path: Path, data: bytes) -> bool:
+    """Whether something stands where a file shall be, and would be lost."""
+    if path.name == ".gitignore":  # whose lines are kept
+        return False
+    return _content(path) not in (None, data)
+
+
+def _content(path: Path) -> bytes | None:
+    """What is in a file, None where there is none.
+
+    Raises:
+        SettingsError: It may not be read.
+    """
+    return content_of(path, str(path)) if path.is_file() else None
+
+
+def _free_name(path: Path) -> Path:
+    """A name beside a file that nothing has yet."""
+    names = (f"{path.name}.bak{number or ''}" for number in range(1000))
+    return next(path.with_name(name) for name in names if not path.with_name(name).exists())
+
+
+def _make_folders(path: Path, undo: list[Callable[[], object]]) -> None:
+    """Make a folder and those above it, as far as they are missing.
+
+    Raises:
+        SettingsError: One cannot be made.
+    """
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    for folder in reversed(missing):
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as e:
+            raise SettingsError(
+                f"{folder}: this folder cannot be made ({e.strerror or e}).",
+                remedy=remedy_for(
+                    e, folder, "Choose another folder, or check that you may write there."
+                ),
+            ) from e
+        undo.append(folder.rmdir)

@@ -1,0 +1,123 @@
+"""What shares the track with the car: obstacles, bot cars and another model (run.env)."""
+
+from typing import ClassVar, Literal
+
+from drcli.config.fields import Group, setting
+from drcli.config.value_types import ObjectKey, Positions
+
+_OVERLAY = "it only shows in videos, which are not recorded here"
+
+
+class ObstacleSettings(Group):
+    """Boxes and parked cars of OBJECT_AVOIDANCE."""
+
+    title: ClassVar[str] = "Obstacles"
+
+    oa_number_of_obstacles: int = setting(
+        "DR_OA_NUMBER_OF_OBSTACLES", 6, "Number of obstacles.", low=0
+    )
+    oa_min_distance_between_obstacles: float = setting(
+        "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES",
+        2.0,
+        "Least distance between two obstacles, metres.",
+        low=0,
+    )
+    oa_randomize_obstacle_locations: bool = setting(
+        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS",
+        False,
+        "Move the obstacles in each episode.",
+    )
+    oa_is_obstacle_bot_car: bool = setting(
+        "DR_OA_IS_OBSTACLE_BOT_CAR", False, "Parked cars instead of boxes."
+    )
+    oa_obstacle_type: Literal["box_obstacle", "deepracer_box_obstacle", "amazon_box_obstacle"] = (
+        setting("DR_OA_OBSTACLE_TYPE", "box_obstacle", "Kind of box.")
+    )
+    oa_object_positions: Positions = setting(
+        "DR_OA_OBJECT_POSITIONS",
+        (),
+        "Fixed places as progress,lane pairs; they win over number and randomisation.",
+    )
+
+
+class BotSettings(Group):
+    """Slow cars of HEAD_TO_BOT."""
+
+    title: ClassVar[str] = "Bot cars"
+
+    h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
+    h2b_lower_lane_change_time: float = setting(
+        "DR_H2B_LOWER_LANE_CHANGE_TIME",
+        3.0,
+        "Least seconds between lane changes.",
+        low=0,
+    )
+    h2b_upper_lane_change_time: float = setting(
+        "DR_H2B_UPPER_LANE_CHANGE_TIME",
+        5.0,
+        "Most seconds between lane changes.",
+        low=0,
+    )
+    h2b_lane_change_distance: float = setting(
+        "DR_H2B_LANE_CHANGE_DISTANCE",
+        1.0,
+        "Metres driven during a lane change.",
+        low=0,
+    )
+    h2b_number_of_bot_cars: int = setting("DR_H2B_NUMBER_OF_BOT_CARS", 3, "Number of bots.", low=0)
+    h2b_min_distance_between_bot_cars: float = setting(
+        "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS",
+        2.0,
+        "Least distance between two bots, metres.",
+        low=0,
+    )
+    h2b_randomize_bot_car_locations: bool = setting(
+        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS",
+        False,
+        "Move the bots' starts in each episode.",
+    )
+    h2b_bot_car_speed: float = setting(
+        "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", low=0, high=100
+    )
+    h2b_bot_car_penalty: float = setting(
+        "DR_H2B_BOT_CAR_PENALTY",
+        5.0,
+        "Seconds that the bots wait after the car was hit from behind.",
+        low=0,
+    )
+
+
+class OpponentSettings(Group):
+    """The other model of HEAD_TO_MODEL."""
+
+    title: ClassVar[str] = "Opponent of HEAD_TO_MODEL"
+
+    eval_opp_s3_model_prefix: ObjectKey = setting(
+        "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."
+    )
+    eval_opp_car_body_shell_type: str = setting(
+        "DR_EVAL_OPP_CAR_BODY_SHELL_TYPE", "deepracer", "Body of its car.", ignored=_OVERLAY
+    )
+    eval_opp_car_name: str = setting(
+        "DR_EVAL_OPP_CAR_NAME", "FasterCar", "Name of its car.", ignored=_OVERLAY
+    )
+    eval_opp_display_name: str = setting(
+        "DR_EVAL_OPP_DISPLAY_NAME",
+        "$DR_EVAL_OPP_CAR_NAME",
+        "Name shown for its car.",
+        ignored=_OVERLAY,
+    )
+    eval_opp_racer_name: str = setting(
+        "DR_EVAL_OPP_RACER_NAME", "$DR_EVAL_OPP_CAR_NAME", "Name of its racer.", ignored=_OVERLAY
+    )
+    eval_opp_s3_metrics_prefix: ObjectKey = setting(
+        "DR_EVAL_OPP_S3_METRICS_PREFIX",
+        "$DR_EVAL_OPP_S3_MODEL_PREFIX/metrics",
+        "Folder of its metrics.",
+    )
+    eval_opp_model_prefix: ObjectKey = setting(
+        "DR_EVAL_OPP_MODEL_PREFIX",
+        "$DR_EVAL_OPP_S3_MODEL_PREFIX",
+        "Folder of its videos.",
+        ignored=_OVERLAY,
+    )

@@ -1,0 +1,74 @@
+"""Sim-to-real extras (run.env): what a real car has and the simulation has not; off by default."""
+
+from typing import ClassVar, Literal
+
+from drcli.config.fields import Group, setting
+
+
+class RealismSettings(Group):
+    """Disturbances of camera and car, drawn anew for each episode from the seed."""
+
+    title: ClassVar[str] = "Sim-to-real extras"
+
+    sim_extras_in: Literal["both", "training", "evaluation"] = setting(
+        "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below act."
+    )
+    sim_image_noise: float = setting(
+        "DR_SIM_IMAGE_NOISE",
+        0.0,
+        "Noise in every pixel: standard deviation in greys of 0 to 255.",
+        low=0,
+        high=128,
+    )
+    sim_brightness: float = setting(
+        "DR_SIM_BRIGHTNESS",
+        0.0,
+        "Brightness of an episode differs by up to this share, darker or brighter.",
+        low=0,
+        high=0.9,
+    )
+    sim_blur: float = setting(
+        "DR_SIM_BLUR",
+        0.0,
+        "Blur of an episode: up to this standard deviation in pixels of 160 a row.",
+        low=0,
+        high=4,
+    )
+    sim_camera_angle: float = setting(
+        "DR_SIM_CAMERA_ANGLE",
+        0.0,
+        "Camera turned by up to this many degrees in roll, pitch and yaw.",
+        low=0,
+        high=20,
+    )
+    sim_camera_shift: float = setting(
+        "DR_SIM_CAMERA_SHIFT",
+        0.0,
+        "Camera moved by up to this many metres forward, sideways and upwards.",
+        low=0,
+        high=0.05,
+    )
+    sim_latency: float = setting(
+        "DR_SIM_LATENCY", 0.0, "Seconds by which every action acts later.", low=0, high=0.5
+    )
+    sim_latency_jitter: float = setting(
+        "DR_SIM_LATENCY_JITTER",
+        0.0,
+        "Further seconds of latency, up to this, drawn for each episode.",
+        low=0,
+        high=0.5,
+    )
+    sim_friction: float = setting(
+        "DR_SIM_FRICTION",
+        0.0,
+        "Grip of an episode differs by up to this share, less or more.",
+        low=0,
+        high=0.9,
+    )
+    sim_mass: float = setting(
+        "DR_SIM_MASS",
+        0.0,
+        "Mass of the car differs by up to this share, lighter or heavier.",
+        low=0,
+        high=0.9,
+    )

@@ -1,0 +1,130 @@
+"""Where things lie: the bucket, its server and the keys in it (system.env and run.env)."""
+
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from drcli.config.fields import FileName, Group, setting
+from drcli.config.value_types import (
+    HOME_REGION,
+    Address,
+    BucketName,
+    FolderName,
+    ObjectKey,
+    Region,
+    UploadBucket,
+)
+
+
+class BucketSettings(Group):
+    """The bucket and how to reach it."""
+
+    title: ClassVar[str] = "Bucket"
+    file: ClassVar[FileName] = "system.env"
+
+    cloud: Literal["local", "remote", "aws", "azure"] = setting(
+        "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
+    )
+    bucket: BucketName = setting("DR_LOCAL_S3_BUCKET", "bucket", "Bucket that holds everything.")
+    profile: str = setting(
+        "DR_LOCAL_S3_PROFILE", "", "AWS profile with the keys; empty lets the AWS library search."
+    )
+    aws_app_region: Region = setting("DR_AWS_APP_REGION", HOME_REGION, "AWS region.")
+    remote_minio_url: Address = setting(
+        "DR_REMOTE_MINIO_URL", "", "S3 address of DR_CLOUD=remote and azure."
+    )
+    local_s3_engine: Literal["rclone", "minio", "moto"] = setting(
+        "DR_LOCAL_S3_ENGINE", "rclone", "Program that serves the bucket of DR_CLOUD=local."
+    )
+    local_s3_port: int = setting(
+        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 takes a free one.", low=0, high=65_535
+    )
+    s3_data_dir: Path = setting(
+        "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program keeps its objects."
+    )
+    local_s3_idle_minutes: int = setting(
+        "DR_LOCAL_S3_IDLE_MINUTES",
+        10,
+        "Minutes without a request after which that program (rclone) ends; 0 never.",
+        low=0,
+    )
+    log_max_mb: int = setting(
+        "DR_LOG_MAX_MB",
+        512,
+        "Greatest size of one worker's log in MB, older parts included.",
+        low=16,
+    )
+    experiment_name: FolderName = setting(
+        "DR_EXPERIMENT_NAME", "", "Folder in experiments/ whose run.env and custom_files count."
+    )
+
+
+class KeySettings(Group):
+    """Places in the bucket."""
+
+    title: ClassVar[str] = "Places in the bucket"
+
+    model_prefix: ObjectKey = setting(
+        "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."
+    )
+    pretrained: bool = setting(
+        "DR_LOCAL_S3_PRETRAINED", False, "Start from the weights of another model."
+    )
+    pretrained_prefix: ObjectKey = setting(
+        "DR_LOCAL_S3_PRETRAINED_PREFIX", "rl-sagemaker-pretrained", "Folder of that model."
+    )
+    pretrained_checkpoint: Literal["last", "best"] = setting(
+        "DR_LOCAL_S3_PRETRAINED_CHECKPOINT", "last", "Which of its checkpoints."
+    )
+    custom_files_prefix: ObjectKey = setting(
+        "DR_LOCAL_S3_CUSTOM_FILES_PREFIX", "custom_files", "Folder of your own files."
+    )
+    reward_key: ObjectKey = setting(
+        "DR_LOCAL_S3_REWARD_KEY",
+        "$DR_LOCAL_S3_CUSTOM_FILES_PREFIX/reward_function.py",
+        "Your reward function.",
+    )
+    hyperparameters_key: ObjectKey = setting(
+        "DR_LOCAL_S3_HYPERPARAMETERS_KEY",
+        "$DR_LOCAL_S3_CUSTOM_FILES_PREFIX/hyperparameters.json",
+        "Your hyperparameters.",
+    )
+    model_metadata_key: ObjectKey = setting(
+        "DR_LOCAL_S3_MODEL_METADATA_KEY",
+        "$DR_LOCAL_S3_CUSTOM_FILES_PREFIX/model_metadata.json",
+        "Your actions, sensors and network.",
+    )
+    metrics_prefix: ObjectKey = setting(
+        "DR_LOCAL_S3_METRICS_PREFIX", "$DR_LOCAL_S3_MODEL_PREFIX/metrics", "Folder of the metrics."
+    )
+    training_params_file: ObjectKey = setting(
+        "DR_LOCAL_S3_TRAINING_PARAMS_FILE",
+        "training_params.yaml",
+        "Description of the training, below the model's folder.",
+        old_names=("DR_LOCAL_S3_PARAMS_FILE",),
+    )
+    eval_params_file: ObjectKey = setting(
+        "DR_LOCAL_S3_EVAL_PARAMS_FILE",
+        "evaluation_params.yaml",
+        "Description of the evaluation, below the model's folder.",
+    )
+    upload_s3_profile: str = setting(
+        "DR_UPLOAD_S3_PROFILE",
+        "default",
+        "AWS profile with the keys of that bucket.",
+        file="system.env",
+    )
+    upload_s3_endpoint_url: Address = setting(
+        "DR_UPLOAD_S3_ENDPOINT_URL",
+        "",
+        "S3 address of that bucket; empty takes what the profile says, else Amazon.",
+        file="system.env",
+    )
+    upload_s3_bucket: UploadBucket = setting(
+        "DR_UPLOAD_S3_BUCKET",
+        "not-defined",
+        "Bucket that models are uploaded to; not-defined when there is none.",
+        file="system.env",
+    )
+    upload_s3_prefix: ObjectKey = setting(
+        "DR_UPLOAD_S3_PREFIX", "$DR_LOCAL_S3_MODEL_PREFIX-1", "Folder of the model there."
+    )

@@ -1,0 +1,218 @@
+"""Settings of the reference's containers, windows and services, most of which need nothing here.
+
+They are listed so that a system.env written for the reference loads as it is, and so that the
+documentation can say of each name why it does nothing.
+"""
+
+from typing import ClassVar, Literal
+
+from drcli.config.fields import FileName, Group, setting
+
+DOCKER = "no containers are used"
+WINDOW = "nothing opens a window and no X server is needed"
+_STREAM = "no camera stream is published"
+DERIVED = "the reference's activation script works it out for its containers"
+_SPOT = "it steers the scripts of deepracer-on-the-spot"
+_CONSOLE = "models are not exchanged with DeepRacer on AWS"
+_REAL_TIME = "metrics are written to the bucket only"
+
+
+class ContainerSettings(Group):
+    """Images and containers."""
+
+    title: ClassVar[str] = "Containers and logs"
+    file: ClassVar[FileName] = "system.env"
+
+    simapp_source: str = setting(
+        "DR_SIMAPP_SOURCE",
+        "awsdeepracercommunity/deepracer-simapp",
+        "Container image.",
+        ignored=DOCKER,
+    )
+    simapp_version: str = setting(
+        "DR_SIMAPP_VERSION", "6.0.4-cpu", "Version of that image.", ignored=DOCKER
+    )
+    minio_image: str = setting("DR_MINIO_IMAGE", "latest", "Version of MinIO.", ignored=DOCKER)
+    analysis_image: str = setting(
+        "DR_ANALYSIS_IMAGE", "cpu", "Version of the analysis image.", ignored=DOCKER
+    )
+    sagemaker_image: str = setting(
+        "DR_SAGEMAKER_IMAGE", "", "Trainer image of old versions.", ignored=DOCKER
+    )
+    robomaker_image: str = setting(
+        "DR_ROBOMAKER_IMAGE", "", "Simulation image of old versions.", ignored=DOCKER
+    )
+    docker_style: Literal["swarm", "compose"] = setting(
+        "DR_DOCKER_STYLE", "swarm", "How containers are started.", ignored=DOCKER
+    )
+    robomaker_mount_logs: bool = setting(
+        "DR_ROBOMAKER_MOUNT_LOGS",
+        False,
+        "Keep simulation logs on this machine.",
+        ignored="logs always lie in data/logs",
+    )
+    robomaker_mount_simapp_dir: str = setting(
+        "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=DOCKER
+    )
+    robomaker_mount_scripts_dir: str = setting(
+        "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=DOCKER
+    )
+    robomaker_cuda_devices: str = setting(
+        "DR_ROBOMAKER_CUDA_DEVICES",
+        "",
+        "GPUs of the simulation.",
+        ignored="the simulation uses no GPU",
+    )
+    cloud_watch_enable: bool = setting(
+        "DR_CLOUD_WATCH_ENABLE", False, "Send logs to CloudWatch.", planned="logs stay here"
+    )
+    cloud_watch_log_stream_prefix: str = setting(
+        "DR_CLOUD_WATCH_LOG_STREAM_PREFIX", "", "Name of those logs.", ignored="logs stay here"
+    )
+    quiet_activate: bool = setting(
+        "DR_QUIET_ACTIVATE",
+        False,
+        "Activate without a summary.",
+        ignored="nothing is printed anyway",
+    )
+
+
+class ScreenSettings(Group):
+    """Windows, cameras and streams."""
+
+    title: ClassVar[str] = "Windows, cameras and streams"
+    file: ClassVar[FileName] = "system.env"
+
+    gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=WINDOW)
+    host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=WINDOW)
+    display: str = setting("DR_DISPLAY", "", "X display.", ignored=WINDOW)
+    gazebo_args: str = setting(
+        "DR_GAZEBO_ARGS", "", "Options of Gazebo.", ignored="MuJoCo takes its place"
+    )
+    gazebo_render_engine: str = setting(
+        "DR_GAZEBO_RENDER_ENGINE",
+        "ogre2",
+        "Renderer of Gazebo.",
+        ignored="the camera is computed without a renderer",
+    )
+    kinesis_stream_name: str = setting(
+        "DR_KINESIS_STREAM_NAME", "", "Kinesis video stream.", planned=_STREAM
+    )
+    camera_main_enable: bool = setting(
+        "DR_CAMERA_MAIN_ENABLE", True, "Camera that follows the car.", ignored=_STREAM
+    )
+    camera_sub_enable: bool = setting(
+        "DR_CAMERA_SUB_ENABLE", False, "Camera above the track.", ignored=_STREAM
+    )
+    camera_kvs_enable: bool = setting(
+        "DR_CAMERA_KVS_ENABLE",
+        True,
+        "Publish the camera picture.",
+        old_names=("DR_KINESIS_STREAM_ENABLE",),
+        ignored=_STREAM,
+    )
+    enable_extra_kvs_overlay: bool = setting(
+        "DR_ENABLE_EXTRA_KVS_OVERLAY", False, "More text in the picture.", ignored=_STREAM
+    )
+    webviewer_port: int = setting(
+        "DR_WEBVIEWER_PORT",
+        8100,
+        "Port of the viewer.",
+        low=1,
+        high=65_535,
+        ignored="there is no viewer",
+    )
+
+
+class ServiceSettings(Group):
+    """Services beside the training."""
+
+    title: ClassVar[str] = "Services"
+    file: ClassVar[FileName] = "system.env"
+
+    telegraf_host: str = setting(
+        "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
+    )
+    telegraf_port: int = setting(
+        "DR_TELEGRAF_PORT", 8092, "Port on that host.", low=1, high=65_535, ignored=_REAL_TIME
+    )
+    droa_url: str = setting("DR_DROA_URL", "", "DeepRacer on AWS.", ignored=_CONSOLE)
+    droa_username: str = setting("DR_DROA_USERNAME", "", "User there.", ignored=_CONSOLE)
+    droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print its requests.", ignored=_CONSOLE)
+    regular_upload: int = setting(
+        "DR_REGULAR_UPLOAD",
+        0,
+        "Minutes between uploads of the model; 0 never.",
+        low=0,
+        planned="models are not uploaded while they train",
+        file="run.env",
+    )
+    regular_physical_model_upload: int = setting(
+        "DR_REGULAR_PHYSICAL_MODEL_UPLOAD",
+        0,
+        "Minutes between archives for the car; 0 never.",
+        low=0,
+        planned="archives for the car are not made while a model trains",
+        file="run.env",
+    )
+    continue_on_spot_interruption: bool = setting(
+        "DR_CONTINUE_ON_SPOT_INTERRUPTION", True, "Go on elsewhere.", ignored=_SPOT, file="run.env"
+    )
+    import_model_on_completion: bool = setting(
+        "DR_IMPORT_MODEL_ON_COMPLETION",
+        True,
+        "Import the model at the end.",
+        ignored=_SPOT,
+        file="run.env",
+    )
+    import_model_regular_upload: bool = setting(
+        "DR_IMPORT_MODEL_REGULAR_UPLOAD", False, "Read by nothing.", ignored=_SPOT, file="run.env"
+    )
+
+
+class DerivedSettings(Group):
+    """What a shell holds in which the reference was activated."""
+
+    title: ClassVar[str] = "Left by the reference in a shell"
+    file: ClassVar[FileName] = "system.env"
+
+    reference_dir: str = setting(
+        "DR_DIR",
+        "",
+        "Folder that holds run.env.",
+        ignored="it counts in the environment only, where it names the folder to work in",
+    )
+    reference_config: str = setting(
+        "DR_CONFIG",
+        "",
+        "Its run.env.",
+        ignored="only scripts/activate.sh sets it, to the file it was called with",
+    )
+    robomaker_train_port: str = setting(
+        "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=DERIVED
+    )
+    robomaker_eval_port: str = setting(
+        "DR_ROBOMAKER_EVAL_PORT", "", "Port of the evaluation picture.", ignored=DERIVED
+    )
+    robomaker_gui_port: str = setting(
+        "DR_ROBOMAKER_GUI_PORT", "", "Port of the window.", ignored=DERIVED
+    )
+    local_s3_endpoint_url: str = setting(
+        "DR_LOCAL_S3_ENDPOINT_URL", "", "Address of the bucket.", ignored=DERIVED
+    )
+    minio_url: str = setting("DR_MINIO_URL", "", "Address in containers.", ignored=DERIVED)
+    local_profile_endpoint_url: str = setting(
+        "DR_LOCAL_PROFILE_ENDPOINT_URL", "", "Options of the AWS command.", ignored=DERIVED
+    )
+    local_s3_auth_mode: str = setting(
+        "DR_LOCAL_S3_AUTH_MODE", "", "Role or profile.", ignored=DERIVED
+    )
+    current_params_file: str = setting(
+        "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container.", ignored=DERIVED
+    )
+    s3_uri: str = setting(
+        "DR_S3_URI",
+        "",
+        "Bucket of a spot instance.",
+        ignored="it does something only where another value refers to it as $DR_S3_URI",
+    )

@@ -1,0 +1,242 @@
+"""What somebody sees who asks for the settings: each value with the place it comes from."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drcli.base.problems import Finding, FindingsError, closest
+from drcli.config.effects import Idle, idle, remainder
+from drcli.config.env_file import Entry
+from drcli.config.fields import Effect, Setting
+from drcli.config.former_names import FORMER
+from drcli.config.layers import Layers
+from drcli.config.model import Settings, catalogue
+from drcli.config.secrets import hidden
+from drcli.config.settings import load_settings
+from drcli.config.worlds import fetchable, missing
+
+
+@dataclass(frozen=True)
+class Value:
+    """One setting as it counts.
+
+    Attributes:
+        name: The setting, or another name of the racer's own files.
+        value: Its text, with everything filled in; passwords and keys are hidden.
+        default: Text it would have if nobody set it.
+        source: Where it was given: `run.env line 7`, `environment`, `flag` or `default`.
+        file: The file of that place, None outside of files.
+        line: The line there.
+        changed: Whether it differs from its default.
+        effect: Whether it does something here.
+        reason: Why it does not.
+        meaning: What it is for.
+        expected: What may be written.
+        group: Heading in the documentation.
+    """
+
+    name: str
+    value: str
+    default: str
+    source: str
+    file: str | None
+    line: int | None
+    changed: bool
+    effect: Effect
+    reason: str
+    meaning: str
+    expected: str
+    group: str
+
+
+@dataclass(frozen=True)
+class WorkerValues:
+    """What the file of one simulation worker changes.
+
+    Attributes:
+        worker: Its number, counted from 1 as in the name of the file.
+        settings: The values.
+    """
+
+    worker: int
+    settings: tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Values:
+    """What `dr config show` shows.
+
+    Attributes:
+        directory: The working folder.
+        experiment: Name of the experiment, empty without one.
+        settings: The values, in the order of the documentation.
+        workers: What worker-N.env changes.
+    """
+
+    directory: str
+    experiment: str
+    settings: tuple[Value, ...]
+    workers: tuple[WorkerValues, ...]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What `dr config check` found.
+
+    Attributes:
+        directory: The working folder.
+        errors: What is wrong, in the order of reading.
+        warnings: What is allowed and may surprise.
+        without_effect: Settings in the files that do nothing here, by reason.
+    """
+
+    directory: str
+    errors: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
+    without_effect: tuple[Idle, ...] = ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.errors
+
+
+def find_name(written: str, others: Sequence[str] = ()) -> str | None:
+    """The name somebody means: in small letters or without DR_ is fine.
+
+    Args:
+        written: What was written.
+        others: Names that exist beside the settings.
+    """
+    if written in others:
+        return written
+    candidates = (written.upper(), f"DR_{written.upper()}")
+    return next((name for name in candidates if name in catalogue()), None)
+
+
+def suggestion(written: str) -> str:
+    """A hint at the name that was probably meant, and what to do."""
+    full = written.upper()
+    if full in FORMER:
+        return f"It is a name of the reference and has no effect here: {FORMER[full].reason}."
+    likely = closest(full if full.startswith("DR_") else f"DR_{full}", catalogue())
+    hint = f"Did you mean {likely}? " if likely is not None else ""
+    present = next((s.name for s in catalogue().values() if full in s.old_names), None)
+    return f"It is the old name of {present}." if present else f"{hint}`dr config show` lists all."
+
+
+def inspect_values(
+    settings: Settings, names: Sequence[str] = (), *, changed: bool = False
+) -> Values:
+    """The values of settings.
+
+    Args:
+        settings: As they were loaded.
+        names: Only these; each is a setting or a name of the racer's files.
+        changed: Only those that differ from their default.
+    """
+
+    def chosen(values: Iterable[Value]) -> tuple[Value, ...]:
+        wanted = (value for value in values if not names or value.name in names)
+        return tuple(value for value in wanted if value.changed or not changed)
+
+    everything = [_value(settings, setting) for setting in catalogue().values()]
+    everything += [_stray(settings, name) for name in settings.extra]
+    workers = []
+    for number, override in enumerate(settings.overrides, start=2):
+        own = settings.for_worker(number - 1)
+        of_worker = chosen(_value(own, catalogue()[name]) for name in override.sources)
+        if of_worker:
+            workers.append(WorkerValues(number, of_worker))
+    return Values(
+        str(settings.directory), settings.experiment_name, chosen(everything), tuple(workers)
+    )
+
+
+def check_settings(directory: Path, environ: Mapping[str, str] | None = None) -> Check:
+    """Load all settings and report everything there is to say about them.
+
+    Args:
+        directory: The working folder.
+        environ: Process environment; `os.environ` when None.
+
+    Raises:
+        SettingsError: There is no run.env.
+    """
+    try:
+        settings = load_settings(directory, environ=environ)
+    except FindingsError as error:
+        return Check(str(directory), error.findings, error.warnings)
+    known = remainder(settings)  # told in full right here
+    warnings = tuple(text for text in settings.warnings if text != known)
+    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
+    return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
+
+
+def _value(settings: Settings, setting: Setting) -> Value:
+    text = _text(getattr(settings, setting.field))
+    default = _default(settings, setting)
+    source = settings.source(setting.name)
+    return Value(
+        name=setting.name,
+        value=hidden(setting.name, text),
+        default=hidden(setting.name, default),
+        source=source,
+        file=_place(source)[0],
+        line=_place(source)[1],
+        changed=text != default,
+        effect=setting.effect,
+        reason=setting.reason,
+        meaning=setting.meaning,
+        expected=setting.expected,
+        group=setting.group,
+    )
+
+
+def _stray(settings: Settings, name: str) -> Value:
+    """A name in the racer's files that is no setting; other values may refer to it."""
+    source, former = settings.source(name), FORMER.get(name)
+    return Value(
+        name=name,
+        value=hidden(name, settings.extra[name]),
+        default="",
+        source=source,
+        file=_place(source)[0],
+        line=_place(source)[1],
+        changed=True,
+        effect="accepted",
+        reason="" if former is None else former.reason,
+        meaning="A name of your own, which other values can refer to."
+        if former is None
+        else former.meaning,
+        expected="any text",
+        group="Other names",
+    )
+
+
+def _place(source: str) -> tuple[str | None, int | None]:
+    """File and line of a place, None outside of files."""
+    file, _, line = source.partition(" line ")
+    return (file, int(line)) if line else (None, None)
+
+
+def _text(value: Any) -> str:
+    """A value as it would be written in a settings file."""
+    if isinstance(value, tuple):
+        return ";".join(",".join(f"{number:g}" for number in pair) for pair in value)
+    return "" if value is None else str(value)
+
+
+def _default(settings: Settings, setting: Setting) -> str:
+    """The default, with the present values of the names it refers to."""
+    if setting.kind == "path" and setting.default is not None:
+        return str(settings.directory / setting.default)
+    if "$" not in setting.default_text:
+        return setting.default_text
+    others = {
+        other.name: Entry(other.name, _text(getattr(settings, other.field)), "", expands=False)
+        for other in catalogue().values()
+        if other is not setting
+    }
+    return Layers([others], {setting.name: setting.default_text}).text(setting.name) or ""

@@ -1,0 +1,100 @@
+"""Keeps secrets of the environment from a racer's code: access keys, passwords, tokens.
+
+Whoever starts a process that calls a reward function hands them over through a pipe instead of the
+environment, which that code could print, and which `/proc` shows to every process of the same user.
+The process lends them to the AWS library while it looks for keys, and only then.
+"""
+
+import ctypes
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+
+from drcli.config.secrets import hidden
+
+_MORE = re.compile(r"PASSPHRASE|PRIVATE_?KEY|AUTHORIZATION|_PASS$|^RCLONE_AUTH_KEY$", re.IGNORECASE)
+"""Names of secrets beside those that are never shown."""
+
+_PR_SET_DUMPABLE = 4
+
+_kept: dict[str, str] = {}
+_lock = threading.RLock()
+_lendings = 0
+
+
+def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """What anybody may read of an environment, and what not.
+
+    The path of a file with secrets is none: the file is protected, or it is not.
+    """
+    with _lock:  # another thread may just be lending
+        everything = dict(environment)
+    secret = {name: value for name, value in everything.items() if _is_secret(name, value)}
+    return {n: v for n, v in everything.items() if n not in secret}, secret
+
+
+def all_secrets() -> dict[str, str]:
+    """The secrets of this process: of its environment, and those that it was handed."""
+    with _lock:
+        return {**_kept, **split(os.environ)[1]}
+
+
+def keep(secrets: Mapping[str, str]) -> None:
+    """Take up the secrets that this process was handed."""
+    with _lock:
+        _kept.update(secrets)
+
+
+@contextmanager
+def lent() -> Iterator[None]:
+    """Have the secrets in the environment, for the AWS library to find."""
+    global _lendings
+    with _lock:
+        _lendings += 1
+        for name, value in _kept.items():
+            os.environ.setdefault(name, value)
+    try:
+        yield
+    finally:
+        with _lock:
+            _lendings -= 1
+            if not _lendings:
+                for name in _kept:
+                    os.environ.pop(name, None)
+
+
+def hide_process() -> None:
+    """Let no other process of this user read memory and environment of this one; on Linux alone.
+
+    Root may read the memory anyway, so the environment that this process was started with, which
+    `/proc` shows, is overwritten too. This process itself has its variables as before.
+    """
+    if sys.platform != "linux":
+        return
+    with suppress(OSError, AttributeError, ValueError):
+        library = ctypes.CDLL(None)
+        library.prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
+        _overwrite(library, split(os.environ)[1])
+
+
+def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
+    """Blank out values where the system has put them, and give the process new copies of them."""
+    block = ctypes.POINTER(ctypes.c_void_p).in_dll(library, "environ")
+    index = 0
+    while (address := block[index]) is not None:
+        entry = ctypes.string_at(address)
+        name, _, value = entry.partition(b"=")
+        if os.fsdecode(name) in secrets:
+            ctypes.memset(address + len(name) + 1, ord("*"), len(value))
+        index += 1
+    for each, text in secrets.items():
+        os.environ[each] = text  # in memory of its own from now on
+
+
+def _is_secret(name: str, value: str) -> bool:
+    if name.endswith("_FILE"):
+        return False
+    return bool(value) and (hidden(name, value) != value or _MORE.search(name) is not None)

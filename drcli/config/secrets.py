@@ -1,0 +1,33 @@
+"""Keeps passwords and keys out of what is printed."""
+
+import re
+from urllib.parse import urlsplit
+
+from drcli.config.model import catalogue
+
+HIDDEN = "(hidden)"
+
+_SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY", re.IGNORECASE)
+"""Names that are no settings of ours and hold what nobody else may read, such as the AWS keys."""
+
+
+def hidden(name: str, value: str) -> str:
+    """A value as it may be shown: no secret, and no password or signature in an address.
+
+    Args:
+        name: Whose value it is.
+        value: As it is set.
+    """
+    if name not in catalogue() and _SECRET.search(name):
+        return HIDDEN if value else ""
+    if "://" not in value:
+        return value
+    try:
+        address = urlsplit(value)
+    except ValueError:
+        return HIDDEN
+    _, at, host = address.netloc.rpartition("@")
+    shown = address._replace(
+        netloc=f"{HIDDEN}@{host}" if at else host, query=HIDDEN if address.query else ""
+    )
+    return value if shown == address else shown.geturl()

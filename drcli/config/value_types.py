@@ -1,0 +1,202 @@
+"""What may be written for a setting, where its type alone does not say it."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+from typing import Annotated, Any
+from urllib.parse import urlsplit
+
+from drcli.base.problems import UnfitError
+
+FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
+"""Name of a folder in experiments/: no path, and nothing that is hidden."""
+
+HOME_REGION = "us-east-1"
+"""What stands for no region."""
+
+LONGEST_KEY, LONGEST_PART = 800, 255
+"""Characters of a name in the bucket, and of what stands between its slashes: S3 takes 1024 bytes,
+of which a model's files need some, and file systems take 255."""
+
+BESIDE_MODELS = ("runs", "rollouts")
+"""Folders of the bucket in which running trainings keep what they work with."""
+
+BUCKET_RULE = (
+    "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
+    "in my-bucket."
+)
+"""What to write where `follows_s3` says no."""
+
+_LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
+
+
+@dataclass(frozen=True)
+class Check:
+    """Judges a text of the right kind, and may turn it into something else.
+
+    Attributes:
+        judge: Takes the text and returns the value; raises UnfitError.
+    """
+
+    judge: Callable[[str], Any]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What may be written into a text, as it reads after `Set it to`."""
+
+    words: str
+
+
+def follows_s3(bucket: str) -> bool:
+    """Whether Amazon, and servers as strict as it is, take a text for the name of a bucket."""
+    names = re.fullmatch(rf"{_LABEL}(?:\.{_LABEL})*", bucket) and 3 <= len(bucket) <= 63
+    address = re.fullmatch(r"[0-9]+(?:\.[0-9]+){3}", bucket)
+    return bool(names) and not address
+
+
+def _object_key(value: str) -> str:
+    if not value:
+        raise UnfitError("is empty", "Write a name such as rl-deepracer-1.")
+    bad = re.search(r"[^A-Za-z0-9._/-]", value)
+    if bad is not None:
+        raise UnfitError(
+            f"holds {bad[0]!a}, which cannot stand in a name in the bucket",
+            "Use only letters, digits, and the characters . _ - /.",
+        )
+    if len(value) > LONGEST_KEY or any(len(part) > LONGEST_PART for part in value.split("/")):
+        raise UnfitError(
+            "is longer than servers and disks take",
+            f"Write at most {LONGEST_PART} characters between slashes, and {LONGEST_KEY} in all.",
+        )
+    if any(part in ("", ".", "..") for part in value.split("/")):
+        raise UnfitError(
+            "has an empty part, . or .. between its slashes",
+            "Write folders as in team/model-1, without / at the start or the end.",
+        )
+    return value
+
+
+def _world(value: str) -> str:
+    if not value:
+        raise UnfitError("is empty", "Write the name of a track, such as reinvent_base.")
+    if not value.endswith(".npy") and not re.fullmatch(r"[A-Za-z0-9._-]+", value):
+        raise UnfitError(
+            "cannot be the name of a track",
+            "Write a name such as reinvent_base, or the path of a .npy file.",
+        )
+    return value
+
+
+def _bucket(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}", value):
+        raise UnfitError(
+            "is no name of a bucket",
+            "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
+        )
+    return value
+
+
+def _address(value: str) -> str:
+    try:
+        address = urlsplit(value)
+        fit = address.scheme in ("http", "https") and bool(address.hostname)
+        fit = fit and address.port != 0
+    except ValueError:
+        fit = False
+    if value and not fit:
+        raise UnfitError("is no web address", "Write it as in http://192.168.1.5:9000.")
+    return value
+
+
+def _region(value: str) -> str:
+    if not re.fullmatch(r"(?:(?!\d+\Z)[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?)?", value):
+        raise UnfitError("is no AWS region", "Write one such as us-east-1 or eu-central-1.")
+    return value or HOME_REGION
+
+
+def _colour(value: str) -> str:
+    named = {colour.casefold(): colour for colour in _COLOURS}
+    if value.casefold() not in named and not value.startswith("f1_car_"):
+        raise UnfitError(
+            f"is none of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
+        )
+    return named.get(value.casefold(), value)
+
+
+def _folder_name(value: str) -> str:
+    if value and not FOLDER_NAME.fullmatch(value):
+        raise UnfitError("is no plain folder name", "Write the name of a folder in experiments/.")
+    return value
+
+
+def _gpus(value: str) -> str:
+    if value and not re.fullmatch(
+        r"-1|[A-Za-z0-9][A-Za-z0-9/-]*(?:, *[A-Za-z0-9][A-Za-z0-9/-]*)*", value
+    ):
+        raise UnfitError(
+            "is no list of GPUs",
+            "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
+        )
+    return value
+
+
+def _positions(value: str) -> tuple[tuple[float, ...], ...]:
+    """`0.23,-1;0.46,1` as pairs; progress is a fraction of the lap, lane -1 is the outer one."""
+    pairs: list[tuple[float, ...]]
+    try:
+        pairs = [
+            tuple(float(number) for number in pair.split(","))
+            for pair in value.split(";")
+            if pair.strip()
+        ]
+    except ValueError:
+        pairs = [()]
+    if any(len(p) != 2 or not 0.0 <= p[0] <= 1.0 or not isfinite(p[1]) for p in pairs):
+        raise UnfitError(
+            "is no list of progress,lane pairs",
+            'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
+        )
+    return tuple(pairs)
+
+
+_COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
+
+ObjectKey = Annotated[
+    str,
+    Check(_object_key),
+    Shape("a name in the bucket: letters, digits and . _ - /"),
+]
+"""A key or prefix in the bucket."""
+WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
+"""Has the shape of a track name; `drcli.config.worlds` knows whether it is here."""
+BucketName = Annotated[
+    str,
+    Check(_bucket),
+    Shape(
+        "the name of a bucket: 3 to 63 small letters, digits, . and -; elsewhere than local and "
+        "aws also capitals and _"
+    ),
+]
+"""Has the shape that any server could take; what `follows_s3` adds depends on DR_CLOUD."""
+UploadBucket = Annotated[
+    str,
+    Check(lambda name: _bucket(name) if name else name),
+    Shape("the name of a bucket, or not-defined"),
+]
+Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
+"""http or https address, or empty."""
+Region = Annotated[str, Check(_region), Shape("an AWS region")]
+Colour = Annotated[
+    str, Check(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
+]
+FolderName = Annotated[
+    str, Check(_folder_name), Shape("the name of a folder in experiments/, or nothing")
+]
+Gpus = Annotated[
+    str, Check(_gpus), Shape("numbers or ids of GPUs with commas between, -1 for none, or nothing")
+]
+"""As CUDA_VISIBLE_DEVICES has them."""
+Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]
+"""Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""

@@ -1,0 +1,163 @@
+"""Which tracks there are, by name, without loading the simulation that drives on them."""
+
+import re
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drcli.base.problems import Finding, closest, shown
+
+if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
+    from drcli.config.model import Settings
+
+SAME_ROUTE = ("reinvent_carpet", "reinvent_concrete", "reinvent_wood")
+"""Tracks of the simulation that have no file of their own: reinvent_base on other ground."""
+
+ROUTE_FILES = (".npy", ".csv")
+
+_ALL_WAYS = """
+2022_april_open 2022_april_pro 2022_august_open 2022_august_pro 2022_july_pro 2022_june_open
+2022_june_pro 2022_march_open 2022_march_pro 2022_may_open 2022_may_pro 2022_october_open
+2022_october_pro 2022_september_open 2022_september_pro 2022_summit_speedway arctic_open arctic_pro
+dubai_open jyllandsringen_open jyllandsringen_pro penbay_open penbay_pro red_star_pro
+reInvent2019_track reInvent2019_wide thunder_hill_pro
+"""
+_CIRCUITS_ONLY = "2022_reinvent_champ 2024_reinvent_champ"
+_PLAIN_ONLY = """
+2022_july_open 2022_summit_speedway_mini Albert AmericasGeneratedInclStart Aragon Austin AWS_track
+Belille Bowtie_track caecer_gp caecer_loop Canada_Training China_track dubai_pro FS_June2020
+hamption_open hamption_pro July_2020 LGSWide Mexico_track Monaco Monaco_building morgan_open
+morgan_pro New_York_Track Oval_track red_star_open reInvent2019_wide_mirrored reinvent_base
+reinvent_carpet reinvent_concrete reinvent_wood Singapore Singapore_building Singapore_f1
+Spain_track Spain_track_f1 Straight_track thunder_hill_open Tokyo_Training_track Vegas_track
+Virtual_May19_Train_track
+"""
+
+COMMUNITY = frozenset(
+    [*_ALL_WAYS.split(), *_PLAIN_ONLY.split()]
+    + [
+        f"{name}_{way}"
+        for name in (*_ALL_WAYS.split(), *_CIRCUITS_ONLY.split())
+        for way in ("cw", "ccw")
+    ]
+)
+"""Worlds of the reference simulator, version 6, each with a route file of its name."""
+
+
+def built_in() -> list[str]:
+    """Tracks that come with the simulation; none where it is not installed."""
+    spec = find_spec("drsim")
+    packages = (spec.submodule_search_locations or ()) if spec is not None else ()
+    folders = [Path(package, "assets", "worlds") for package in packages]
+    found = [name for folder in folders for name in _stems(folder, (".json",))]
+    return sorted({*found, *SAME_ROUTE}) if found else []
+
+
+def own(folder: Path) -> list[str]:
+    """The racer's own tracks.
+
+    Args:
+        folder: Where their route files lie; it need not exist.
+    """
+    return _stems(folder, ROUTE_FILES)
+
+
+def is_here(settings: "Settings") -> bool:
+    """Whether the track of some settings is here; also where that cannot be known."""
+    if not built_in():
+        return True
+    world = settings.world_name
+    if world.endswith(ROUTE_FILES):
+        if any(_is_file(place / world) for place in (settings.directory, settings.tracks_folder)):
+            return True
+        if "/" in world:
+            return False
+        world = Path(world).stem  # people write reinvent_base.npy and mean reinvent_base
+    known = _known(settings)
+    return world in known or re.sub(r"_c?cw\Z", "", world) in known
+
+
+def missing(settings: "Settings") -> Iterator[Finding]:
+    """The tracks that are neither here nor the community's, each place that names one once."""
+    for chosen in _absent(settings):
+        if not can_be_fetched(chosen):
+            yield Finding(
+                chosen.source("DR_WORLD_NAME"),
+                f"DR_WORLD_NAME={shown(chosen.world_name)} is not an available track",
+                remedy(chosen),
+            )
+
+
+def fetchable(settings: "Settings") -> Iterator[Finding]:
+    """The tracks of the community that are not here yet, each place that names one once."""
+    for chosen in _absent(settings):
+        if can_be_fetched(chosen):
+            yield Finding(
+                chosen.source("DR_WORLD_NAME"),
+                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed yet",
+                remedy(chosen),
+            )
+
+
+def to_fetch(settings: "Settings") -> list[str]:
+    """Names of the community's tracks that a start has to fetch first."""
+    return list(
+        dict.fromkeys(_name(chosen) for chosen in _absent(settings) if can_be_fetched(chosen))
+    )
+
+
+def can_be_fetched(settings: "Settings") -> bool:
+    """Whether the track of some settings is the community's and not here."""
+    return _name(settings) in COMMUNITY and not is_here(settings)
+
+
+def remedy(settings: "Settings") -> str:
+    """What to do about a track that is not here."""
+    name = _name(settings)
+    if name in COMMUNITY:
+        return (
+            f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
+            f"DR_TRACKS_FETCH=always. Without a network add its file with `dr-tracks add "
+            f"{name}.npy`."
+        )
+    likely = closest(settings.world_name, [*_known(settings), *COMMUNITY])
+    hint = f"Did you mean {likely}? " if likely is not None else ""
+    return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
+
+
+def _absent(settings: "Settings") -> Iterator["Settings"]:
+    """The settings of the workers whose track is not here, for each place that names one."""
+    places = set()
+    for worker in range(len(settings.overrides) + 1):
+        chosen = settings.for_worker(worker)
+        place = chosen.source("DR_WORLD_NAME")
+        if place not in places and not is_here(chosen):
+            places.add(place)
+            yield chosen
+
+
+def _name(settings: "Settings") -> str:
+    """The track without the ending of a file that people write behind it."""
+    world = settings.world_name
+    return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file has this path; none can have one of 10,000 letters or with a NUL in it."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _known(settings: "Settings") -> list[str]:
+    return [*built_in(), *own(settings.tracks_folder)]
+
+
+def _stems(folder: Path, endings: tuple[str, ...]) -> list[str]:
+    try:
+        names = [path.name for path in folder.iterdir()]
+    except OSError:
+        return []
+    return sorted({Path(name).stem for name in names if name.endswith(endings)})
