@@ -37,11 +37,11 @@ import torch
 from learn_runs import Work, rollout_of
 from numpy.typing import NDArray
 
-from drcli.hyperparameters import Hyperparameters
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO
 from drcli.learn.precision import flush_denormals
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import policy_spec
 from drcli.worker.train import SEED_STRIDE

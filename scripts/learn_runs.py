@@ -16,14 +16,14 @@ import numpy as np
 import torch
 
 from drcli.config.settings import Settings, load_settings
-from drcli.hyperparameters import Hyperparameters
 from drcli.learn.acting import SideBySide
 from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, PPOConfig
 from drcli.learn.precision import Compute, choose_compute
 from drcli.learn.spec import PolicySpec
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.connect import stop_storage
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import policy_spec, ppo_config

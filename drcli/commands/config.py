@@ -133,7 +133,9 @@ def _known(written: str, others: tuple[str, ...]) -> str:
 
     name = find_name(written, others)
     if name is None:
-        from drcli.hyperparameters import KEYS  # takes long to load, so only where it fails
+        from drcli.modelfiles.hyperparameters import (
+            KEYS,  # takes long to load, so only where it fails
+        )
 
         hint = _HYPERPARAMETER if written.lower() in KEYS else suggestion(written)
         raise typer.BadParameter(f"'{written}' is no setting. {hint}")

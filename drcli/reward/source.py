@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding, FindingsError
 from drcli.config.settings import Settings
-from drcli.runs.inputs import shipped_file
+from drcli.modelfiles.custom_files import shipped_file
 from drcli.store import keys
 
 

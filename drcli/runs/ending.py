@@ -1,7 +1,7 @@
 """What ends a training, as one sentence for its start. The trainer holds it: `worker.goals`."""
 
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
+from drcli.modelfiles.hyperparameters import Hyperparameters
 
 
 def ending(job: Job, parameters: Hyperparameters) -> str:

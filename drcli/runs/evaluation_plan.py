@@ -12,9 +12,9 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.job import Job
+from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.runs.evaluation_record import claim, sweep
 from drcli.runs.mending import look_after
-from drcli.runs.parameters import evaluation_parameters
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.runs import lease
 from drcli.runs.note import read_note
 from drcli.store import keys

@@ -13,14 +13,14 @@ from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
 from drcli.config.settings import Settings, catalogue
 from drcli.job import Job
+from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
+from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.params_yaml import training_parameters
 from drcli.runs import lease
-from drcli.runs.design import Design
 from drcli.runs.ending import ending
-from drcli.runs.inputs import Inputs, find, upload_custom_files
 from drcli.runs.logs import begin_logs
 from drcli.runs.mending import mend_all
 from drcli.runs.note import read_note, take_note, write_note
-from drcli.runs.parameters import training_parameters
 from drcli.runs.prefix import is_used, newest_checkpoint, wipe
 from drcli.runs.pretrained import Pretrained
 from drcli.runs.record import RunRecord, run_folder

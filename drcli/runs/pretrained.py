@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.runs.design import Design, refuse_misfit
+from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.runs.prefix import contains
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing

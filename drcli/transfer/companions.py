@@ -3,7 +3,7 @@
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.runs.parameters import moved_training_parameters, training_parameters
+from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.transfer.choice import Item

@@ -12,7 +12,7 @@ from typing import NoReturn
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.runs.inputs import custom_files_folder
+from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket

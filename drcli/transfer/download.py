@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.config.settings import Settings
-from drcli.runs.inputs import custom_files_folder
+from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.runs.mending import look_after
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.json_record import Misfit, parsed
-from drcli.runs.parameters import moved_training_parameters
+from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.store import keys
 from drcli.store.bucket import (
     Bucket,

@@ -6,8 +6,8 @@ from dataclasses import replace
 from math import gcd
 
 from drcli.config.settings import Settings
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.validate.report import Severity, Violation
 
 LONGEST_NAME = 64

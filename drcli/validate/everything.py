@@ -12,7 +12,7 @@ from drcli.base.problems import Finding
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.job import Job
-from drcli.runs.inputs import InputFile, find
+from drcli.modelfiles.custom_files import InputFile, find
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket

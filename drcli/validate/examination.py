@@ -7,8 +7,8 @@ from threading import Event
 
 from drcli.config.settings import Settings
 from drcli.job import Job
-from drcli.runs.design import Design
-from drcli.runs.inputs import InputFile, Inputs, missing_files
+from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
+from drcli.modelfiles.network_shape import Design
 from drcli.runs.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket

@@ -8,8 +8,8 @@ from pathlib import Path
 import psutil
 
 from drcli.config.settings import Settings
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.validate.report import Violation
 
 LEAST_DISK_BYTES = 2_000_000_000

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
 from drcli.config.settings import Settings
-from drcli.hyperparameters import KEYS, Hyperparameters
-from drcli.model_metadata import ModelMetadata
-from drcli.runs.design import Design
-from drcli.runs.inputs import InputFile
+from drcli.modelfiles.custom_files import InputFile
+from drcli.modelfiles.hyperparameters import KEYS, Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error, from_findings, key_of
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError
 from drcli.base.text_file import decode
 from drcli.first_step import idle_conditions
-from drcli.runs.inputs import InputFile
+from drcli.modelfiles.custom_files import InputFile
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error
 

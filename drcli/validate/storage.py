@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
 from drcli.config.settings import Settings
+from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.runs import lease, pretrained
-from drcli.runs.design import Design, refuse_misfit
 from drcli.runs.prefix import is_used, newest_checkpoint
 from drcli.runs.pretrained import Transfer
 from drcli.store.bucket import Bucket

@@ -10,7 +10,7 @@ import time
 from threading import Event
 
 from drcli.job import Job
-from drcli.runs.inputs import InputFile
+from drcli.modelfiles.custom_files import InputFile
 from drcli.runs.stuck import WHY, is_stuck, stuck_place
 from drcli.store import keys
 from drcli.validate.report import Violation, find_tried, forget_tried

@@ -4,8 +4,8 @@ import json
 from collections.abc import Sequence
 
 from drcli.config.settings import Settings
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.worker.trace import Episode, log_lines
 
 EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "

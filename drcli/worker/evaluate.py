@@ -18,9 +18,9 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable, Sequence
 
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
+from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store.history import IterationRecord
 
 SCORED_EPISODES = 100

@@ -5,7 +5,6 @@ from typing import Protocol
 
 from torch import Tensor, nn
 
-from drcli.hyperparameters import Hyperparameters
 from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, EpochStats, PPOConfig
@@ -13,7 +12,8 @@ from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC, SACConfig
 from drcli.learn.spec import PolicySpec
 from drcli.learn.squashed import SACAgent
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 
 STATE_DIMS = 22
 """Length of `Simulation.privileged`. Told here once more, because a trainer that loaded the

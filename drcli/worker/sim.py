@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
 from drcli.learn.acting import SideBySide
 from drcli.learn.precision import flush_denormals
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.episodes import Episodes

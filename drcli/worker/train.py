@@ -12,11 +12,11 @@ import torch
 from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import health, keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.collection import RolloutReader

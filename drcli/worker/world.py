@@ -7,7 +7,7 @@ from typing import Literal
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.config.worlds import can_be_fetched, remedy
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.worker import output

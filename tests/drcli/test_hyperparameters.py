@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.hyperparameters import REFERENCE_KEYS, Hyperparameters
+from drcli.modelfiles.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.model_metadata import ModelMetadata
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = (ROOT / "defaults" / "model_metadata.json").read_bytes()

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from drcli.job import Job
+from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.reward.check import (
     DriverReport,
     Extreme,
@@ -18,7 +19,6 @@ from drcli.reward.compare import ComparisonReport, DriverComparison, PlaceCompar
 from drcli.reward.lint import Remark
 from drcli.reward.plot import PlotReport
 from drcli.runs.increment import Increment
-from drcli.runs.inputs import InputFile, Inputs
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.pretrained import Pretrained
 from drcli.runs.processes import Process

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
+from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.runs.ending import ending
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.runs.inputs import find
+from drcli.modelfiles.custom_files import find
 
 
 @pytest.mark.parametrize("look", ["is_file", "read_bytes"])

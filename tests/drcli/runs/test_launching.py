@@ -8,9 +8,9 @@ import pytest
 from drcli.base import log_files
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.job import Job, LastWords
+from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.runs import evaluation, launching, training
 from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.inputs import InputFile, Inputs
 from drcli.runs.logs import log_file
 from drcli.runs.plan import RunPlan
 

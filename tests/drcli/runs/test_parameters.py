@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from drcli.config.settings import Settings, load_settings
-from drcli.runs.parameters import (
+from drcli.modelfiles.params_yaml import (
     evaluation_parameters,
     moved_training_parameters,
     training_parameters,

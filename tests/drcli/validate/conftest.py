@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drcli.job import Job
-from drcli.runs.inputs import InputFile
+from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory import MemoryBucket
 from drcli.validate.everything import validate

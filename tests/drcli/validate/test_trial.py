@@ -14,7 +14,7 @@ import pytest
 
 from drcli.config.settings import load_settings
 from drcli.job import Job
-from drcli.runs.inputs import InputFile
+from drcli.modelfiles.custom_files import InputFile
 from drcli.validate.examination import examine
 from drcli.validate.report import find_tried
 from drcli.validate.trial import try_inputs

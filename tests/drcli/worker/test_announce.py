@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.worker.announce import evaluation_lines, start_lines, training_lines
 from drcli.worker.trace import Episode, Row
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.hyperparameters import Hyperparameters
 from drcli.job import Job
+from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store import health
 from drcli.store.history import IterationRecord
 from drcli.worker.goals import Goals, mean_score

@@ -8,11 +8,11 @@ import pytest
 import torch
 from safetensors.torch import save
 
-from drcli.hyperparameters import Hyperparameters
 from drcli.learn.ppo import PPO
 from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC
-from drcli.model_metadata import ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.worker.learning import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
 from drcli.worker.restoring import restore_optimizer
 from drcli.worker.world import sensors_of_model

@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from drcli.action_space import ActionSpace, ActionSpaceReader
 from drcli.base.problems import Finding, closest, one_of, settings_error, shown
-from drcli.jsonfile import JsonFile, as_written, read_json_object
+from drcli.modelfiles.action_space import ActionSpace, ActionSpaceReader
+from drcli.modelfiles.json_file import JsonFile, as_written, read_json_object
 
 NETWORKS = (
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from drcli.base.problems import Finding, closest, shown
-from drcli.jsonfile import JsonFile, as_written
+from drcli.modelfiles.json_file import JsonFile, as_written
 
 STEERING_DEG = (-30.0, 30.0)
 """What the car's front wheels can do; requests beyond it are cut. Source: the reference car."""

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from drcli.base.problems import Finding, settings_error
-from drcli.hyperparameters import Hyperparameters
-from drcli.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 

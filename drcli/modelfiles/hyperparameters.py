@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field
 
 from drcli.base.problems import Finding, closest, one_of, settings_error, shown
-from drcli.jsonfile import JsonFile, as_written, read_json_object
+from drcli.modelfiles.json_file import JsonFile, as_written, read_json_object
 
 Exploration = Literal["categorical", "e-greedy", "additive_noise"]
 Loss = Literal["huber", "mean squared error"]
