@@ -53,7 +53,7 @@ from learn_runs import (
     train_through_bucket,
 )
 
-from drcli.job import PROCESS_TUNING
+from drcli.exchange.job import PROCESS_TUNING
 from drcli.learn.buffer import Rollout
 from drcli.learn.precision import flush_denormals
 

@@ -20,7 +20,7 @@ from learn_peer_sb3 import Sb3Training
 from learn_peers import STEPS
 from learn_runs import Work
 
-from drcli.job import PROCESS_TUNING
+from drcli.exchange.job import PROCESS_TUNING
 from drcli.learn.precision import flush_denormals
 from drsim import Simulation
 

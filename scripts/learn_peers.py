@@ -15,7 +15,7 @@ from typing import Protocol
 from learn_runs import Pace, Work
 from torch import nn
 
-from drcli.job import PROCESS_TUNING
+from drcli.exchange.job import PROCESS_TUNING
 from drcli.learn.encoders import MONO, Encoder
 from drcli.learn.precision import flush_denormals
 from drcli.learn.spec import PolicySpec

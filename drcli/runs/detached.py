@@ -3,7 +3,7 @@
 import sys
 
 from drcli.base.errors import DrError
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.runs.training import supervise_job
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What ends a training, as one sentence for its start. The trainer holds it: `worker.goals`."""
 
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 
 

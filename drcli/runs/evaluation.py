@@ -23,7 +23,7 @@ from drcli.base.errors import (
 )
 from drcli.base.process_identity import started_s
 from drcli.config.settings import Settings
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.runs.evaluation_record import claim, sweep
 from drcli.runs.mending import look_after

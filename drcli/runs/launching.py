@@ -8,7 +8,7 @@ from drcli.base import log_files
 from drcli.runs.logs import log_file
 
 if TYPE_CHECKING:
-    from drcli.job import Job
+    from drcli.exchange.job import Job
 
 
 def start_process(

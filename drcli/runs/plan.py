@@ -12,7 +12,7 @@ from drcli.base import notices
 from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
 from drcli.config.settings import Settings, catalogue
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters

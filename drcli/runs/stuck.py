@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.job import LastWords
+from drcli.exchange.job import LastWords
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
 WHY = "one operation took far longer than a call may, and Python cannot interrupt it"

@@ -11,7 +11,7 @@ from types import FrameType
 
 from drcli.base import log_files
 from drcli.base.errors import DrError, OwnershipLost, StorageError
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.runs import lease
 from drcli.runs.children import Child, dismiss
 from drcli.runs.launching import start_process

@@ -17,7 +17,7 @@ from drcli.runs.report import RunReport
 from drcli.runs.status import inspect
 
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
-    from drcli.job import Job
+    from drcli.exchange.job import Job
     from drcli.runs.plan import RunPlan
     from drcli.store.s3 import S3Bucket
 

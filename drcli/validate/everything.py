@@ -11,7 +11,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Finding
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, find
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys

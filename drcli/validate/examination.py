@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from threading import Event
 
 from drcli.config.settings import Settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
 from drcli.modelfiles.network_shape import Design
 from drcli.runs.pretrained import Transfer

@@ -9,7 +9,7 @@ import sys
 import time
 from threading import Event
 
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 from drcli.runs.stuck import WHY, is_stuck, stuck_place
 from drcli.store import keys

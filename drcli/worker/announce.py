@@ -4,9 +4,9 @@ import json
 from collections.abc import Sequence
 
 from drcli.config.settings import Settings
+from drcli.exchange.trace import Episode, log_lines
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.worker.trace import Episode, log_lines
 
 EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "
 """What stands before the reward of an evaluation episode. The rate is 0.0 in the reference whatever

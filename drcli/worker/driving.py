@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.exchange.trace import STEP_S, Episode, Phase, Row
 from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
 from drcli.learn.observation import Observation
 from drcli.worker import output
 from drcli.worker.process import StopRequested
-from drcli.worker.trace import STEP_S, Episode, Phase, Row
 from drsim.actions import Actions, ContinuousActions
 from drsim.episode import Status
 from drsim.simulation import Simulation

@@ -18,7 +18,8 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.job import Job
+from drcli.exchange.job import Job
+from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -31,7 +32,6 @@ from drcli.worker.cores import cores
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drcli.worker.learning import build_policy
 from drcli.worker.process import Lifeline
-from drcli.worker.trace import Episode, csv_text, log_lines, schedule
 from drcli.worker.world import (
     actions_of,
     load_race,

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store.history import IterationRecord
 

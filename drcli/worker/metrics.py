@@ -4,10 +4,10 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
+from drcli.exchange.trace import Episode, training_record
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.training_metrics import counted_with, read_records, write_records
 from drcli.worker.share import Share
-from drcli.worker.trace import Episode, training_record
 
 
 class TrainingMetrics:

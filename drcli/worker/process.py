@@ -13,7 +13,7 @@ from types import FrameType
 
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket

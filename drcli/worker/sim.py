@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
-from drcli.job import Job
+from drcli.exchange.job import Job
+from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.acting import SideBySide
 from drcli.learn.precision import flush_denormals
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -32,7 +33,6 @@ from drcli.worker.learning import build_policy
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.process import Activity, Lifeline, StopRequested
 from drcli.worker.share import EvaluationBudget, Share
-from drcli.worker.trace import csv_text, schedule
 from drcli.worker.waiting import CheckpointWaiter
 from drcli.worker.world import (
     actions_of,

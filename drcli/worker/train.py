@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.modelfiles.hyperparameters import Hyperparameters

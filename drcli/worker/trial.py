@@ -20,7 +20,7 @@ import numpy as np
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.validate.report import Violation, leave_tried
 from drcli.worker.world import load_race, load_world
 from drsim.car import CONTROL_HZ

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli.job import LastWords
+from drcli.exchange.job import LastWords
 
 WORDS = LastWords("The bucket is gone.", "Start it.", 4)
 

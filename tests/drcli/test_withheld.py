@@ -10,7 +10,7 @@ import pytest
 
 from drcli.config import secret_environment
 from drcli.config.settings import load_settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.store.profiles import lend_to_refreshes
 
 SECRETS = {
@@ -41,7 +41,7 @@ LOOKS = """
 import json, os, sys
 from pathlib import Path
 from drcli import withheld
-from drcli.job import Job
+from drcli.exchange.job import Job
 job = Job.received()
 with withheld.lent():
     lent = dict(os.environ)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.reward.check import (
     DriverReport,

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drcli.base.errors import WorkerDied
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.evaluation_record import EvaluationRecord
 

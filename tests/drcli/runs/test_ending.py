@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.runs.ending import ending
 

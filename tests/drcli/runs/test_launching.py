@@ -7,7 +7,7 @@ import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.runs import evaluation, launching, training
 from drcli.runs.evaluation_plan import EvaluationPlan

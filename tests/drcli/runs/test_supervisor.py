@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 from drcli.runs import lease, supervisor
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord

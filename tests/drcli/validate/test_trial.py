@@ -13,7 +13,7 @@ from threading import Event
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 from drcli.validate.examination import examine
 from drcli.validate.report import find_tried

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from drcli.config.settings import load_settings
+from drcli.exchange.trace import Episode, Row
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.worker.announce import evaluation_lines, start_lines, training_lines
-from drcli.worker.trace import Episode, Row
 
 METADATA = {
     "action_space": [

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.job import Job
+from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store import health
 from drcli.store.history import IterationRecord

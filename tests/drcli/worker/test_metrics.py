@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from drcli.exchange.trace import Episode, Row
 from drcli.store import keys
 from drcli.store.memory import MemoryBucket
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.share import Share
-from drcli.worker.trace import Episode, Row
 
 KEY = "model/metrics/TrainingMetrics.json"
 TWO_EPISODES = Share(0, workers=1, episodes=2)

@@ -8,7 +8,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import load_settings
-from drcli.job import Job, LastWords
+from drcli.exchange.job import Job, LastWords
 
 DEAF = """import signal
 

@@ -1,4 +1,4 @@
-from drcli.worker.trace import (
+from drcli.exchange.trace import (
     CSV_HEADER,
     Episode,
     Row,
