@@ -19,7 +19,7 @@ from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.store.mending import Model, readable_scores
+from drcli.store.repair import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is copied before it is evaluated."""

@@ -1,6 +1,6 @@
 """Looks after the small objects of a model before a command relies on them.
 
-What `drcli.store.mending` rebuilds, and the parameter files and the note, whose content it does not
+What `drcli.store.repair` rebuilds, and the parameter files and the note, whose content it does not
 know.
 """
 
@@ -12,12 +12,11 @@ from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.runs import lease
 from drcli.runs.note import read_note
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, put_json
-from drcli.store.mending import Model, damages, mend, set_aside
-from drcli.store.rebuilding import good_records
+from drcli.store.reconstruct import good_records
+from drcli.store.repair import Model, damages, mend, set_aside
 
 _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 

@@ -16,19 +16,18 @@ from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
-from drcli.runs import lease
 from drcli.runs.ending import ending
 from drcli.runs.logs import begin_logs
 from drcli.runs.mending import mend_all
 from drcli.runs.note import read_note, take_note, write_note
-from drcli.runs.prefix import is_used, newest_checkpoint, wipe
 from drcli.runs.pretrained import Pretrained
 from drcli.runs.record import RunRecord, run_folder
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
-from drcli.store.mending import Model
+from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
+from drcli.store.repair import Model
 from drcli.validate.examination import Plans, examine
 from drcli.validate.report import by_severity, refuse
 from drcli.validate.storage import review_prefix

@@ -6,12 +6,12 @@ from typing import Literal
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.network_shape import Design, refuse_misfit
-from drcli.runs.prefix import contains
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoint_record import Record
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.mending import Model, readable_scores
+from drcli.store.model_prefix import contains
+from drcli.store.repair import Model, readable_scores
 
 
 @dataclass(frozen=True)

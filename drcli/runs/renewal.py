@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost
-from drcli.runs.lease import STALE_S
 from drcli.store.bucket import Bucket
+from drcli.store.lease import STALE_S
 from drcli.store.ownership import Lease, elapsed_s, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0

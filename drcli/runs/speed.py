@@ -9,7 +9,7 @@ from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.history import read_history
-from drcli.store.look import open_running_bucket
+from drcli.store.open_running import open_running_bucket
 
 CONTROL_HZ = 15.0
 """Steps in a simulated second. Source: the reference simulator."""

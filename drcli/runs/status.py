@@ -11,8 +11,8 @@ from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.history import IterationRecord
-from drcli.store.look import open_running_bucket
-from drcli.store.mending import Model, readable_history, readable_scores
+from drcli.store.open_running import open_running_bucket
+from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.scores import Score
 
 

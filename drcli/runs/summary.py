@@ -13,11 +13,11 @@ from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
 from drcli.runs.addresses import addresses
 from drcli.runs.evaluation_record import running_evaluations
-from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.stopping import running_trainings
 from drcli.store import keys
 from drcli.store.connect import known_endpoint
-from drcli.store.look import open_running_bucket
+from drcli.store.model_prefix import newest_checkpoint
+from drcli.store.open_running import open_running_bucket
 
 BUCKET_PATIENCE_S = 2.0
 _PROGRAM_PATIENCE_S = 2.0

@@ -12,18 +12,18 @@ from types import FrameType
 from drcli.base import log_files
 from drcli.base.errors import DrError, OwnershipLost, StorageError
 from drcli.exchange.job import Job, LastWords
-from drcli.runs import lease
 from drcli.runs.children import Child, dismiss
 from drcli.runs.launching import start_process
 from drcli.runs.log_upload import LogUpload
 from drcli.runs.logs import log_file
 from drcli.runs.periodic import Periodic, within
-from drcli.runs.prefix import newest_checkpoint
 from drcli.runs.record import RunRecord, WorkerRecord
 from drcli.runs.renewal import LOOK_S, Renewal
 from drcli.runs.report import State
 from drcli.runs.stuck import words_of_stuck
+from drcli.store import lease
 from drcli.store.bucket import Bucket
+from drcli.store.model_prefix import newest_checkpoint
 
 POLL_S = 0.2
 """How often the supervisor looks at its processes."""

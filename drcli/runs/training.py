@@ -19,7 +19,7 @@ from drcli.runs.status import inspect
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
     from drcli.exchange.job import Job
     from drcli.runs.plan import RunPlan
-    from drcli.store.s3 import S3Bucket
+    from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0
 """How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
@@ -76,10 +76,10 @@ def supervise_job(job: "Job") -> int:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
     from drcli.base.atomic_file import only_writer
-    from drcli.runs import lease
     from drcli.runs.plan import refuse_second_run
     from drcli.runs.renewal import Renewal
     from drcli.runs.supervisor import Supervisor
+    from drcli.store import lease
     from drcli.store.connect import ensure_storage, open_bucket, restart_storage
     from drcli.store.ownership import Ownership
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from drcli.config.settings import Settings, catalogue
 from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames, StorageConfig
-from drcli.store.look import storage_config
+from drcli.store.open_running import storage_config
 from drcli.store.profiles import read_profile
-from drcli.store.s3 import S3Bucket
-from drcli.store.server import connect, ensure_running, last_known, restart, stop
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server.server import connect, ensure_running, last_known, restart, stop
 
 
 def open_bucket(

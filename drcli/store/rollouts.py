@@ -17,7 +17,7 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import Misfit, built, parsed
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.episodes import LEAST_STEP_BYTES, Episodes, pack_episodes
+from drcli.store.episode_encoding import LEAST_STEP_BYTES, Episodes, pack_episodes
 
 _UNSENT_PARTS = 4
 """How many parts may wait in memory for a slow bucket before playing has to wait, too."""

@@ -10,7 +10,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.keys import CheckpointName
-from drcli.store.mending import Model, readable_scores
+from drcli.store.repair import Model, readable_scores
 from drcli.store.scores import Score, Scores
 
 Choice = Literal["last", "best"] | int

@@ -16,7 +16,7 @@ from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.store.proof import Proof
+from drcli.store.verify import Proof
 from drcli.transfer.places import PLAN_PATIENCE_S
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")

@@ -12,8 +12,8 @@ from typing import TypeVar
 from drcli.base.errors import StorageError
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
-from drcli.store.proof import Proof
 from drcli.store.scores import Score, read_scores, single_score
+from drcli.store.verify import Proof
 from drcli.transfer.choice import Item, missing_parts
 from drcli.transfer.companions import SHAPING
 from drcli.transfer.report import TransferReport

@@ -11,7 +11,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
-from drcli.store.mending import Model, readable_scores
+from drcli.store.repair import Model, readable_scores
 from drcli.transfer.companions import SHAPING
 from drcli.transfer.custom_files import write_file
 from drcli.transfer.delivery import POINTERS, Delivery

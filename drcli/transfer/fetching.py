@@ -19,7 +19,7 @@ from drcli.store.bucket import (
 )
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.keys import CheckpointName
-from drcli.store.rebuilding import good_records, rebuilt_scores
+from drcli.store.reconstruct import good_records, rebuilt_scores
 from drcli.store.scores import scores_file, scores_of
 from drcli.transfer.choice import Item, missing_parts
 from drcli.transfer.companions import HYPERPARAMETERS, METADATA, PARAMETERS_FILE

@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import fnmatchcase
 
-from drcli.runs import lease
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.keys import CheckpointName
-from drcli.store.mending import Model, readable_scores
+from drcli.store.repair import Model, readable_scores
 from drcli.store.scores import Score
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")

@@ -8,14 +8,13 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
 from drcli.config.settings import Settings
-from drcli.runs import lease
-from drcli.runs.prefix import contains
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket, open_upload_bucket, running_endpoint
 from drcli.store.endpoint import UPLOADS, SettingNames
-from drcli.store.look import open_running_bucket
-from drcli.store.s3 import S3Bucket
+from drcli.store.model_prefix import contains
+from drcli.store.open_running import open_running_bucket
+from drcli.store.s3_bucket import S3Bucket
 
 PLAN_PATIENCE_S = 5.0
 """How long a server may be silent while somebody waits for the first word."""

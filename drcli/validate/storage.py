@@ -7,10 +7,11 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.network_shape import Design, refuse_misfit
-from drcli.runs import lease, pretrained
-from drcli.runs.prefix import is_used, newest_checkpoint
+from drcli.runs import pretrained
 from drcli.runs.pretrained import Transfer
+from drcli.store import lease
 from drcli.store.bucket import Bucket
+from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.validate.report import Violation
 from drcli.validate.translation import from_error, from_findings, from_sentence
 

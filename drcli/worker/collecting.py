@@ -8,9 +8,9 @@ import numpy as np
 
 from drcli.learn.buffer import Rollout
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.collection import RolloutReader, Waiting
-from drcli.store.episodes import Episodes
+from drcli.store.episode_encoding import Episodes
 from drcli.store.keys import CheckpointName
+from drcli.store.rollout_collection import RolloutReader, Waiting
 from drcli.store.rollouts import Manifest
 
 FIRST_PATIENCE_S = 600.0

@@ -18,7 +18,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.ownership import Ownership
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
 from drcli.worker import output
 
 BUG = 1

@@ -9,7 +9,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.evaluations import EvaluationResult, read_evaluation
 from drcli.store.history import History, IterationRecord
 from drcli.store.keys import CheckpointName
-from drcli.store.mending import set_aside
+from drcli.store.repair import set_aside
 from drcli.store.scores import metric_of, tie_break_of
 
 REMEMBERED_SCORES = 3

@@ -22,9 +22,9 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.episodes import Episodes
+from drcli.store.episode_encoding import Episodes
 from drcli.store.evaluations import EvaluationResult, write_evaluation
-from drcli.store.mending import Model, mend_metrics
+from drcli.store.repair import Model, mend_metrics
 from drcli.store.rollouts import RolloutWriter, session_of_worker
 from drcli.worker import announce, process
 from drcli.worker.cores import cores, driving_threads, overlaps

@@ -19,9 +19,9 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import health, keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.collection import RolloutReader
 from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.mending import Model, mend
+from drcli.store.repair import Model, mend
+from drcli.store.rollout_collection import RolloutReader
 from drcli.worker import announce, process
 from drcli.worker.collecting import Collected, Collector
 from drcli.worker.cores import learning_threads

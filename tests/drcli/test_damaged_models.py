@@ -16,18 +16,17 @@ from safetensors.numpy import save
 from drcli.base.errors import DrError
 from drcli.base.fingerprint import Fingerprint
 from drcli.config.settings import Settings, load_settings
-from drcli.runs import lease
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.runs.record import RunRecord, run_folder
 from drcli.runs.status import inspect
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.bucket import Watch, put_json
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
-from drcli.store.memory import MemoryBucket
-from drcli.store.rebuilding import whole_checkpoints
+from drcli.store.memory_bucket import MemoryBucket
+from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.scores import read_scores
 from drcli.store.training_metrics import read_records
 from drcli.transfer.download import DownloadOptions, download, plan_download
@@ -174,7 +173,7 @@ def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.Monke
         (working_folder / name).unlink()
     write_folder(working_folder)
     world = World(working_folder, monkeypatch, trained.copied())
-    monkeypatch.setattr("drcli.runs.lease.is_owner_alive", lambda held: False)
+    monkeypatch.setattr("drcli.store.lease.is_owner_alive", lambda held: False)
     settings = world.settings
     RunRecord(
         run_id=0,

@@ -20,7 +20,7 @@ import pytest
 
 from drcli.config.settings import Settings, load_settings
 from drcli.store.connect import open_bucket, stop_storage
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 90.0
 PREFIX = "model"

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.store import server
 from drcli.store.endpoint import Endpoint, Engine, StorageConfig
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 pytestmark = pytest.mark.slow
 

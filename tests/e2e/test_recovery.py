@@ -11,7 +11,7 @@ from typing import Any
 import psutil
 import pytest
 
-from drcli.runs import lease
+from drcli.store import lease
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from moto.server import ThreadedMotoServer
 
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.endpoint import Endpoint
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
 
 pytestmark = pytest.mark.slow
 

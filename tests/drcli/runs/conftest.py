@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from drcli.config.settings import Settings, load_settings
-from drcli.runs import lease
 from drcli.runs.plan import RunPlan, StartOptions, prepare
+from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]
 

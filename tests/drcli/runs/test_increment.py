@@ -8,9 +8,9 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.runs import lease
 from drcli.runs.increment import make_increment, plan_increment
 from drcli.runs.record import RunRecord, run_folder
+from drcli.store import lease
 
 
 @pytest.fixture

@@ -12,9 +12,8 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.base.process_identity import started_s
-from drcli.runs import lease
-from drcli.store import keys
-from drcli.store.memory import MemoryBucket
+from drcli.store import keys, lease
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.ownership import read_lease, write_lease
 
 

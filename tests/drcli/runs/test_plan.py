@@ -10,10 +10,10 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.runs import lease, plan, training
+from drcli.runs import plan, training
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord, run_folder
-from drcli.store import keys
+from drcli.store import keys, lease
 
 THEIRS = {"session": "theirs", "host": "elsewhere", "pid": 1}
 WEIGHTS = "model-1/model/1_Step-10.ckpt.safetensors"

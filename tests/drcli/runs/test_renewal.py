@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
-from drcli.runs import lease
 from drcli.runs.renewal import LOOK_S, RENEW_S, Renewal
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.collection import RolloutReader
 from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.ownership import Ownership, read_lease, write_lease
+from drcli.store.rollout_collection import RolloutReader
 from drcli.store.rollouts import RolloutWriter, session_of_worker
 
 PREFIX = "model"

@@ -15,13 +15,13 @@ import pytest
 
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job, LastWords
-from drcli.runs import lease, supervisor
+from drcli.runs import supervisor
 from drcli.runs.logs import log_file
 from drcli.runs.record import RunRecord
 from drcli.runs.renewal import Renewal
 from drcli.runs.supervisor import Supervisor
-from drcli.store import keys
-from drcli.store.memory import MemoryBucket
+from drcli.store import keys, lease
+from drcli.store.memory_bucket import MemoryBucket
 
 ENDS, LATE, STAYS = "pass", "import time; time.sleep(1)", "import time; time.sleep(60)"
 

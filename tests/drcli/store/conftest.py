@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from moto.server import ThreadedMotoServer
 
-from drcli.store import server
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.memory import MemoryBucket
-from drcli.store.s3 import S3Bucket
+from drcli.store.memory_bucket import MemoryBucket
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 
 @pytest.fixture

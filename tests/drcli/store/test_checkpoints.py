@@ -11,7 +11,7 @@ from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from drcli.store.keys import CheckpointName
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.scores import Score, Scores, tie_break_of
 
 PREFIX = "team/model-1"

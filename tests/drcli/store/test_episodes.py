@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
 from drcli.store.bucket import ObjectDamaged
-from drcli.store.episodes import Episodes, pack_episodes, unpack_episodes, unpack_together
+from drcli.store.episode_encoding import Episodes, pack_episodes, unpack_episodes, unpack_together
 
 
 def played(lengths: list[int], *, first: int = 0, continuous: bool = False) -> Episodes:

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from drcli.store.bucket import ObjectMissing
-from drcli.store.folder import FolderBucket
+from drcli.store.folder_bucket import FolderBucket
 
 
 @pytest.fixture

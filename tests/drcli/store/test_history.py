@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drcli.store.history import History, IterationRecord, fields_of, read_history
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 
 
 def record(iteration: int) -> IterationRecord:

@@ -18,9 +18,9 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.store import idle, process, server
-from drcli.store.idle import Watch
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import idle, server, server_process
+from drcli.store.server.idle import Watch
 
 MINUTE_S = 60.0
 
@@ -47,7 +47,7 @@ class Served:
 
     @property
     def runs(self):
-        return process.is_running(self.endpoint.pid, f"127.0.0.1:{self.port}")
+        return server_process.is_running(self.endpoint.pid, f"127.0.0.1:{self.port}")
 
     def pass_minutes(self, count):
         """Look every half minute; whether the watch is over."""
@@ -206,7 +206,7 @@ def test_a_watcher_of_little_size_comes_and_goes_with_the_server(local):
         user.stdout.readline()
         user.kill()  # whoever started them both
     first = psutil.Process(state_of(local)["watcher"])
-    assert wait_until(lambda: "drcli.store.idle" in " ".join(first.cmdline()), patience_s=10)
+    assert wait_until(lambda: "drcli.store.server.idle" in " ".join(first.cmdline()), patience_s=10)
 
     os.kill(state_of(local)["pid"], signal.SIGKILL)
     assert wait_until(lambda: not first.is_running(), patience_s=10)
@@ -243,7 +243,7 @@ def test_on_a_full_disk_a_server_without_watcher_works_and_no_watcher_is_started
     started = []
     with monkeypatch.context() as full:
         full.setattr(server.ServerState, "write", refuse)
-        full.setattr(process, "start_detached", lambda *_, **__: started.append(1))
+        full.setattr(server_process, "start_detached", lambda *_, **__: started.append(1))
 
         assert server.ensure_running(local).pid == endpoint.pid
 

@@ -9,7 +9,7 @@ import pytest
 
 ASKING = """
 import sys
-from drcli.store.process import is_running
+from drcli.store.server.server_process import is_running
 
 print(is_running(int(sys.argv[1]), sys.argv[2]))
 """

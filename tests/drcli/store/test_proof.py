@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.store import proof, s3
-from drcli.store.proof import Proof
+from drcli.store import s3_bucket, verify
+from drcli.store.verify import Proof
 
 DATA = b"0123456789"
 
@@ -35,8 +35,8 @@ def test_the_etag_of_an_object_in_one_piece_is_proof_enough(unread):
 
 def test_the_etag_of_an_object_in_parts_is_proof_enough(unread, monkeypatch):
     for name, size in (("MULTIPART_FROM_BYTES", 6 << 20), ("PART_BYTES", 5 << 20)):
-        monkeypatch.setattr(s3, name, size)
-    monkeypatch.setattr(proof, "PART_BYTES", 5 << 20)
+        monkeypatch.setattr(s3_bucket, name, size)
+    monkeypatch.setattr(verify, "PART_BYTES", 5 << 20)
     data = bytes(range(256)) * (7 << 12)
     unread.put("k", data)
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.store import collection, keys
+from drcli.store import keys, rollout_collection
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.collection import RolloutReader, Waiting
-from drcli.store.episodes import Episodes
-from drcli.store.memory import MemoryBucket
+from drcli.store.episode_encoding import Episodes
+from drcli.store.memory_bucket import MemoryBucket
+from drcli.store.rollout_collection import RolloutReader, Waiting
 from drcli.store.rollouts import Manifest, RolloutWriter, find_manifest, new_session
 
 PREFIX = "team/model-1"
@@ -206,7 +206,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
 
 
 def test_no_more_is_fetched_ahead_than_memory_allows(memory, reader, monkeypatch):
-    monkeypatch.setattr(collection, "PREFETCH_BYTES", 0)
+    monkeypatch.setattr(rollout_collection, "PREFETCH_BYTES", 0)
     manifest = hand_in(memory)
 
     wait(reader, [0])

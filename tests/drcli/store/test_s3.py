@@ -11,10 +11,10 @@ from botocore.response import StreamingBody
 
 from drcli.base import notices
 from drcli.base.errors import OwnershipLost, StorageError
-from drcli.store import failures, profiles, s3
+from drcli.store import profiles, s3_bucket, s3_errors
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
 
 LOCAL = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone")
 REMOTE = Endpoint("http://127.0.0.1:1", "AKkey", "secret")
@@ -199,9 +199,9 @@ def test_a_full_server_is_said_to_be_full_at_once(scripted, clock):
 
 def test_a_failed_write_on_a_full_local_disk_says_so(tmp_path: Path, monkeypatch):
     endpoint = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone", data_dir=tmp_path)
-    attempt = failures.Attempt("write", endpoint, "bucket", "m/k", size_bytes=10**18)
+    attempt = s3_errors.Attempt("write", endpoint, "bucket", "m/k", size_bytes=10**18)
 
-    found = failures.explain(answer("InternalError", 500), attempt)
+    found = s3_errors.explain(answer("InternalError", 500), attempt)
 
     assert str(found) == (
         f"Cannot write bucket/m/k at http://127.0.0.1:1: the disk under {tmp_path} is full."
@@ -235,7 +235,7 @@ def test_secret_keys_are_not_printed():
 
 
 def test_a_listing_of_several_pages_is_complete_and_sorted(wire, monkeypatch):
-    monkeypatch.setattr(s3, "_PAGE_KEYS", 2)
+    monkeypatch.setattr(s3_bucket, "_PAGE_KEYS", 2)
     for name in "edcba":
         wire.put(f"m/{name}", b"")
 
@@ -243,7 +243,7 @@ def test_a_listing_of_several_pages_is_complete_and_sorted(wire, monkeypatch):
 
 
 def test_more_keys_than_one_request_takes_are_all_deleted(wire, monkeypatch):
-    monkeypatch.setattr(s3, "_PAGE_KEYS", 2)
+    monkeypatch.setattr(s3_bucket, "_PAGE_KEYS", 2)
     for name in "abcde":
         wire.put(f"m/{name}", b"")
 
@@ -253,8 +253,8 @@ def test_more_keys_than_one_request_takes_are_all_deleted(wire, monkeypatch):
 
 
 def test_a_large_object_travels_in_parts_and_arrives_whole(wire, monkeypatch):
-    monkeypatch.setattr(s3, "MULTIPART_FROM_BYTES", 6 << 20)
-    monkeypatch.setattr(s3, "PART_BYTES", 5 << 20)
+    monkeypatch.setattr(s3_bucket, "MULTIPART_FROM_BYTES", 6 << 20)
+    monkeypatch.setattr(s3_bucket, "PART_BYTES", 5 << 20)
     data = bytes(range(256)) * (12 << 12)
 
     wire.put("m/large", data)

@@ -18,9 +18,10 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.store import process, server, server_state
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.s3 import S3Bucket
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server, server_process
+from drcli.store.server import state as server_state
 
 FIND = """
 import sys
@@ -36,7 +37,7 @@ def kill(endpoint: Endpoint) -> None:
     assert endpoint.pid is not None
     os.kill(endpoint.pid, signal.SIGKILL)
     assert wait_until(
-        lambda: not process.is_running(endpoint.pid, str(endpoint.url)[7:]), patience_s=10
+        lambda: not server_process.is_running(endpoint.pid, str(endpoint.url)[7:]), patience_s=10
     )
 
 
@@ -258,7 +259,7 @@ def test_stopping_ends_the_server_and_says_whether_there_was_one(local):
 
     assert server.stop(local)
     assert not server.stop(local)
-    assert not process.is_running(endpoint.pid, str(endpoint.url)[7:])
+    assert not server_process.is_running(endpoint.pid, str(endpoint.url)[7:])
     assert server.find_running(local) is None
 
 
@@ -272,7 +273,7 @@ def test_stopping_works_on_a_full_disk(local, monkeypatch):
         stopped = server.stop(local)
 
     assert stopped
-    assert not process.is_running(endpoint.pid, str(endpoint.url)[7:])
+    assert not server_process.is_running(endpoint.pid, str(endpoint.url)[7:])
     assert not list(local.data_dir.glob(".server.new"))
     assert not server.stop(local)
 

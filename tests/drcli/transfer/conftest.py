@@ -12,7 +12,7 @@ from drcli.config.settings import Settings, load_settings
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.transfer.download import DownloadOptions, DownloadReport, download, plan_download
 from drcli.transfer.upload import UploadOptions, UploadReport, plan_upload, upload
 

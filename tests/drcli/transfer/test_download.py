@@ -7,10 +7,9 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.runs import lease
-from drcli.store import keys
+from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
 

@@ -8,7 +8,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.transfer.choice import CheckpointGone
 
 from .conftest import driven, put_model

@@ -2,9 +2,8 @@
 
 import pytest
 
-from drcli.runs import lease
-from drcli.store import keys
-from drcli.store.memory import MemoryBucket
+from drcli.store import keys, lease
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.transfer.listing import CheckpointEntry, list_models
 
 from .conftest import put_model

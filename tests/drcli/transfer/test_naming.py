@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.runs import lease
+from drcli.store import lease
 from drcli.transfer.naming import make_upload_increment, plan_upload_increment
 
 from .conftest import put_model

@@ -10,7 +10,7 @@ import pytest
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.validate.everything import validate
 from drcli.validate.report import Report, Violation
 from drcli.worker import trial

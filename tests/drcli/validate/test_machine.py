@@ -11,7 +11,7 @@ import pytest
 from drcli.config.settings import load_settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.validate.machine import review_disk, review_gpu, review_memory
 from drcli.validate.storage import probe
 

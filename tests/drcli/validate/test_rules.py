@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.runs import lease
+from drcli.store import lease
 from drcli.store.bucket import ObjectInfo
 from drcli.validate.rules import RULES
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drcli.store import keys
-from drcli.store.collection import RolloutReader
-from drcli.store.episodes import Episodes
-from drcli.store.memory import MemoryBucket
+from drcli.store.episode_encoding import Episodes
+from drcli.store.memory_bucket import MemoryBucket
+from drcli.store.rollout_collection import RolloutReader
 from drcli.store.rollouts import RolloutWriter, find_manifest
 from drcli.worker.collecting import LEAST_PATIENCE_S, Collector
 

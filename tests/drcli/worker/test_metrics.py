@@ -6,7 +6,7 @@ import pytest
 
 from drcli.exchange.trace import Episode, Row
 from drcli.store import keys
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.worker.metrics import TrainingMetrics
 from drcli.worker.share import Share
 

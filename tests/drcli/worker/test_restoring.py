@@ -4,7 +4,7 @@ import pytest
 
 from drcli.store.bucket import ObjectMissing
 from drcli.store.evaluations import EvaluationResult, read_evaluation, write_evaluation
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.worker.restoring import forget_evaluations
 
 

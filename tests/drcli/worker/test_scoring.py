@@ -7,7 +7,7 @@ from drcli.store.bucket import put_json
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History, IterationRecord
 from drcli.store.keys import CheckpointName
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.worker import scoring
 from drcli.worker.scoring import Scoring
 

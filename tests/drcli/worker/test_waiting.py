@@ -5,7 +5,7 @@ import pytest
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import IterationRecord
-from drcli.store.memory import MemoryBucket
+from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollouts import Manifest
 from drcli.worker.process import StopRequested
 from drcli.worker.waiting import DOUBT_S, QUIET_SHARE, CheckpointWaiter

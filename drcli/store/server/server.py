@@ -15,10 +15,10 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
 from drcli.config import secret_environment
-from drcli.store import engines, idle, process
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.s3 import S3Bucket
-from drcli.store.server_state import ServerState, own_file
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import engines, idle, server_process
+from drcli.store.server.state import ServerState, own_file
 
 _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
@@ -135,7 +135,7 @@ def last_known(config: StorageConfig) -> Endpoint | None:
     state = ServerState.read(own_file(config, "json"))
     if state is None:
         return None
-    lives = state.pid is not None and process.is_running(state.pid, state.mark)
+    lives = state.pid is not None and server_process.is_running(state.pid, state.mark)
     return (state if lives else replace(state, pid=None)).endpoint(config)
 
 
@@ -149,10 +149,10 @@ def stop(config: StorageConfig) -> bool:
         state = ServerState.read(path)
         if state is None or state.pid is None:
             return False
-        was_running = process.is_running(state.pid, state.mark)
-        process.end(state.pid, state.mark)
+        was_running = server_process.is_running(state.pid, state.mark)
+        server_process.end(state.pid, state.mark)
         if state.watcher is not None:
-            process.end(state.watcher, idle.__name__)
+            server_process.end(state.watcher, idle.__name__)
         with suppress(OSError):  # a full disk; that no such process lives is seen anyway
             replace(state, pid=None, watcher=None).write(path)
     return was_running
@@ -161,7 +161,9 @@ def stop(config: StorageConfig) -> bool:
 def _restart_local(config: StorageConfig) -> Endpoint:
     state = ServerState.read(own_file(config, "json"))
     if state is not None and state.pid is not None:
-        process.end(state.pid, state.mark)  # its id stays in the note: its port is waited for
+        server_process.end(
+            state.pid, state.mark
+        )  # its id stays in the note: its port is waited for
     return _ensure_local(config)
 
 
@@ -171,7 +173,7 @@ def _ensure_local(config: StorageConfig) -> Endpoint:
         if _answers(state, config):
             _check_same_server(state, config)
             return _with_bucket(_watched(state, config), config)
-        process.end(state.pid, state.mark)
+        server_process.end(state.pid, state.mark)
     keys = state or ServerState(
         config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20)
     )
@@ -199,7 +201,7 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
         log.unlink()
     path = own_file(config, "json")
     state.write(path)  # before the start, so that no crash leaves a server without its keys
-    pid = process.start_detached(
+    pid = server_process.start_detached(
         launch.command,
         environment={**_inherited(), **launch.variables},
         log=log,
@@ -209,15 +211,15 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
     started.write(path)
     probe = _probe(started.endpoint(config))
     wait_until(
-        lambda: probe.accepts_keys() or not process.is_running(pid, started.mark),
+        lambda: probe.accepts_keys() or not server_process.is_running(pid, started.mark),
         patience_s=launch.start_s,
         first_s=0.02,
         last_s=0.2,
         what=f"Waiting for the local S3 server ({state.engine}) to start ...",
     )
-    if process.is_running(pid, started.mark) and probe.accepts_keys():
+    if server_process.is_running(pid, started.mark) and probe.accepts_keys():
         return started
-    process.end(pid, started.mark)
+    server_process.end(pid, started.mark)
     return None
 
 
@@ -236,11 +238,13 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
         f"{state.port}",
         f"{state.pid}",
     ]
-    lives = state.watcher is not None and process.is_running(state.watcher, " ".join(command))
+    lives = state.watcher is not None and server_process.is_running(
+        state.watcher, " ".join(command)
+    )
     try:
         if state.engine == "rclone" and config.idle_minutes and not lives:
             told.write(path)  # where that is impossible, nobody would find the watcher again
-            watcher = process.start_detached(
+            watcher = server_process.start_detached(
                 [sys.executable, "-P", *command],
                 environment=_inherited(),
                 log=own_file(config, "log").absolute(),
@@ -268,7 +272,7 @@ def _answers(state: ServerState, config: StorageConfig) -> bool:
     probe = _probe(state.endpoint(config))
     if probe.accepts_keys():
         return True
-    if state.pid is None or not process.is_running(state.pid, state.mark):
+    if state.pid is None or not server_process.is_running(state.pid, state.mark):
         return False
     return wait_until(
         probe.accepts_keys,

@@ -88,7 +88,7 @@ def _minio(data_dir: Path, port: int, access_key: str, secret_key: str) -> Launc
 
 def _moto(data_dir: Path, port: int) -> Launch:
     """For throw-away runs: moto forgets everything when it stops."""
-    command = [sys.executable, "-P", "-m", "drcli.store.moto_server", str(port)]
+    command = [sys.executable, "-P", "-m", "drcli.store.server.moto_server", str(port)]
     return Launch(command, {}, data_dir, start_s=60.0)
 
 

@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from drcli.base.errors import StorageError
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
-from drcli.store.engines import LEFTOVERS
+from drcli.store.server.engines import LEFTOVERS
 
 
 class FolderBucket:

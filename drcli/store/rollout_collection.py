@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from drcli.base.backoff import SLOW_GROWTH, delays_s
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
-from drcli.store.episodes import Episodes, unpack_together
+from drcli.store.episode_encoding import Episodes, unpack_together
 from drcli.store.rollouts import Manifest, Part, belongs, find_manifest
 
 PREFETCH_BYTES = 24 << 20

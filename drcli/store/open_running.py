@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.config.settings import Settings
 from drcli.store.bucket import Bucket
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.folder import FolderBucket
+from drcli.store.folder_bucket import FolderBucket
 
 READ_TIMEOUT_S = 2.0
 """How long an answer may stall for those who only look. A command that was told to end looks once
@@ -40,7 +40,7 @@ def open_running_bucket(settings: Settings, directory: Path) -> Bucket | None:
     if config.cloud == "local" and config.engine == "rclone":
         folder = config.data_dir / config.bucket
         return FolderBucket(folder) if folder.is_dir() else None
-    from drcli.store.server import find_running
+    from drcli.store.server.server import find_running
 
     endpoint = find_running(config)
     if endpoint is None:
@@ -51,6 +51,6 @@ def open_running_bucket(settings: Settings, directory: Path) -> Bucket | None:
 @lru_cache(maxsize=4)
 def _impatient(endpoint: Endpoint, name: str) -> Bucket:
     """A bucket for those who look again and again: making a client takes longer than a look."""
-    from drcli.store.s3 import S3Bucket
+    from drcli.store.s3_bucket import S3Bucket
 
     return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=READ_TIMEOUT_S)

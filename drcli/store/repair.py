@@ -17,7 +17,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, p
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.evaluations import evaluated_numbers, read_evaluation
 from drcli.store.history import IterationRecord, read_history
-from drcli.store.rebuilding import (
+from drcli.store.reconstruct import (
     rebuilt_history,
     rebuilt_metrics,
     rebuilt_record,

@@ -77,7 +77,7 @@ class ServerState:
     def mark(self) -> str:
         """What the server's command line contains and no other does."""
         where = f"127.0.0.1:{self.port}"
-        return f"drcli.store.moto_server {self.port}" if self.engine == "moto" else where
+        return f"drcli.store.server.moto_server {self.port}" if self.engine == "moto" else where
 
     def endpoint(self, config: StorageConfig) -> Endpoint:
         """The server as an address with keys."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drcli.base.fingerprint import Fingerprint
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
-from drcli.store.s3 import PART_BYTES
+from drcli.store.s3_bucket import PART_BYTES
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Works out again what a damaged object of a model said, from the objects that are whole.
 
-Nothing is written here; see `drcli.store.mending`.
+Nothing is written here; see `drcli.store.repair`.
 """
 
 import json

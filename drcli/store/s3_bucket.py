@@ -17,8 +17,8 @@ from drcli.base.errors import StorageError
 from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
-from drcli.store.failures import MISSING_CODES, Attempt, explain, patience_share
 from drcli.store.profiles import lend_to_refreshes, session_of
+from drcli.store.s3_errors import MISSING_CODES, Attempt, explain, patience_share
 
 if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client

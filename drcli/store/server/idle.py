@@ -1,6 +1,6 @@
 """Ends the embedded server once nobody has used it for a while; the next command starts it again.
 
-Started beside the server, as `python -m drcli.store.idle FOLDER PORT PID`, in a process of its own:
+Started beside the server, as `python -m drcli.store.server.idle FOLDER PORT PID`, in a process of its own:
 whoever started the server may be gone long before. It loads little and sleeps nearly always.
 
 Whether somebody uses the server is seen in two ways. Commands and workers of ours hold a lock on a
@@ -20,8 +20,8 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.store import process
-from drcli.store.server_state import ServerState
+from drcli.store.server import server_process
+from drcli.store.server.state import ServerState
 
 LOOK_S = 30.0
 """How often the watcher checks whether the server was used."""
@@ -96,7 +96,7 @@ class Watch:
         Returns:
             Whether there is nothing more to watch.
         """
-        if not process.is_running(self._pid, self._mark):
+        if not server_process.is_running(self._pid, self._mark):
             return True
         self._keep_log_small()
         idle_s = self._idle_s()
@@ -110,7 +110,7 @@ class Watch:
             with exclusive(self._folder / LOCK, patience_s=0.0):
                 return self._end_if_unused()
         except FileNotFoundError:  # somebody has deleted the folder
-            process.end(self._pid, self._mark)
+            server_process.end(self._pid, self._mark)
             return True
         except StorageError:  # a command is just looking for the server
             return False
@@ -141,7 +141,7 @@ class Watch:
                 self._used_s = self._clock()
                 return False
             # Its id stays in the state: a start waits then until the port is free, and takes it.
-            process.end(self._pid, self._mark)
+            server_process.end(self._pid, self._mark)
         except BlockingIOError:
             return False
         finally:

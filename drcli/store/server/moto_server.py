@@ -1,6 +1,6 @@
 """A throw-away S3 server in memory: everything in it is gone when it stops.
 
-Never the only home of a model. Started as `python -m drcli.store.moto_server PORT`.
+Never the only home of a model. Started as `python -m drcli.store.server.moto_server PORT`.
 """
 
 import signal
