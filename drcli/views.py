@@ -9,9 +9,9 @@ from drcli import views_iterations as iterations
 from drcli.views_layout import Fitted, indented
 
 if TYPE_CHECKING:
+    from drcli.models.pretrained import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import RunPlan
-    from drcli.runs.pretrained import Pretrained
     from drcli.runs.report import RunReport
 
 LIVE_ROWS = 6

@@ -9,11 +9,11 @@ from rich.text import Text
 from drcli.views_layout import Fitted, Rows
 
 if TYPE_CHECKING:
-    from drcli.transfer.custom_files import CustomFilesReport
-    from drcli.transfer.download import DownloadReport
-    from drcli.transfer.listing import CheckpointEntry, ModelList
-    from drcli.transfer.naming import UploadIncrement
-    from drcli.transfer.upload import UploadReport
+    from drcli.models.copy_custom_files import CustomFilesReport
+    from drcli.models.download import DownloadReport
+    from drcli.models.model_list import CheckpointEntry, ModelList
+    from drcli.models.upload import UploadReport
+    from drcli.models.upload_prefix import UploadIncrement
 
 _WITH_TIME = 100
 """Columns from which a date has its time."""

@@ -12,9 +12,9 @@ def upload_custom_files(as_json: AsJson = False) -> None:
     Example: dr-upload-custom-files
     """
     from drcli import console, views_models
-    from drcli.transfer import custom_files
+    from drcli.models import copy_custom_files
 
-    report = custom_files.upload_custom_files(settings(), working_folder(), console.say)
+    report = copy_custom_files.upload_custom_files(settings(), working_folder(), console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} is left out: its name is no UTF-8.")
     console.emit(report, views_models.custom_files(report, up=True), as_json=as_json)
@@ -28,9 +28,9 @@ def download_custom_files(as_json: AsJson = False) -> None:
     Example: dr-download-custom-files
     """
     from drcli import console, views_models
-    from drcli.transfer import custom_files
+    from drcli.models import copy_custom_files
 
-    report = custom_files.download_custom_files(settings(), working_folder(), console.say)
+    report = copy_custom_files.download_custom_files(settings(), working_folder(), console.say)
     for name in report.refused:
         console.warn(f"{report.place}/{name} would lie outside {report.folder} and is left out.")
     if not report.copied and not report.unchanged:

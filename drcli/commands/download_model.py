@@ -41,7 +41,7 @@ def download_model(
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
     from drcli import asking, console, views_models
-    from drcli.transfer.download import DownloadOptions, download, plan_download
+    from drcli.models.download import DownloadOptions, download, plan_download
 
     if not source:
         raise typer.BadParameter("No source URL to download model from. Name it with -s.")

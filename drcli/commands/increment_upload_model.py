@@ -27,7 +27,7 @@ def increment_upload_model(
     Example: dr-increment-upload-model -f
     """
     from drcli import asking, console, views_models
-    from drcli.transfer.naming import make_upload_increment, plan_upload_increment
+    from drcli.models.upload_prefix import make_upload_increment, plan_upload_increment
 
     folder = working_folder()
     planned = plan_upload_increment(

@@ -38,8 +38,8 @@ def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
 
 def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     from drcli import console, views_models
-    from drcli.transfer.listing import list_models as find
-    from drcli.transfer.places import bucket_to_look_at
+    from drcli.models.model_list import list_models as find
+    from drcli.models.transfer_buckets import bucket_to_look_at
 
     bucket = bucket_to_look_at(settings(), working_folder(), upload=upload)
     with console.waiting(f"Looking through s3://{bucket.name} ..."):

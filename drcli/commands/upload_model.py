@@ -42,8 +42,8 @@ def upload_model(
     Example: dr-upload-model -b -f
     """
     from drcli import asking, console, views_models
-    from drcli.transfer.naming import plan_upload_increment
-    from drcli.transfer.upload import UploadOptions, plan_upload, upload
+    from drcli.models.upload import UploadOptions, plan_upload, upload
+    from drcli.models.upload_prefix import plan_upload_increment
 
     if best and number is not None:
         raise typer.BadParameter("-b and -c each choose a checkpoint; give one of them.")

@@ -16,11 +16,11 @@ from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
+from drcli.models.pretrained import Pretrained
+from drcli.models.repair_model import mend_all
+from drcli.models.run_metadata import read_note, take_note, write_note
 from drcli.runs.ending import ending
 from drcli.runs.logs import begin_logs
-from drcli.runs.mending import mend_all
-from drcli.runs.note import read_note, take_note, write_note
-from drcli.runs.pretrained import Pretrained
 from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket

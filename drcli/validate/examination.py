@@ -9,7 +9,7 @@ from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
 from drcli.modelfiles.network_shape import Design
-from drcli.runs.pretrained import Transfer
+from drcli.models.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.validate.machine import review_disk

@@ -7,8 +7,8 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.network_shape import Design, refuse_misfit
-from drcli.runs import pretrained
-from drcli.runs.pretrained import Transfer
+from drcli.models import pretrained
+from drcli.models.pretrained import Transfer
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint

@@ -16,6 +16,9 @@ from safetensors.numpy import save
 from drcli.base.errors import DrError
 from drcli.base.fingerprint import Fingerprint
 from drcli.config.settings import Settings, load_settings
+from drcli.models.download import DownloadOptions, download, plan_download
+from drcli.models.model_list import list_models
+from drcli.models.upload import UploadOptions, plan_upload, upload
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment
 from drcli.runs.plan import RunPlan, StartOptions, prepare
@@ -29,9 +32,6 @@ from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.scores import read_scores
 from drcli.store.training_metrics import read_records
-from drcli.transfer.download import DownloadOptions, download, plan_download
-from drcli.transfer.listing import list_models
-from drcli.transfer.upload import UploadOptions, plan_upload, upload
 from drcli.worker.process import StopRequested
 from drcli.worker.sim import SimWorker
 from drcli.worker.train import Trainer
@@ -90,10 +90,14 @@ class World:
         for module in places:
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.here)
         patch.setattr("drcli.runs.status.open_running_bucket", lambda *_: self.here)
-        patch.setattr("drcli.transfer.places.open_running_bucket", lambda *_: self.here)
-        patch.setattr("drcli.transfer.places.open_upload_bucket", lambda *_, **__: self.there)
+        patch.setattr("drcli.models.transfer_buckets.open_running_bucket", lambda *_: self.here)
+        patch.setattr(
+            "drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
+        )
         patch.setattr("drcli.validate.examination.try_inputs", lambda *_: [])
-        patch.setattr("drcli.runs.note._git", lambda *_: None)  # six processes for each start
+        patch.setattr(
+            "drcli.models.run_metadata._git", lambda *_: None
+        )  # six processes for each start
 
     @property
     def settings(self) -> Settings:

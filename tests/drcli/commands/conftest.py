@@ -9,6 +9,12 @@ import pytest
 
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs
+from drcli.models.copy_custom_files import CustomFilesReport
+from drcli.models.download import DownloadReport
+from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
+from drcli.models.pretrained import Pretrained
+from drcli.models.upload import UploadReport
+from drcli.models.upload_prefix import UploadIncrement
 from drcli.reward.check import (
     DriverReport,
     Extreme,
@@ -20,17 +26,11 @@ from drcli.reward.lint import Remark
 from drcli.reward.plot import PlotReport
 from drcli.runs.increment import Increment
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.pretrained import Pretrained
 from drcli.runs.processes import Process
 from drcli.runs.report import EvaluationReport, RunReport
 from drcli.runs.speed import SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.tracks.facts import TrackFacts, TrackList
-from drcli.transfer.custom_files import CustomFilesReport
-from drcli.transfer.download import DownloadReport
-from drcli.transfer.listing import CheckpointEntry, ModelEntry, ModelList
-from drcli.transfer.naming import UploadIncrement
-from drcli.transfer.upload import UploadReport
 from drcli.validate.report import Report, Skipped, Violation
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from drcli.runs.note import chosen_settings
+from drcli.models.run_metadata import chosen_settings
 from drcli.store import keys
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from drcli.config.settings import Settings, load_settings
+from drcli.models.download import DownloadOptions, DownloadReport, download, plan_download
+from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.transfer.download import DownloadOptions, DownloadReport, download, plan_download
-from drcli.transfer.upload import UploadOptions, UploadReport, plan_upload, upload
 
 RUN_ENV = (
     "DR_WORLD_NAME=reinvent_base",
@@ -38,18 +38,22 @@ class Mover:
         self.run_env(*RUN_ENV)
         self.here = MemoryBucket("bucket")
         self.use(MemoryBucket("uploads"))
-        monkeypatch.setattr("drcli.transfer.places.open_running_bucket", lambda *_: self.here)
+        monkeypatch.setattr(
+            "drcli.models.transfer_buckets.open_running_bucket", lambda *_: self.here
+        )
         for module in ("upload", "download", "places", "naming", "custom_files"):
             monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: self.here)
 
     def use(self, there: MemoryBucket) -> None:
         """Take another bucket for uploads."""
         self.there = there
-        self._patch.setattr("drcli.transfer.places.open_upload_bucket", lambda *_, **__: self.there)
+        self._patch.setattr(
+            "drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
+        )
 
     def use_as_source(self) -> None:
         """Let addresses lead to the bucket of uploads."""
-        self._patch.setattr("drcli.transfer.download.source_bucket", lambda *_, **__: self.there)
+        self._patch.setattr("drcli.models.download.source_bucket", lambda *_, **__: self.there)
 
     def run_env(self, *lines: str) -> None:
         (self.folder / "run.env").write_text("\n".join(lines) + "\n")

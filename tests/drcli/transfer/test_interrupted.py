@@ -6,10 +6,10 @@ from contextlib import suppress
 import pytest
 
 from drcli.base.errors import StorageError
+from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.transfer.choice import CheckpointGone
 
 from .conftest import driven, put_model
 

@@ -2,9 +2,9 @@
 
 import pytest
 
+from drcli.models.model_list import CheckpointEntry, list_models
 from drcli.store import keys, lease
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.transfer.listing import CheckpointEntry, list_models
 
 from .conftest import put_model
 

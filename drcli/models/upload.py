@@ -6,13 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.config.settings import Settings
-from drcli.runs.mending import look_after
-from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
-from drcli.store.connect import open_bucket
-from drcli.store.keys import CheckpointName
-from drcli.store.scores import read_scores
-from drcli.transfer.choice import (
+from drcli.models.checkpoint_choice import (
     CheckpointGone,
     Choice,
     Chosen,
@@ -20,9 +14,10 @@ from drcli.transfer.choice import (
     choose,
     read_checkpoint,
 )
-from drcli.transfer.companions import SHAPING, read_companions, refuse_incomplete
-from drcli.transfer.delivery import POINTERS, Delivery
-from drcli.transfer.places import (
+from drcli.models.checkpoint_files import SHAPING, read_companions, refuse_incomplete
+from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.repair_model import look_after
+from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
     checked_prefix,
@@ -31,7 +26,12 @@ from drcli.transfer.places import (
     refuse_training,
     target_bucket,
 )
-from drcli.transfer.report import TransferReport
+from drcli.models.transfer_report import TransferReport
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
+from drcli.store.connect import open_bucket
+from drcli.store.keys import CheckpointName
+from drcli.store.scores import read_scores
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a bar while its context lasts: takes what is done and how many bytes there are."""

@@ -8,6 +8,9 @@ from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.json_record import Misfit, parsed
 from drcli.modelfiles.params_yaml import moved_training_parameters
+from drcli.models.checkpoint_choice import Item, missing_parts
+from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, PARAMETERS_FILE
+from drcli.models.delivery import POINTERS, Delivery
 from drcli.store import keys
 from drcli.store.bucket import (
     Bucket,
@@ -21,9 +24,6 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.keys import CheckpointName
 from drcli.store.reconstruct import good_records, rebuilt_scores
 from drcli.store.scores import scores_file, scores_of
-from drcli.transfer.choice import Item, missing_parts
-from drcli.transfer.companions import HYPERPARAMETERS, METADATA, PARAMETERS_FILE
-from drcli.transfer.delivery import POINTERS, Delivery
 
 TRANSIENT = (
     "model/.ready",

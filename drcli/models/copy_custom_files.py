@@ -13,11 +13,11 @@ from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import custom_files_folder
+from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.verify import Proof
-from drcli.transfer.places import PLAN_PATIENCE_S
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""

@@ -6,16 +6,16 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.config.run_env import Edit, plan_edit, raised, written
 from drcli.config.settings import Settings, catalogue, load_settings
-from drcli.store import keys
-from drcli.store.connect import open_bucket
-from drcli.store.model_prefix import contains
-from drcli.transfer.places import (
+from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
     refuse_overlap,
     refuse_training,
     target_bucket,
 )
+from drcli.store import keys
+from drcli.store.connect import open_bucket
+from drcli.store.model_prefix import contains
 
 PREFIX = "DR_UPLOAD_S3_PREFIX"
 

@@ -6,17 +6,12 @@ from pathlib import Path
 from drcli.base import notices
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import custom_files_folder
-from drcli.runs.mending import look_after
-from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing
-from drcli.store.connect import open_bucket
-from drcli.store.endpoint import UPLOADS, SettingNames
-from drcli.store.repair import Model, readable_scores
-from drcli.transfer.companions import SHAPING
-from drcli.transfer.custom_files import write_file
-from drcli.transfer.delivery import POINTERS, Delivery
-from drcli.transfer.fetching import Fetcher, Source, check_weights, list_whole
-from drcli.transfer.places import (
+from drcli.models.checkpoint_files import SHAPING
+from drcli.models.copy_custom_files import write_file
+from drcli.models.copy_objects import Fetcher, Source, check_weights, list_whole
+from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.repair_model import look_after
+from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
     checked_prefix,
@@ -26,8 +21,13 @@ from drcli.transfer.places import (
     refuse_training,
     source_bucket,
 )
-from drcli.transfer.report import TransferReport
-from drcli.transfer.upload import Progress
+from drcli.models.transfer_report import TransferReport
+from drcli.models.upload import Progress
+from drcli.store import keys
+from drcli.store.bucket import Bucket, Listing
+from drcli.store.connect import open_bucket
+from drcli.store.endpoint import UPLOADS, SettingNames
+from drcli.store.repair import Model, readable_scores
 
 
 @dataclass(frozen=True)

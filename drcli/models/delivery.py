@@ -10,13 +10,13 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drcli.base.errors import StorageError
+from drcli.models.checkpoint_choice import Item, missing_parts
+from drcli.models.checkpoint_files import SHAPING
+from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.store.scores import Score, read_scores, single_score
 from drcli.store.verify import Proof
-from drcli.transfer.choice import Item, missing_parts
-from drcli.transfer.companions import SHAPING
-from drcli.transfer.report import TransferReport
 
 Report = TypeVar("Report", bound=TransferReport)
 

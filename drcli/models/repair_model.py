@@ -12,7 +12,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.runs.note import read_note
+from drcli.models.run_metadata import read_note
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, put_json
 from drcli.store.reconstruct import good_records

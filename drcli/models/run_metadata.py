@@ -17,7 +17,7 @@ from typing import Any
 
 from drcli.base.json_record import Misfit, built
 from drcli.config.settings import Settings, catalogue, hidden
-from drcli.runs.pretrained import Pretrained
+from drcli.models.pretrained import Pretrained
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 

@@ -4,9 +4,9 @@ from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
+from drcli.models.checkpoint_choice import Item
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged
-from drcli.transfer.choice import Item
 
 METADATA = "model/" + keys.MODEL_METADATA_FILE
 HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
