@@ -13,9 +13,9 @@ from drcli.base.problems import MOST_SHOWN, shown
 from drcli.views_layout import INDENT, Fitted, indented
 
 if TYPE_CHECKING:
+    from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
     from drcli.config.inspection import Value, Values
-    from drcli.validate.check import FullCheck
 
 PLACE_COLUMN = 46
 """Where the place of a value stands, unless the value is longer or the terminal narrow."""

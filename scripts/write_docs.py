@@ -11,9 +11,9 @@ from pathlib import Path
 
 import error_texts
 
+from drcli.checks import rules
 from drcli.commands import manual
 from drcli.config.document import settings_page
-from drcli.validate import rules
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

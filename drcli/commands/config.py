@@ -58,7 +58,7 @@ def check(
     Example: dr-config check --json
     """
     from drcli import console, views_config
-    from drcli.validate.check import check_alone, with_rules
+    from drcli.checks.config_check import check_alone, with_rules
 
     report = check_alone(working_folder())
     if report.valid and not settings_only:

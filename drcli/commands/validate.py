@@ -28,7 +28,7 @@ def validate(
     Example: dr-validate --console-compatible
     """
     from drcli import console, views_validate
-    from drcli.validate import everything
+    from drcli.checks import working_folder as everything
 
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drcli.checks.sandbox.statement import Place
 from drcli.config.settings import Settings
 from drcli.reward.drive import drive, each_race
 from drcli.reward.lint import SIMULATION_STEP_S, Remark, remarks
 from drcli.reward.source import display_name, file_of
-from drcli.reward.statement import Place
 from drcli.reward.trial import Course, Trial, try_out
 from drsim.reward import RewardParams
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.problems import closest
-from drcli.reward.statement import Difference, EffectKind, Failure, FailureKind
+from drcli.checks.sandbox.statement import Difference, EffectKind, Failure, FailureKind
 from drcli.reward.trial import Trial
 from drcli.reward.worth import worth_remarks
 

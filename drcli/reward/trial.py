@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.checks.sandbox.parent import Hearing, Questions
+from drcli.checks.sandbox.statement import Place, Statement
 from drcli.reward.drive import Drive, Trip
 from drcli.reward.field import Field, field, unusual
-from drcli.reward.hearing import Hearing, Questions
 from drcli.reward.pilots import STEADY, Pilot
-from drcli.reward.statement import Place, Statement
 from drsim.reward import RewardParams
 
 

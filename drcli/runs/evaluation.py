@@ -22,6 +22,7 @@ from drcli.base.errors import (
     WorkerDied,
 )
 from drcli.base.process_identity import started_s
+from drcli.checks.reward_timeout import words_of_stuck
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
@@ -29,7 +30,6 @@ from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.logs import log_file
 from drcli.runs.report import EvaluationReport, TrialReport
-from drcli.runs.stuck import words_of_stuck
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 

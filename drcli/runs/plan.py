@@ -11,6 +11,9 @@ from typing import Any, Literal
 from drcli.base import notices
 from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
+from drcli.checks.before_start import Plans, examine
+from drcli.checks.report import by_severity, refuse
+from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
@@ -28,9 +31,6 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
-from drcli.validate.examination import Plans, examine
-from drcli.validate.report import by_severity, refuse
-from drcli.validate.storage import review_prefix
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""

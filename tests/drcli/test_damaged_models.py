@@ -94,7 +94,7 @@ class World:
         patch.setattr(
             "drcli.models.transfer_buckets.open_upload_bucket", lambda *_, **__: self.there
         )
-        patch.setattr("drcli.validate.examination.try_inputs", lambda *_: [])
+        patch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
         patch.setattr(
             "drcli.models.run_metadata._git", lambda *_: None
         )  # six processes for each start

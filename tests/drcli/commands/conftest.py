@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drcli.checks.report import Report, Skipped, Violation
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
@@ -31,7 +32,6 @@ from drcli.runs.report import EvaluationReport, RunReport
 from drcli.runs.speed import SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.tracks.facts import TrackFacts, TrackList
-from drcli.validate.report import Report, Skipped, Violation
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
 URL = f"s3://bucket/{MODEL}"

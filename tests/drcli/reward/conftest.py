@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drcli.checks.sandbox.recording import testify as testify_to
+from drcli.checks.sandbox.statement import Order, Statement
 from drcli.config.settings import Settings, load_settings
 from drcli.reward.drive import drive
-from drcli.reward.statement import Order, Statement
-from drcli.reward.testimony import testify as testify_to
 from drcli.reward.trial import Course, Trial
 from drsim.reward import RewardFunction
 

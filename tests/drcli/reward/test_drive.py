@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.checks.sandbox.statement import Statement
 from drcli.reward.check import _parameters
 from drcli.reward.drive import drive
 from drcli.reward.pilots import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
-from drcli.reward.statement import Statement
 from drcli.reward.trial import Trial
 
 ALWAYS_THE_SAME = {"track_length"}

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.reward.hearing import Hearing, Questions
+from drcli.checks.sandbox.parent import Hearing, Questions
 
 ENDS = "import os\ndef reward_function(params):\n    os._exit(3)\n"
 CRASHES = "import ctypes\ndef reward_function(params):\n    return ctypes.string_at(0)\n"

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drcli.first_step import idle_conditions
-from drcli.reward.lint import remarks
-from drcli.reward.statement import (
+from drcli.checks.first_step import idle_conditions
+from drcli.checks.sandbox.statement import (
     Difference,
     Effect,
     Failure,
@@ -17,6 +16,7 @@ from drcli.reward.statement import (
     Statement,
     Timing,
 )
+from drcli.reward.lint import remarks
 from drcli.reward.trial import Trial
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"

@@ -77,7 +77,7 @@ def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
     bucket = ProbedBucket()
     for module in ("plan", "increment"):
         monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
-    monkeypatch.setattr("drcli.validate.examination.try_inputs", lambda *_: [])
+    monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
     return Racer(working_folder, bucket)
 
 

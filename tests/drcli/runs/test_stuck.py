@@ -4,7 +4,7 @@ import faulthandler
 
 import pytest
 
-from drcli.runs.stuck import stuck_place
+from drcli.checks.reward_timeout import stuck_place
 
 CALLING = """
 def reward_function(dump):

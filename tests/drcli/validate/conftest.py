@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
+from drcli.checks.report import Report, Violation
+from drcli.checks.sandbox import inputs_process
+from drcli.checks.working_folder import validate
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.validate.everything import validate
-from drcli.validate.report import Report, Violation
-from drcli.worker import trial
 
 REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
 
@@ -92,12 +92,12 @@ def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
 
     def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Violation]:
         if reward is None:
-            return trial.try_inputs(job.settings, None)
+            return inputs_process.try_inputs(job.settings, None)
         job.folder.mkdir(parents=True, exist_ok=True)
         path = job.folder / "reward_function.py"
         path.write_bytes(reward.data)
-        return trial.try_inputs(job.settings, (path, reward.origin))
+        return inputs_process.try_inputs(job.settings, (path, reward.origin))
 
-    monkeypatch.setattr("drcli.validate.everything.open_bucket", lambda *_, **__: made.bucket)
-    monkeypatch.setattr("drcli.validate.examination.try_inputs", try_inputs)
+    monkeypatch.setattr("drcli.checks.working_folder.open_bucket", lambda *_, **__: made.bucket)
+    monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_inputs)
     return made

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
+from drcli.checks.machine_rules import review_disk, review_gpu, review_memory
+from drcli.checks.storage_rules import probe
 from drcli.config.settings import load_settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.validate.machine import review_disk, review_gpu, review_memory
-from drcli.validate.storage import probe
 
 GB = 1_000_000_000
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from drcli.base.errors import StorageError
+from drcli.checks.rules import RULES
 from drcli.store import lease
 from drcli.store.bucket import ObjectInfo
-from drcli.validate.rules import RULES
 
 Spoil = Callable[[Any], object]
 """Changes a folder."""

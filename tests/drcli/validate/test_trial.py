@@ -12,12 +12,12 @@ from threading import Event
 
 import pytest
 
+from drcli.checks.before_start import examine
+from drcli.checks.report import find_tried
+from drcli.checks.sandbox.inputs import try_inputs
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
-from drcli.validate.examination import examine
-from drcli.validate.report import find_tried
-from drcli.validate.trial import try_inputs
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -96,8 +96,8 @@ def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
         raise KeyboardInterrupt
 
     ends = []
-    monkeypatch.setattr("drcli.validate.examination.try_inputs", wait)
-    monkeypatch.setattr("drcli.validate.examination.review_disk", interrupt)
+    monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
+    monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
 
     with pytest.raises(KeyboardInterrupt):
         examine(job, {}, None)
@@ -112,7 +112,7 @@ def test_a_trial_ends_with_its_launcher(job, tmp_path):
     orphaned = replace(job, launcher_pid=int(gone.stdout), folder=tmp_path)
 
     process = orphaned.spawn(
-        [sys.executable, "-P", "-m", "drcli.worker.trial", path, "mine.py"],
+        [sys.executable, "-P", "-m", "drcli.checks.sandbox.inputs_process", path, "mine.py"],
         start_new_session=True,
     )
 
@@ -123,7 +123,7 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_text(DEAF)
     script = (
-        "import sys, drsim.guard, drsim.reward, drcli.worker.trial as trial\n"
+        "import sys, drsim.guard, drsim.reward, drcli.checks.sandbox.inputs_process as trial\n"
         "from pathlib import Path\n"
         "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
         "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"

@@ -3,8 +3,8 @@
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.checks.sandbox.inputs_process import sample_params, try_inputs
 from drcli.config.settings import Settings, load_settings
-from drcli.worker.trial import sample_params, try_inputs
 from drcli.worker.world import load_race, race_of, randomize_of, realism_of
 from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.realism import Realism

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
+from drcli.checks.report import Violation
+from drcli.checks.translation import from_error, from_findings, key_of
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import InputFile
 from drcli.modelfiles.hyperparameters import KEYS, Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
-from drcli.validate.report import Violation
-from drcli.validate.translation import from_error, from_findings, key_of
 
 HYPERPARAMETER_RULES = {
     **dict.fromkeys(KEYS, "V-46"),

@@ -248,7 +248,7 @@ _HEAD = """# Rules
 
 `dr-validate` tries every rule below and reports all breaches at once; `dr-start-training` tries
 those that end in errors by itself. This page is written by `scripts/write_docs.py` from
-`drcli/validate/rules.py`.
+`drcli/checks/rules.py`.
 
 The numbers are those of deepracer-on-the-spot and of the community's notes; those marked * are
 ours. "For the console" means `dr-validate --console-compatible`, for a model that shall train on

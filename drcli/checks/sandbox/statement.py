@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from drcli.first_step import Idle
+from drcli.checks.first_step import Idle
 
 ORDER_FILE, STATEMENT_FILE, FAULTS_FILE = "order.json", "statement.json", "faults.txt"
 """In the folder that a witness works in: what to do, what came of it, and Python's last words."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
-from drcli.reward.statement import Effect, EffectKind, Growth, Printed
+from drcli.checks.sandbox.statement import Effect, EffectKind, Growth, Printed
 
 _EVENTS: dict[str, EffectKind] = {
     "os.chmod": "writes",

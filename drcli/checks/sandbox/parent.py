@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import SettingsError
-from drcli.config import secret_environment
-from drcli.first_step import idle_conditions
-from drcli.reward.statement import (
+from drcli.checks.first_step import idle_conditions
+from drcli.checks.sandbox.statement import (
     FAULTS_FILE,
     HANGS,
     ORDER_FILE,
@@ -24,8 +23,9 @@ from drcli.reward.statement import (
     Order,
     Statement,
 )
+from drcli.config import secret_environment
 
-_MODULE = "drcli.reward.witness"
+_MODULE = "drcli.checks.sandbox.reward_process"
 _PATIENCE_S = 200.0
 """Longest hearing: loading the file three times, which may take a minute each."""
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.base.text_file import decode
-from drcli.first_step import idle_conditions
+from drcli.checks.first_step import idle_conditions
+from drcli.checks.report import Violation
+from drcli.checks.translation import from_error
 from drcli.modelfiles.custom_files import InputFile
-from drcli.validate.report import Violation
-from drcli.validate.translation import from_error
 
 LARGEST_BYTES = 1024 * 1024
 """No reward function comes near this; a file beyond it was named by mistake."""

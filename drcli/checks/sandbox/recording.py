@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from drcli.reward.calls import Call, Guard, Watched
-from drcli.reward.effects import Effects, Listener, growth, sizes
-from drcli.reward.originals import Originals
-from drcli.reward.statement import (
+from drcli.checks.sandbox.calls import Call, Guard, Watched
+from drcli.checks.sandbox.originals import Originals
+from drcli.checks.sandbox.side_effects import Effects, Listener, growth, sizes
+from drcli.checks.sandbox.statement import (
     Difference,
     Failure,
     FailureKind,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
+from drcli.checks.report import Violation
+from drcli.checks.translation import from_error, from_findings, from_sentence, key_of
 from drcli.config.settings import Settings, catalogue, load_settings
-from drcli.validate.report import Violation
-from drcli.validate.translation import from_error, from_findings, from_sentence, key_of
 
 MOST_REPAIRS = 5
 """How often lines are taken out: a line that is gone may show what was wrong behind it."""

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from time import monotonic, perf_counter_ns, sleep  # which racers' code may put elsewhere in time
 from typing import Any, TextIO
 
-from drcli.reward.effects import line_in
-from drcli.reward.statement import HANGS, FailureKind
+from drcli.checks.sandbox.side_effects import line_in
+from drcli.checks.sandbox.statement import HANGS, FailureKind
 from drsim.blame import code_of
 from drsim.errors import RewardError
 from drsim.reward import RewardFunction, RewardParams, as_number

@@ -9,6 +9,16 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Finding
+from drcli.checks.before_start import FILE_RULES, Examined, Plans, examine
+from drcli.checks.compatibility import as_console, review_actions, review_balance, review_names
+from drcli.checks.console_rules import review_style
+from drcli.checks.machine_rules import review_gpu, review_memory
+from drcli.checks.parameter_rules import review_parameters
+from drcli.checks.report import Report, Skipped, Violation, by_severity, of_severity
+from drcli.checks.reward_rules import read_source, review_source
+from drcli.checks.settings_rules import SettingsReview, review_settings
+from drcli.checks.storage_rules import probe, review_rivals
+from drcli.checks.translation import from_error
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.exchange.job import Job
@@ -17,16 +27,6 @@ from drcli.runs.record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.validate.elsewhere import as_console, review_actions, review_balance, review_names
-from drcli.validate.examination import FILE_RULES, Examined, Plans, examine
-from drcli.validate.machine import review_gpu, review_memory
-from drcli.validate.parameters import review_parameters
-from drcli.validate.report import Report, Skipped, Violation, by_severity, of_severity
-from drcli.validate.reward import read_source, review_source
-from drcli.validate.reward_style import review_style
-from drcli.validate.settings import SettingsReview, review_settings
-from drcli.validate.storage import probe, review_rivals
-from drcli.validate.translation import from_error
 
 PATIENCE_S = 5.0
 """How long to wait for a bucket that does not answer."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
+from drcli.checks.report import Violation
+from drcli.checks.translation import from_error, from_findings, from_sentence
 from drcli.config.settings import Settings
 from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.models import pretrained
@@ -12,8 +14,6 @@ from drcli.models.pretrained import Transfer
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
-from drcli.validate.report import Violation
-from drcli.validate.translation import from_error, from_findings, from_sentence
 
 LARGEST_SKEW_S = 300.0
 """Servers refuse requests that are signed a quarter of an hour off; a third of that is told."""

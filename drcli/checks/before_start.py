@@ -5,6 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
+from drcli.checks.machine_rules import review_disk
+from drcli.checks.parameter_rules import ParametersReview, review_parameters
+from drcli.checks.report import Violation
+from drcli.checks.reward_rules import Source, read_source, review_source
+from drcli.checks.sandbox.inputs import try_inputs
+from drcli.checks.storage_rules import review_fit, review_prefix, review_pretrained
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
@@ -12,12 +18,6 @@ from drcli.modelfiles.network_shape import Design
 from drcli.models.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.validate.machine import review_disk
-from drcli.validate.parameters import ParametersReview, review_parameters
-from drcli.validate.report import Violation
-from drcli.validate.reward import Source, read_source, review_source
-from drcli.validate.storage import review_fit, review_prefix, review_pretrained
-from drcli.validate.trial import try_inputs
 
 FILE_RULES = {
     keys.REWARD_FUNCTION_FILE: "V-02",

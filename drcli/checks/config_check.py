@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
+from drcli.checks.report import Report, Violation
 from drcli.config.effects import NAMED_BY_CHECK
 from drcli.config.inspection import Check, check_settings
-from drcli.validate.report import Report, Violation
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     """Try all rules on a folder whose settings are right."""
-    from drcli.validate.everything import validate  # settings are checked without what it loads
+    from drcli.checks.working_folder import validate  # settings are checked without what it loads
 
     rules = validate(Path(check.directory))
     return replace(

@@ -1,6 +1,6 @@
 """Tries a racer's inputs before anything starts: does the world load, does the reward work on it?
 
-Run by the launcher as `python -m drcli.worker.trial [FILE NAME]`: FILE is a copy of the reward
+Run by the launcher as `python -m drcli.checks.sandbox.inputs_process [FILE NAME]`: FILE is a copy of the reward
 function, NAME is what its author calls it; without them only worlds and races are loaded. Needs no
 torch and no bucket, so it is quick.
 """
@@ -19,9 +19,9 @@ import numpy as np
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
+from drcli.checks.report import Violation, leave_tried
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
-from drcli.validate.report import Violation, leave_tried
 from drcli.worker.world import load_race, load_world
 from drsim.car import CONTROL_HZ
 from drsim.errors import RewardError

@@ -9,11 +9,11 @@ import sys
 import time
 from threading import Event
 
+from drcli.checks.report import Violation, find_tried, forget_tried
+from drcli.checks.reward_timeout import WHY, is_stuck, stuck_place
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
-from drcli.runs.stuck import WHY, is_stuck, stuck_place
 from drcli.store import keys
-from drcli.validate.report import Violation, find_tried, forget_tried
 
 TIMEOUT_S = 60.0
 """How long the trial may take, endless loops included."""
@@ -71,7 +71,7 @@ def _run(job: Job, arguments: list[str], given_up: Event) -> tuple[int | None, s
     """Exit code of the trial, None where it had to be ended, and the end of what it wrote."""
     process = job.spawn(
         # -P: files of the working folder must not be taken for modules of that name.
-        [sys.executable, "-P", "-m", "drcli.worker.trial", *arguments],
+        [sys.executable, "-P", "-m", "drcli.checks.sandbox.inputs_process", *arguments],
         cwd=job.directory,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import psutil
 
+from drcli.checks.report import Violation
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.validate.report import Violation
 
 LEAST_DISK_BYTES = 2_000_000_000
 """Five checkpoints of the largest network with their optimizer states, and logs."""

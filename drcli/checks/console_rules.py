@@ -3,8 +3,8 @@
 import ast
 from collections.abc import Iterator
 
-from drcli.validate.report import Severity, Violation
-from drcli.validate.reward import Source
+from drcli.checks.report import Severity, Violation
+from drcli.checks.reward_rules import Source
 
 FUNCTION = "reward_function"
 

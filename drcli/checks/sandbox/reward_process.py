@@ -1,6 +1,6 @@
 """The process that a racer's reward function is called in: it may end, hang or crash that.
 
-Run as `python -m drcli.reward.witness FOLDER`. FOLDER holds the order; the statement is written
+Run as `python -m drcli.checks.sandbox.reward_process FOLDER`. FOLDER holds the order; the statement is written
 there last, so that a missing one tells that it came to that.
 """
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from drcli.base import signal_guard
-from drcli.reward.calls import Guard
-from drcli.reward.statement import FAULTS_FILE, ORDER_FILE, STATEMENT_FILE, Order
-from drcli.reward.testimony import testify
+from drcli.checks.sandbox.calls import Guard
+from drcli.checks.sandbox.recording import testify
+from drcli.checks.sandbox.statement import FAULTS_FILE, ORDER_FILE, STATEMENT_FILE, Order
 
 _MEMORY_BYTES = 16 << 30
 """Memory that may be asked for: a list that grows in an endless loop must not fill the machine."""

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import gcd
 
+from drcli.checks.report import Severity, Violation
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.validate.report import Severity, Violation
 
 LONGEST_NAME = 64
 """Characters in the name of an imported model. Source: the reference's validation script."""
