@@ -10,10 +10,10 @@ from drcli import sparkline
 from drcli.views_layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
-    from drcli.reward.check import OtherRace, RewardReport
-    from drcli.reward.compare import ComparisonReport
-    from drcli.reward.lint import Remark
-    from drcli.reward.plot import PlotReport
+    from drcli.rewards.check import OtherRace, RewardReport
+    from drcli.rewards.compare import ComparisonReport
+    from drcli.rewards.lint import Remark
+    from drcli.rewards.plot import PlotReport
 
 _CURVE_COLUMNS = 54
 """Columns of the curve of a lap where there are enough."""

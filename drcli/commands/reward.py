@@ -34,7 +34,7 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
     """
     from drcli import console, views_reward
     from drcli.base.errors import SettingsError
-    from drcli.reward import check as checking
+    from drcli.rewards import check as checking
 
     with console.waiting("Drivers try the reward function ..."):
         report = checking.check(_settings(world), file, working_folder())
@@ -61,7 +61,7 @@ def plot(
     Example: dr-reward plot -o reward.png
     """
     from drcli import console, views_reward
-    from drcli.reward import plot as plotting
+    from drcli.rewards import plot as plotting
 
     with console.waiting("Drivers try the reward function ..."):
         report = plotting.plot(_settings(world), file, out, working_folder())
@@ -83,7 +83,7 @@ def compare(
     Example: dr-reward compare custom_files/reward_function.py other.py -o both.png
     """
     from drcli import console, views_reward
-    from drcli.reward import compare as comparing
+    from drcli.rewards import compare as comparing
 
     with console.waiting("Drivers try both reward functions ..."):
         report = comparing.compare(_settings(world), first, second, out, working_folder())

@@ -27,7 +27,7 @@ PREFIX = "model"
 
 FORKING = """
 import gc, json, os, sys
-import boto3, drcli.reward.check, drcli.runs.plan, drcli.store.connect, drcli.checks.working_folder
+import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.working_folder
 from drcli.cli import main
 from drcli.commands.lazy import load
 from drcli.commands.table import COMMANDS

@@ -16,15 +16,15 @@ from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.pretrained import Pretrained
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
-from drcli.reward.check import (
+from drcli.rewards.check import (
     DriverReport,
     Extreme,
     ParameterReport,
     TimeReport,
 )
-from drcli.reward.compare import ComparisonReport, DriverComparison, PlaceComparison
-from drcli.reward.lint import Remark
-from drcli.reward.plot import PlotReport
+from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
+from drcli.rewards.lint import Remark
+from drcli.rewards.plot import PlotReport
 from drcli.runs.increment import Increment
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.processes import Process

@@ -8,8 +8,8 @@ import pytest
 from drcli.checks.sandbox.recording import testify as testify_to
 from drcli.checks.sandbox.statement import Order, Statement
 from drcli.config.settings import Settings, load_settings
-from drcli.reward.drive import drive
-from drcli.reward.trial import Course, Trial
+from drcli.rewards.scripted_drive import drive
+from drcli.rewards.trial import Course, Trial
 from drsim.reward import RewardFunction
 
 

@@ -59,7 +59,7 @@ def two_worlds(racer, course, obstacle_course, monkeypatch):
     (racer / "worker-2.env").write_text("DR_RACE_TYPE=OBJECT_AVOIDANCE\n")
     (racer / "worker-3.env").write_text("DR_RACE_TYPE=TIME_TRIAL\n")
     driven = {"TIME_TRIAL": course.drive, "OBJECT_AVOIDANCE": obstacle_course.drive}
-    monkeypatch.setattr("drcli.reward.check.drive", lambda settings: driven[settings.race_type])
+    monkeypatch.setattr("drcli.rewards.check.drive", lambda settings: driven[settings.race_type])
     return racer
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.reward.compare import _report
+from drcli.rewards.compare import _report
 
 
 def near(params):

@@ -7,10 +7,10 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.statement import Statement
-from drcli.reward.check import _parameters
-from drcli.reward.drive import drive
-from drcli.reward.pilots import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
-from drcli.reward.trial import Trial
+from drcli.rewards.check import _parameters
+from drcli.rewards.drivers import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
+from drcli.rewards.scripted_drive import drive
+from drcli.rewards.trial import Trial
 
 ALWAYS_THE_SAME = {"track_length"}
 

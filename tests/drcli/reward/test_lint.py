@@ -16,8 +16,8 @@ from drcli.checks.sandbox.statement import (
     Statement,
     Timing,
 )
-from drcli.reward.lint import remarks
-from drcli.reward.trial import Trial
+from drcli.rewards.lint import remarks
+from drcli.rewards.trial import Trial
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from drcli.base.errors import SettingsError
-from drcli.reward import duel, plot
-from drcli.reward.canvas import (
+from drcli.rewards import comparison_picture, plot
+from drcli.rewards.canvas import (
     Canvas,
     diverging,
     number,
@@ -17,7 +17,7 @@ from drcli.reward.canvas import (
     sequential,
     ticks,
 )
-from drcli.reward.panels import Curve
+from drcli.rewards.panels import Curve
 
 
 def brightness(picture: Image.Image) -> np.ndarray:
@@ -47,7 +47,7 @@ def test_two_functions_make_one_wide_picture(trial_of, tmp_path):
     first = trial_of(lambda params: 1.0 - params["distance_from_center"])
     second = trial_of(lambda params: params["speed"])
 
-    duel.picture_of(first, second).save(tmp_path / "both.png")
+    comparison_picture.picture_of(first, second).save(tmp_path / "both.png")
 
     with Image.open(tmp_path / "both.png") as picture:
         assert picture.width > picture.height

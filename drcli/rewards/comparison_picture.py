@@ -1,12 +1,12 @@
 """A picture of two reward functions: both maps, where they differ, and a lap through both."""
 
-from drcli.reward.canvas import FAINT, LINES, Canvas, diverging
-from drcli.reward.compare import drive_values, scaled
-from drcli.reward.field import SPEED_MPS
-from drcli.reward.panels import Box, Curve, Scale, draw_curves, draw_map, height_of_map
-from drcli.reward.pilots import FAST, STEADY
-from drcli.reward.plot import Floats, color_scale, curve_of, field_array
-from drcli.reward.trial import Trial
+from drcli.rewards.canvas import FAINT, LINES, Canvas, diverging
+from drcli.rewards.compare import drive_values, scaled
+from drcli.rewards.drivers import FAST, STEADY
+from drcli.rewards.panels import Box, Curve, Scale, draw_curves, draw_map, height_of_map
+from drcli.rewards.plot import Floats, color_scale, curve_of, field_array
+from drcli.rewards.track_grid import SPEED_MPS
+from drcli.rewards.trial import Trial
 
 _COLUMN, _MARGIN, _HEAD, _TITLE = 760, 36, 84, 34
 

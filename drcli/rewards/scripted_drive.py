@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.reward.pilots import (
+from drcli.rewards.drivers import (
     FAST,
     LEAVING,
     RAMMING,

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from drcli.checks.sandbox.statement import Place
 from drcli.config.settings import Settings
-from drcli.reward.drive import drive, each_race
-from drcli.reward.lint import SIMULATION_STEP_S, Remark, remarks
-from drcli.reward.source import display_name, file_of
-from drcli.reward.trial import Course, Trial, try_out
+from drcli.rewards.lint import SIMULATION_STEP_S, Remark, remarks
+from drcli.rewards.scripted_drive import drive, each_race
+from drcli.rewards.source import display_name, file_of
+from drcli.rewards.trial import Course, Trial, try_out
 from drsim.reward import RewardParams
 
 

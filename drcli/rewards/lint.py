@@ -6,8 +6,8 @@ from typing import Literal
 
 from drcli.base.problems import closest
 from drcli.checks.sandbox.statement import Difference, EffectKind, Failure, FailureKind
-from drcli.reward.trial import Trial
-from drcli.reward.worth import worth_remarks
+from drcli.rewards.loopholes import worth_remarks
+from drcli.rewards.trial import Trial
 
 SIMULATION_STEP_S = 0.25e-3
 """What the simulation itself takes for a step of one car, about: 4,200 steps/s were measured."""

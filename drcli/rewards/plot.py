@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.config.settings import Settings
-from drcli.reward.canvas import FAINT, LINES, Canvas, number, refuse_replacing, sequential
-from drcli.reward.drive import Trip, drive
-from drcli.reward.field import SPEED_MPS
-from drcli.reward.panels import Box, Curve, Scale, draw_curves, draw_map, height_of_map
-from drcli.reward.source import display_name, file_of
-from drcli.reward.trial import Course, Trial, refuse_failing, try_out
+from drcli.rewards.canvas import FAINT, LINES, Canvas, number, refuse_replacing, sequential
+from drcli.rewards.panels import Box, Curve, Scale, draw_curves, draw_map, height_of_map
+from drcli.rewards.scripted_drive import Trip, drive
+from drcli.rewards.source import display_name, file_of
+from drcli.rewards.track_grid import SPEED_MPS
+from drcli.rewards.trial import Course, Trial, refuse_failing, try_out
 
 Floats = NDArray[np.float64]
 

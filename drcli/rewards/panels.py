@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.reward.canvas import (
+from drcli.rewards.canvas import (
     FAINT,
     GRID,
     INK,
@@ -17,7 +17,7 @@ from drcli.reward.canvas import (
     number,
     ticks,
 )
-from drcli.reward.field import Field
+from drcli.rewards.track_grid import Field
 from drsim.track import Track
 
 Floats = NDArray[np.float64]

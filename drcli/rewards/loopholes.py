@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from drcli.reward.pilots import FAST, LEAVING, STANDING, STEADY
-from drcli.reward.trial import Trial
+from drcli.rewards.drivers import FAST, LEAVING, STANDING, STEADY
+from drcli.rewards.trial import Trial
 
 Worth = tuple[str, str, str]
 """Rule, message and remedy."""

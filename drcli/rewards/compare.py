@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.config.settings import Settings
-from drcli.reward.drive import drive
-from drcli.reward.pilots import FAST, STEADY
-from drcli.reward.source import display_name, files_of
-from drcli.reward.trial import Course, Trial, described, refuse_failing, try_out
+from drcli.rewards.drivers import FAST, STEADY
+from drcli.rewards.scripted_drive import drive
+from drcli.rewards.source import display_name, files_of
+from drcli.rewards.trial import Course, Trial, described, refuse_failing, try_out
 
 Floats = NDArray[np.float64]
 
@@ -113,14 +113,14 @@ def compare(
     files = files_of([first, second])
     course = Course.of(drive(settings))
     if out is not None:
-        from drcli.reward.canvas import refuse_replacing
+        from drcli.rewards.canvas import refuse_replacing
 
         refuse_replacing(out)
     trials = try_out([(file, display_name(file, directory)) for file in files], course, directory)
     for trial in trials:
         refuse_failing(trial)
     if out is not None:
-        from drcli.reward.duel import picture_of
+        from drcli.rewards.comparison_picture import picture_of
 
         picture_of(*trials).save(out)
     return _report(*trials, picture=str(out) if out else None)

@@ -6,9 +6,9 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.parent import Hearing, Questions
 from drcli.checks.sandbox.statement import Place, Statement
-from drcli.reward.drive import Drive, Trip
-from drcli.reward.field import Field, field, unusual
-from drcli.reward.pilots import STEADY, Pilot
+from drcli.rewards.drivers import STEADY, Pilot
+from drcli.rewards.scripted_drive import Drive, Trip
+from drcli.rewards.track_grid import Field, field, unusual
 from drsim.reward import RewardParams
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.reward.drive import Drive
+from drcli.rewards.scripted_drive import Drive
 from drcli.worker.world import MAX_EPISODE_STEPS, SLACK
 from drsim.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M
 from drsim.objects import Objects
