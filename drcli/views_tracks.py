@@ -9,8 +9,8 @@ from rich.text import Text
 from drcli.views_layout import Rows
 
 if TYPE_CHECKING:
-    from drcli.tracks.facts import TrackFacts, TrackList
-    from drcli.tracks.folder import TrackView
+    from drcli.tracks.track_facts import TrackFacts, TrackList
+    from drcli.tracks.tracks_folder import TrackView
 
 _REPEATS = 3
 """Repeated waypoints that are told one by one."""

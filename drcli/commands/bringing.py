@@ -23,7 +23,7 @@ def bring_tracks(settings: Settings) -> None:
     asks = settings.tracks_fetch == "ask"
     if asks and not asking.may_ask():
         return
-    from drcli.tracks.fetch import fetch_track
+    from drcli.tracks.community import fetch_track
 
     for name in names:
         if asks:

@@ -23,7 +23,7 @@ def list_all(as_json: AsJson = False) -> None:
     Example: dr-tracks list --json
     """
     from drcli import console, views_tracks
-    from drcli.tracks.listing import list_tracks
+    from drcli.tracks.track_list import list_tracks
 
     memory = working_folder() / "data" / "cache" / "tracks.json"
     found = list_tracks(settings().tracks_folder, memory)
@@ -46,7 +46,7 @@ def show(
     from drcli.base.errors import SettingsError
     from drcli.base.problems import shown
     from drcli.config.worlds import ROUTE_FILES, is_here, remedy
-    from drcli.tracks.folder import MAP_COLUMNS, show_track
+    from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
     wanted = settings().replaced(world_name=name, overrides=())
     if not name.endswith(ROUTE_FILES) and not is_here(wanted):
@@ -74,7 +74,7 @@ def add(
     Example: dr-tracks add my_track.svg --length 25 --width 0.9
     """
     from drcli import console, views_tracks
-    from drcli.tracks.folder import add_track
+    from drcli.tracks.tracks_folder import add_track
 
     facts = add_track(
         file,
@@ -103,7 +103,7 @@ def fetch(
     Example: dr-tracks fetch Oval_track
     """
     from drcli import console, views_tracks
-    from drcli.tracks.fetch import fetch_track
+    from drcli.tracks.community import fetch_track
 
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)

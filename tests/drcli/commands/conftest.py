@@ -31,7 +31,7 @@ from drcli.runs.processes import Process
 from drcli.runs.report import EvaluationReport, RunReport
 from drcli.runs.speed import SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
-from drcli.tracks.facts import TrackFacts, TrackList
+from drcli.tracks.track_facts import TrackFacts, TrackList
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
 URL = f"s3://bucket/{MODEL}"

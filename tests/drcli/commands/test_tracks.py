@@ -15,7 +15,7 @@ from drcli.base.errors import Aborted, StorageError
 from drcli.cli import main
 from drcli.commands.bringing import bring_tracks
 from drcli.config.settings import load_settings
-from drcli.tracks import fetch, folder
+from drcli.tracks import community, tracks_folder
 from drsim.errors import TrackError
 from drsim.worlds import load_track
 
@@ -186,7 +186,7 @@ def test_a_full_disk_is_told_in_a_sentence(route, working_folder, capsys, monkey
     def refuse(track: object, file: Path) -> None:
         raise TrackError(f"{file}: it cannot be written (no space left). Make room.")
 
-    monkeypatch.setattr(folder, "write_route", refuse)
+    monkeypatch.setattr(tracks_folder, "write_route", refuse)
 
     code, _, words = run(capsys, "add", str(route))
 
@@ -351,9 +351,9 @@ def test_a_folder_of_a_repository_on_github_is_listed_where_github_lists_it(monk
         asked.append(address)
         return b'[{"name": "Far_track.npy"}]'
 
-    monkeypatch.setattr(fetch, "_download", download)
+    monkeypatch.setattr(community, "_download", download)
 
-    remedy = fetch._similar("far_track", "https://raw.githubusercontent.com/some/one/HEAD/a/b")
+    remedy = community._similar("far_track", "https://raw.githubusercontent.com/some/one/HEAD/a/b")
 
     assert asked == ["https://api.github.com/repos/some/one/contents/a/b?ref=HEAD"]
     assert "Far_track" in remedy
@@ -373,8 +373,8 @@ def test_an_answer_that_says_no_is_repeated_to_the_racer(web, working_folder, ca
 def test_a_server_that_sends_drop_by_drop_is_given_up(web, working_folder, capsys, monkeypatch):
     offers, address = web
     offers["/routes/Far_track.npy"] = b"x" * 100
-    clock = iter([0.0, 2 * fetch.PATIENCE_S])
-    monkeypatch.setattr(fetch, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    clock = iter([0.0, 2 * community.PATIENCE_S])
+    monkeypatch.setattr(community, "time", SimpleNamespace(monotonic=lambda: next(clock)))
 
     code, _, words = run(capsys, "fetch", "Far_track", "--from", address)
 

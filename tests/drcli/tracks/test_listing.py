@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from drcli.tracks.listing import list_tracks
+from drcli.tracks.track_list import list_tracks
 from drsim.worlds import known_worlds
 
 
@@ -32,7 +32,7 @@ def test_all_tracks_are_listed_with_their_facts(track_file, tmp_path):
 def test_a_second_look_reads_no_track(track_file, tmp_path, monkeypatch):
     memory = tmp_path / "memory.json"
     first = list_tracks(track_file.parent, memory)
-    monkeypatch.setitem(sys.modules, "drcli.tracks.folder", None)
+    monkeypatch.setitem(sys.modules, "drcli.tracks.tracks_folder", None)
 
     second = list_tracks(track_file.parent, memory)
 

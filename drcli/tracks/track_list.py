@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drcli import __version__
-from drcli.tracks.facts import TrackFacts, TrackList
+from drcli.tracks.track_facts import TrackFacts, TrackList
 
 _MEASURED = 2
 """Counts up when the same files are measured otherwise; 2: repeated rows count as waypoints."""
@@ -30,7 +30,7 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
         if known["state"] == state:
             tracks = [TrackFacts(**facts) for facts in known["tracks"]]
             return TrackList(str(folder), tracks, known["unreadable"])
-    from drcli.tracks.folder import measure_tracks
+    from drcli.tracks.tracks_folder import measure_tracks
 
     found = measure_tracks(folder)
     with suppress(OSError):  # a folder that may only be read

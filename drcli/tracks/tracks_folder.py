@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.tracks.facts import TrackFacts, TrackList
+from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.png import png_bytes
 from drsim.routes import read_route, write_route

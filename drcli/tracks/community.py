@@ -11,8 +11,8 @@ from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.tracks.facts import TrackFacts
-from drcli.tracks.folder import add_track, target_of
+from drcli.tracks.track_facts import TrackFacts
+from drcli.tracks.tracks_folder import add_track, target_of
 
 PATIENCE_S = 20.0
 """Longest wait for a file, and for each answer on the way to it."""
