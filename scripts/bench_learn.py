@@ -54,8 +54,8 @@ from learn_runs import (
 )
 
 from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.buffer import Rollout
 from drcli.learn.precision import flush_denormals
+from drcli.learn.rollout_buffer import Rollout
 
 RATIOS = (
     "throughput_ratio_to_sb3",

@@ -6,9 +6,9 @@ from dataclasses import replace
 import torch
 from learn_runs import Work, beginning
 
-from drcli.learn.buffer import Rollout
 from drcli.learn.policy import ActorCritic, flops_per_sample
 from drcli.learn.ppo import PPO
+from drcli.learn.rollout_buffer import Rollout
 
 SIZES = (512, 1024, 2048, 4096)
 STEPS = 1_024

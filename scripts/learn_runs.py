@@ -17,11 +17,11 @@ import torch
 
 from drcli.config.settings import Settings, load_settings
 from drcli.learn.acting import SideBySide
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, PPOConfig
 from drcli.learn.precision import Compute, choose_compute
-from drcli.learn.spec import PolicySpec
+from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.connect import stop_storage

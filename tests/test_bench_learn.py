@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drcli.learn.buffer import Rollout
+from drcli.learn.rollout_buffer import Rollout
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 

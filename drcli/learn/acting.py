@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
-from drcli.learn.spec import PolicySpec
 
 Singles = NDArray[np.float32]
 

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from drcli.learn.network_spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 from drcli.learn.observation import Observation
-from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 
 
 @dataclass(frozen=True)

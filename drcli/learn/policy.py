@@ -7,9 +7,9 @@ from torch import Tensor, nn
 
 from drcli.learn import distributions
 from drcli.learn.encoders import Encoder, multiply_adds
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
-from drcli.learn.popart import ReturnScale
-from drcli.learn.spec import PolicySpec
+from drcli.learn.return_scale import ReturnScale
 
 LOG_STD_RANGE = (-20.0, 3.0)
 """Bounds of the Gaussian policy's log standard deviation. Source: the reference's PPO head."""

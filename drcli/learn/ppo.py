@@ -11,12 +11,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from drcli.learn.adam import Adam
-from drcli.learn.buffer import Rollout
-from drcli.learn.crew import Crew
+from drcli.learn.data_parallel import Crew
 from drcli.learn.gae import gae
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.precision import Compute
+from drcli.learn.rollout_buffer import Rollout
 
 ROUNDING = 1e-9
 """Advantages that differ by less than this share of their size are equal."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from drcli.learn.crew import parts_of
+from drcli.learn.data_parallel import parts_of
 
 FORMATS = ("fp32", "bf16")
 

@@ -9,12 +9,12 @@ from torch.func import functional_call
 from torch.nn import functional
 
 from drcli.learn.adam import Adam
-from drcli.learn.buffer import Rollout
-from drcli.learn.crew import Crew
+from drcli.learn.data_parallel import Crew
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import Compute
-from drcli.learn.replay import Replay, Transitions
-from drcli.learn.squashed import SACAgent, squash
+from drcli.learn.replay_buffer import Replay, Transitions
+from drcli.learn.rollout_buffer import Rollout
+from drcli.learn.sac_networks import SACAgent, squash
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far

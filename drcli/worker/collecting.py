@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drcli.learn.buffer import Rollout
+from drcli.learn.rollout_buffer import Rollout
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.episode_encoding import Episodes
 from drcli.store.keys import CheckpointName

@@ -5,13 +5,13 @@ from typing import Protocol
 
 from torch import Tensor, nn
 
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, EpochStats, PPOConfig
 from drcli.learn.precision import Compute
+from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC, SACConfig
-from drcli.learn.spec import PolicySpec
-from drcli.learn.squashed import SACAgent
+from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 

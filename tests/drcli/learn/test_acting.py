@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from drcli.learn.acting import FEWEST_CARS, SideBySide, decide, noise_dims
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import of_frames
 from drcli.learn.policy import ActorCritic
-from drcli.learn.spec import PolicySpec
 
 SPECS = [PolicySpec(5), PolicySpec(2, continuous=True)]
 

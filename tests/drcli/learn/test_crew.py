@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from drcli.learn.crew import Crew, parts_of
+from drcli.learn.data_parallel import Crew, parts_of
 
 SAMPLES = 7
 INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)

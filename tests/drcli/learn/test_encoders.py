@@ -6,8 +6,8 @@ from torch import nn
 from torch.nn import functional
 
 from drcli.learn.encoders import Encoder, multiply_adds
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation, of_frames
-from drcli.learn.spec import PolicySpec
 
 SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"

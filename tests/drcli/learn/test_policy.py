@@ -2,9 +2,9 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic, flops_per_sample
-from drcli.learn.spec import PolicySpec
 
 COMPACT = "COMPACT_CONVOLUTIONAL_NETWORK"
 EVERYTHING = PolicySpec(

@@ -8,12 +8,12 @@ import torch
 from safetensors.torch import load, save
 
 from drcli.learn.acting import decide, noise_dims, observation
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.policy import ActorCritic
-from drcli.learn.popart import UNITS, ReturnScale
 from drcli.learn.ppo import PPO, PPOConfig
 from drcli.learn.precision import Compute
-from drcli.learn.spec import PolicySpec
+from drcli.learn.return_scale import UNITS, ReturnScale
+from drcli.learn.rollout_buffer import Rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 CONFIG = PPOConfig(batch_size=8, num_epochs=1, lr=1e-3, max_grad_norm=0.5, bootstrap_cut=True)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from drcli.learn.acting import decide, noise_dims, observation
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import (
@@ -16,7 +16,7 @@ from drcli.learn.ppo import (
     _minibatches,
 )
 from drcli.learn.precision import Compute
-from drcli.learn.spec import PolicySpec
+from drcli.learn.rollout_buffer import Rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 

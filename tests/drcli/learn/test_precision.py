@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from drcli.learn import precision
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.policy import ActorCritic
 from drcli.learn.ppo import PPO, PPOConfig
 from drcli.learn.precision import Compute, choose_compute
-from drcli.learn.spec import PolicySpec
+from drcli.learn.rollout_buffer import Rollout
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.learn.buffer import Rollout
-from drcli.learn.replay import Replay, Transitions
-from drcli.learn.spec import PolicySpec
+from drcli.learn.network_spec import PolicySpec
+from drcli.learn.replay_buffer import Replay, Transitions
+from drcli.learn.rollout_buffer import Rollout
 
 SPEC = PolicySpec(2, continuous=True)
 

@@ -8,14 +8,14 @@ import torch
 from torch import nn
 
 from drcli.learn.acting import Decision, decide, noise_dims, observation
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import of_frames
 from drcli.learn.ppo import NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import Compute
-from drcli.learn.replay import Transitions
+from drcli.learn.replay_buffer import Transitions
+from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC, SACConfig
-from drcli.learn.spec import PolicySpec
-from drcli.learn.squashed import SACAgent
+from drcli.learn.sac_networks import SACAgent
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")

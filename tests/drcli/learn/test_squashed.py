@@ -6,7 +6,7 @@ import torch
 from torch.distributions import Independent, Normal, TransformedDistribution
 from torch.distributions.transforms import TanhTransform
 
-from drcli.learn.squashed import squash
+from drcli.learn.sac_networks import squash
 
 
 def test_log_probs_are_those_of_a_normal_distribution_transformed_by_tanh():

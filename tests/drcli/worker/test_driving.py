@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from drcli.learn.acting import SideBySide
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
-from drcli.learn.spec import PolicySpec
 from drcli.worker.driving import Driven, Driver, Pilot, Plan
 from drsim.actions import ContinuousActions, DiscreteActions
 from drsim.episode import EpisodeRules

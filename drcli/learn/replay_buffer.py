@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from drcli.learn.buffer import Rollout
+from drcli.learn.network_spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 from drcli.learn.observation import Observation
-from drcli.learn.spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
+from drcli.learn.rollout_buffer import Rollout
 
 
 class Transitions(NamedTuple):

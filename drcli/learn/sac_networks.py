@@ -9,8 +9,8 @@ from torch.nn import functional
 
 from drcli.learn.distributions import log_prob_gaussian
 from drcli.learn.encoders import Encoder
+from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
-from drcli.learn.spec import PolicySpec
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
