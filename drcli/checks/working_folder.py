@@ -23,7 +23,7 @@ from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, find
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket

@@ -38,7 +38,7 @@ def logs(
     """
     from drcli import console
     from drcli.commands.tail import Tail, older
-    from drcli.runs.logs import log_file
+    from drcli.runs.run_logs import log_file
 
     loaded, name = settings(), _name(worker, number)
     path = log_file(loaded, working_folder(), name)

@@ -72,7 +72,7 @@ def start_training(
     from drcli.commands import watching
     from drcli.commands.bringing import bring_tracks
     from drcli.runs import plan, training
-    from drcli.runs.logs import log_file
+    from drcli.runs.run_logs import log_file
     from drcli.runs.status import inspect
 
     loaded, folder = settings(), working_folder()

@@ -28,8 +28,8 @@ from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
-from drcli.runs.logs import log_file
 from drcli.runs.report import EvaluationReport, TrialReport
+from drcli.runs.run_logs import log_file
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
@@ -108,7 +108,7 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         WorkerDied: It ended at once, or gave no sign of life.
     """
     process = start_process(
-        plan.job, "evaluation", "drcli.runs.detached_evaluation", plan.stamp, *plan.checkpoints
+        plan.job, "evaluation", "drcli.runs.evaluation_process", plan.stamp, *plan.checkpoints
     )
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:

@@ -5,7 +5,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from drcli.base import log_files
-from drcli.runs.logs import log_file
+from drcli.runs.run_logs import log_file
 
 if TYPE_CHECKING:
     from drcli.exchange.job import Job

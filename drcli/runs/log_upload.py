@@ -12,7 +12,7 @@ from drcli.base import log_files
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
-from drcli.runs.logs import log_file, log_kind
+from drcli.runs.run_logs import log_file, log_kind
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

@@ -22,9 +22,9 @@ from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.pretrained import Pretrained
 from drcli.models.repair_model import mend_all
 from drcli.models.run_metadata import read_note, take_note, write_note
-from drcli.runs.ending import ending
-from drcli.runs.logs import begin_logs
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.goal_sentence import ending
+from drcli.runs.run_logs import begin_logs
+from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.config.settings import Settings
-from drcli.runs.processes import Process
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.run_record import RunRecord, run_folder
+from drcli.runs.running_workers import Process
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.history import read_history

@@ -13,14 +13,14 @@ from drcli.base import log_files
 from drcli.base.errors import DrError, OwnershipLost, StorageError
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.exchange.job import Job, LastWords
-from drcli.runs.children import Child, dismiss
 from drcli.runs.launching import start_process
+from drcli.runs.lease_renewal import LOOK_S, Renewal
 from drcli.runs.log_upload import LogUpload
-from drcli.runs.logs import log_file
 from drcli.runs.periodic import Periodic, within
-from drcli.runs.record import RunRecord, WorkerRecord
-from drcli.runs.renewal import LOOK_S, Renewal
 from drcli.runs.report import State
+from drcli.runs.run_logs import log_file
+from drcli.runs.run_record import RunRecord, WorkerRecord
+from drcli.runs.worker_processes import Child, dismiss
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint

@@ -11,9 +11,9 @@ from drcli.base.errors import WorkerDied
 from drcli.base.process_identity import is_alive, started_s
 from drcli.config.settings import Settings
 from drcli.runs.launching import end_process, start_process
-from drcli.runs.logs import log_file
-from drcli.runs.record import RunRecord, run_folder, storage_of
 from drcli.runs.report import RunReport
+from drcli.runs.run_logs import log_file
+from drcli.runs.run_record import RunRecord, run_folder, storage_of
 from drcli.runs.status import inspect
 
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
@@ -50,7 +50,7 @@ def launch(plan: "RunPlan") -> int:
     from drcli.runs.plan import refuse_second_run
 
     settings, directory = plan.job.settings, plan.job.directory
-    process = start_process(plan.job, "supervisor", "drcli.runs.detached")
+    process = start_process(plan.job, "supervisor", "drcli.runs.supervisor_process")
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
         if _is_ready(plan.job):
@@ -76,8 +76,8 @@ def supervise_job(job: "Job") -> int:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
     from drcli.base.atomic_file import only_writer
+    from drcli.runs.lease_renewal import Renewal
     from drcli.runs.plan import refuse_second_run
-    from drcli.runs.renewal import Renewal
     from drcli.runs.supervisor import Supervisor
     from drcli.store import lease
     from drcli.store.connect import ensure_storage, open_bucket, restart_storage

@@ -22,7 +22,7 @@ from drcli.models.upload import UploadOptions, plan_upload, upload
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment
 from drcli.runs.plan import RunPlan, StartOptions, prepare
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.run_record import RunRecord, run_folder
 from drcli.runs.status import inspect
 from drcli.store import keys, lease
 from drcli.store.bucket import Watch, put_json

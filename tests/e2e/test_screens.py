@@ -21,7 +21,7 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.runs.record import RunRecord, WorkerRecord
+from drcli.runs.run_record import RunRecord, WorkerRecord
 from drcli.store import keys
 
 pytestmark = pytest.mark.slow

@@ -27,8 +27,8 @@ from drcli.rewards.lint import Remark
 from drcli.rewards.plot import PlotReport
 from drcli.runs.increment import Increment
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.processes import Process
 from drcli.runs.report import EvaluationReport, RunReport
+from drcli.runs.running_workers import Process
 from drcli.runs.speed import SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.tracks.track_facts import TrackFacts, TrackList

@@ -9,7 +9,7 @@ import pytest
 
 from drcli.commands import reference_logs
 from drcli.runs.evaluation_record import EvaluationRecord
-from drcli.runs.record import RunRecord, WorkerRecord
+from drcli.runs.run_record import RunRecord, WorkerRecord
 from drcli.runs.speed import SpeedReport
 
 

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from drcli.runs.evaluation_record import EvaluationRecord
-from drcli.runs.record import RunRecord
+from drcli.runs.run_record import RunRecord
 
 OBEDIENT = "import time; print('ready', flush=True); time.sleep(60)"
 STUBBORN = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + OBEDIENT

@@ -14,7 +14,7 @@ from rich.console import Console
 from drcli import views_everyday
 from drcli.base.errors import StorageError
 from drcli.runs import summary
-from drcli.runs.record import RunRecord
+from drcli.runs.run_record import RunRecord
 from drcli.runs.summary import BucketState, Running, Summary
 from drcli.store.endpoint import Endpoint
 

@@ -9,7 +9,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.runs.increment import make_increment, plan_increment
-from drcli.runs.record import RunRecord, run_folder
+from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import lease
 
 

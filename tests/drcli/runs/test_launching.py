@@ -11,8 +11,8 @@ from drcli.exchange.job import Job, LastWords
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.runs import evaluation, launching, training
 from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.logs import log_file
 from drcli.runs.plan import RunPlan
+from drcli.runs.run_logs import log_file
 
 SLEEPS = "import time; time.sleep(600)"
 STUBBORN = (

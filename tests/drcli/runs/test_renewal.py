@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
-from drcli.runs.renewal import LOOK_S, RENEW_S, Renewal
+from drcli.runs.lease_renewal import LOOK_S, RENEW_S, Renewal
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History, IterationRecord, fields_of

@@ -7,8 +7,8 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from drcli.runs import record
-from drcli.runs.record import RunRecord, run_folder, storage_of
+from drcli.runs import run_record
+from drcli.runs.run_record import RunRecord, run_folder, storage_of
 from drcli.runs.status import inspect
 
 
@@ -36,7 +36,7 @@ def test_a_run_that_ends_while_it_is_looked_at_has_ended_well(racer, running, mo
         ended.write(run_folder(racer.settings(), racer.folder))
         return False
 
-    monkeypatch.setattr(record, "is_alive", ends_in_this_moment)
+    monkeypatch.setattr(run_record, "is_alive", ends_in_this_moment)
 
     report = inspect(racer.settings(), racer.folder)
 
@@ -44,7 +44,7 @@ def test_a_run_that_ends_while_it_is_looked_at_has_ended_well(racer, running, mo
 
 
 def test_a_run_whose_supervisor_is_gone_without_a_word_is_lost(racer, running, monkeypatch):
-    monkeypatch.setattr(record, "is_alive", lambda pid, pid_started: False)
+    monkeypatch.setattr(run_record, "is_alive", lambda pid, pid_started: False)
 
     report = inspect(racer.settings(), racer.folder)
 

@@ -14,7 +14,7 @@ from drcli.checks.sandbox import inputs_process
 from drcli.checks.working_folder import validate
 from drcli.config.settings import load_settings
 from drcli.runs.plan import StartOptions, prepare
-from drcli.runs.record import RunRecord
+from drcli.runs.run_record import RunRecord
 
 ROOT = Path(__file__).resolve().parents[3]
 
