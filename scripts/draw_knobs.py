@@ -42,9 +42,9 @@ from drcli.learn.ppo import PPO
 from drcli.learn.precision import flush_denormals
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import policy_spec
-from drcli.worker.train import SEED_STRIDE
+from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.learner import policy_spec
+from drcli.workers.trainer import SEED_STRIDE
 
 Floats = NDArray[np.float64]
 Change = Mapping[str, Any]

@@ -25,10 +25,10 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.connect import stop_storage
-from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import policy_spec, ppo_config
-from drcli.worker.train import SEED_STRIDE
-from drcli.worker.world import actions_of, load_world, longest_episode
+from drcli.workers.build_race import actions_of, load_world, longest_episode
+from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.learner import policy_spec, ppo_config
+from drcli.workers.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 
 PROJECT = Path(__file__).resolve().parents[1]

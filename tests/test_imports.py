@@ -79,7 +79,7 @@ OURS = {
     },
     "drcli.reward": {
         "drcli.reward",
-        "drcli.worker.world",
+        "drcli.workers.build_race",
         "drcli.modelfiles.custom_files",
         "drcli.store.keys",
         "drcli.config.settings",

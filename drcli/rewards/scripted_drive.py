@@ -18,7 +18,7 @@ from drcli.rewards.drivers import (
     Navigator,
     Pilot,
 )
-from drcli.worker.world import load_race, load_world, race_of
+from drcli.workers.build_race import load_race, load_world, race_of
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules, Status
 from drsim.race import TIME_TRIAL, Race

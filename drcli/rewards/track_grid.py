@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.rewards.scripted_drive import Drive
-from drcli.worker.world import MAX_EPISODE_STEPS, SLACK
+from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK
 from drsim.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M
 from drsim.objects import Objects
 from drsim.params import Situation, params_of

@@ -192,7 +192,7 @@ def _run(plan: EvaluationPlan) -> None:
         os.truncate(path, 0)
     LastWords.forget(job.folder, "evaluation")
     process = start_process(
-        job, "evaluation", "drcli.worker.evaluate", plan.stamp, *plan.checkpoints
+        job, "evaluation", "drcli.workers.evaluator", plan.stamp, *plan.checkpoints
     )
     try:
         _note(plan, process.pid)

@@ -19,7 +19,7 @@ def start_process(
     Args:
         job: What it works on; it gets it through its standard input.
         name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
-        module: What is run, as "drcli.worker.train".
+        module: What is run, as "drcli.workers.trainer".
         arguments: Its command line.
         gpus: Which it may use, as CUDA_VISIBLE_DEVICES has them; empty for those of this process.
     """

@@ -114,9 +114,9 @@ class Supervisor:
         self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
         self._lease = Periodic("lease", renewal.step, LOOK_S, self._log)
         gpus = job.settings.sagemaker_cuda_devices
-        self._children = [Child("trainer", "drcli.worker.train", [], gpus)]
+        self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
         for k in range(job.settings.workers):
-            self._children.append(Child(f"sim-{k}", "drcli.worker.sim", [str(k)]))
+            self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
         self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)

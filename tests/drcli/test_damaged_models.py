@@ -32,9 +32,9 @@ from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.scores import read_scores
 from drcli.store.training_metrics import read_records
-from drcli.worker.process import StopRequested
-from drcli.worker.sim import SimWorker
-from drcli.worker.train import Trainer
+from drcli.workers.sim import SimWorker
+from drcli.workers.trainer import Trainer
+from drcli.workers.worker_process import StopRequested
 
 PREFIX = "team/model"
 ITERATIONS = 2

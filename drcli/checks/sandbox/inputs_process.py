@@ -22,7 +22,7 @@ from drcli.base.errors import SettingsError
 from drcli.checks.report import Violation, leave_tried
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
-from drcli.worker.world import load_race, load_world
+from drcli.workers.build_race import load_race, load_world
 from drsim.car import CONTROL_HZ
 from drsim.errors import RewardError
 from drsim.params import Situation, params_of

@@ -16,7 +16,7 @@ print(is_running(int(sys.argv[1]), sys.argv[2]))
 
 ENDING = """
 import sys
-import drcli.worker.process
+import drcli.workers.worker_process
 from drcli import signalguard
 from drcli.store import process
 

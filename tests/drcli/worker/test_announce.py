@@ -10,7 +10,7 @@ from drcli.config.settings import load_settings
 from drcli.exchange.trace import Episode, Row
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.worker.announce import evaluation_lines, start_lines, training_lines
+from drcli.workers.reference_log import evaluation_lines, start_lines, training_lines
 
 METADATA = {
     "action_space": [

@@ -8,7 +8,7 @@ from drcli.store.episode_encoding import Episodes
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollout_collection import RolloutReader
 from drcli.store.rollouts import RolloutWriter, find_manifest
-from drcli.worker.collecting import LEAST_PATIENCE_S, Collector
+from drcli.workers.batch import LEAST_PATIENCE_S, Collector
 
 PREFIX = "model"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.worker.cores import cores
+from drcli.workers.cores import cores
 
 
 @pytest.fixture

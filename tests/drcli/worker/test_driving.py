@@ -8,7 +8,7 @@ from drcli.learn.acting import SideBySide
 from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
-from drcli.worker.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drsim.actions import ContinuousActions, DiscreteActions
 from drsim.episode import EpisodeRules
 from drsim.privileged import PRIVILEGED_DIMS

@@ -10,8 +10,8 @@ from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store import health
 from drcli.store.history import IterationRecord
-from drcli.worker.goals import Goals, mean_score
-from drcli.worker.share import EvaluationBudget
+from drcli.workers.episode_share import EvaluationBudget
+from drcli.workers.goals import Goals, mean_score
 
 
 def record(iteration: int = 0, **changes) -> IterationRecord:

@@ -13,9 +13,9 @@ from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.worker.learning import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
-from drcli.worker.restoring import restore_optimizer
-from drcli.worker.world import sensors_of_model
+from drcli.workers.build_race import sensors_of_model
+from drcli.workers.learner import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
+from drcli.workers.restore import restore_optimizer
 from drsim.privileged import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
@@ -109,6 +109,6 @@ def test_every_knob_of_sac_reaches_the_learner(key, value, field):
 
 
 def test_the_trainer_does_not_load_the_simulator():
-    code = "import sys, drcli.worker.train; sys.exit('drsim' in sys.modules)"
+    code = "import sys, drcli.workers.trainer; sys.exit('drsim' in sys.modules)"
 
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -7,8 +7,8 @@ import pytest
 from drcli.exchange.trace import Episode, Row
 from drcli.store import keys
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.worker.metrics import TrainingMetrics
-from drcli.worker.share import Share
+from drcli.workers.episode_share import Share
+from drcli.workers.metrics_file import TrainingMetrics
 
 KEY = "model/metrics/TrainingMetrics.json"
 TWO_EPISODES = Share(0, workers=1, episodes=2)

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from drcli.base import log_files
-from drcli.worker.output import (
+from drcli.workers.output import (
     BURST_CHARACTERS,
     CHARACTERS_S,
     TEXT_CHARACTERS,

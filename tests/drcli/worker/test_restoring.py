@@ -5,7 +5,7 @@ import pytest
 from drcli.store.bucket import ObjectMissing
 from drcli.store.evaluations import EvaluationResult, read_evaluation, write_evaluation
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.worker.restoring import forget_evaluations
+from drcli.workers.restore import forget_evaluations
 
 
 def test_results_of_checkpoints_that_are_passed_over_are_forgotten_and_others_stay():

@@ -8,8 +8,8 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History, IterationRecord
 from drcli.store.keys import CheckpointName
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.worker import scoring
-from drcli.worker.scoring import Scoring
+from drcli.workers import best_checkpoint
+from drcli.workers.best_checkpoint import Scoring
 
 PREFIX = "model"
 
@@ -124,7 +124,7 @@ def test_the_last_evaluation_is_waited_for_while_it_is_being_driven(model, monke
             model.evaluate(2, 100.0)
         return False
 
-    monkeypatch.setattr(scoring, "LAST_EVALUATION_S", 30.0)
+    monkeypatch.setattr(best_checkpoint, "LAST_EVALUATION_S", 30.0)
     model.scoring.wait(2, 0.0, should_stop)
     model.scoring.score(model.newest)
 

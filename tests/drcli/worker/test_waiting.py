@@ -7,8 +7,8 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import IterationRecord
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollouts import Manifest
-from drcli.worker.process import StopRequested
-from drcli.worker.waiting import DOUBT_S, QUIET_SHARE, CheckpointWaiter
+from drcli.workers.wait_for_trainer import DOUBT_S, QUIET_SHARE, CheckpointWaiter
+from drcli.workers.worker_process import StopRequested
 
 PREFIX, SESSION = "model", "this start"
 

@@ -5,7 +5,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.inputs_process import sample_params, try_inputs
 from drcli.config.settings import Settings, load_settings
-from drcli.worker.world import load_race, race_of, randomize_of, realism_of
+from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
 from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.realism import Realism
 from drsim.worlds import load_track

@@ -1,6 +1,6 @@
 """The simulation worker: drives with each new checkpoint and puts what it drove into the bucket.
 
-Run by the supervisor as `python -m drcli.worker.sim K`, K counting the workers from 0.
+Run by the supervisor as `python -m drcli.workers.sim K`, K counting the workers from 0.
 """
 
 import os
@@ -26,15 +26,8 @@ from drcli.store.episode_encoding import Episodes
 from drcli.store.evaluations import EvaluationResult, write_evaluation
 from drcli.store.repair import Model, mend_metrics
 from drcli.store.rollouts import RolloutWriter, session_of_worker
-from drcli.worker import announce, process
-from drcli.worker.cores import cores, driving_threads, overlaps
-from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import build_policy
-from drcli.worker.metrics import TrainingMetrics
-from drcli.worker.process import Activity, Lifeline, StopRequested
-from drcli.worker.share import EvaluationBudget, Share
-from drcli.worker.waiting import CheckpointWaiter
-from drcli.worker.world import (
+from drcli.workers import reference_log, worker_process
+from drcli.workers.build_race import (
     actions_of,
     load_race,
     load_reward,
@@ -45,6 +38,13 @@ from drcli.worker.world import (
     reward_failure,
     sensors_of_model,
 )
+from drcli.workers.cores import cores, driving_threads, overlaps
+from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.episode_share import EvaluationBudget, Share
+from drcli.workers.learner import build_policy
+from drcli.workers.metrics_file import TrainingMetrics
+from drcli.workers.wait_for_trainer import CheckpointWaiter
+from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode import EpisodeRules
 from drsim.errors import RewardError
 from drsim.simulation import Simulation
@@ -66,7 +66,7 @@ class SimWorker:
         self._settings = s
         self._lifeline = lifeline
         self._prefix = s.model_prefix
-        self._bucket = process.open_own_bucket(job, s, lifeline)
+        self._bucket = worker_process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
@@ -77,7 +77,7 @@ class SimWorker:
         metadata = ModelMetadata.from_bytes(
             self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
         )
-        print(announce.start_lines(s, metadata, parameters, "TRAINING"))
+        print(reference_log.start_lines(s, metadata, parameters, "TRAINING"))
 
         threads = driving_threads(s)
         torch.set_num_threads(1)
@@ -291,7 +291,7 @@ class SimWorker:
         self._driven_before = self._bucket.exists(key)
         if not self._driven_before:  # else they are in the log already
             worker, steps = self._share.worker, self._total_steps
-            lines = announce.training_lines(
+            lines = reference_log.training_lines(
                 episodes, worker, length_m, steps, iteration, wall_clock[1]
             )
             print(lines)
@@ -322,7 +322,9 @@ class SimWorker:
         self._metrics.add(iteration, [], episodes)
         if not (self._driven_before and self._evaluated_before):  # else it is in the log already
             worker, steps = self._share.worker, self._total_steps
-            print(announce.evaluation_lines(episodes, worker, last_episode, steps, name.number))
+            print(
+                reference_log.evaluation_lines(episodes, worker, last_episode, steps, name.number)
+            )
 
 
 def _evaluation_trials(job: Job) -> int:
@@ -380,4 +382,4 @@ def main(worker: int) -> Callable[[Job, Lifeline], None]:
 
 if __name__ == "__main__":
     index = int(sys.argv[1])
-    process.run(f"sim-{index}", main(index))
+    worker_process.run(f"sim-{index}", main(index))

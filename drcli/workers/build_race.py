@@ -10,7 +10,7 @@ from drcli.config.worlds import can_be_fetched, remedy
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.worker import output
+from drcli.workers import output
 from drsim.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.errors import RewardError, TrackError

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
 from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
 from drcli.learn.observation import Observation
-from drcli.worker import output
-from drcli.worker.process import StopRequested
+from drcli.workers import output
+from drcli.workers.worker_process import StopRequested
 from drsim.actions import Actions, ContinuousActions
 from drsim.episode import Status
 from drsim.simulation import Simulation

@@ -9,7 +9,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.checkpoint_record import Record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.rollouts import find_manifest
-from drcli.worker.process import StopRequested
+from drcli.workers.worker_process import StopRequested
 
 POLL_S = 0.06
 """Pause between two looks for a new checkpoint, seconds."""

@@ -19,7 +19,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.ownership import Ownership
 from drcli.store.s3_bucket import S3Bucket
-from drcli.worker import output
+from drcli.workers import output
 
 BUG = 1
 """Exit code of a failure that is nobody's but ours."""
@@ -118,7 +118,9 @@ def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, 
     """
 
     def tell(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
-        from drcli.worker.world import reward_failure  # here, because the trainer needs no drsim
+        from drcli.workers.build_race import (
+            reward_failure,  # here, because the trainer needs no drsim
+        )
         from drsim.errors import RewardError
 
         known = reward_failure(error) if isinstance(error, RewardError) else error

@@ -1,6 +1,6 @@
 """The trainer worker: learns from every iteration's rollouts and publishes the next checkpoint.
 
-Run by the supervisor as `python -m drcli.worker.train`.
+Run by the supervisor as `python -m drcli.workers.trainer`.
 """
 
 import json
@@ -22,15 +22,15 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History, IterationRecord, fields_of
 from drcli.store.repair import Model, mend
 from drcli.store.rollout_collection import RolloutReader
-from drcli.worker import announce, process
-from drcli.worker.collecting import Collected, Collector
-from drcli.worker.cores import learning_threads
-from drcli.worker.goals import Goals
-from drcli.worker.learning import build_learner
-from drcli.worker.process import Activity, Lifeline, StopRequested
-from drcli.worker.restoring import forget_evaluations, restore_optimizer, restore_weights
-from drcli.worker.scoring import Scoring
-from drcli.worker.waiting import DOUBT_S
+from drcli.workers import reference_log, worker_process
+from drcli.workers.batch import Collected, Collector
+from drcli.workers.best_checkpoint import Scoring
+from drcli.workers.cores import learning_threads
+from drcli.workers.goals import Goals
+from drcli.workers.learner import build_learner
+from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
+from drcli.workers.wait_for_trainer import DOUBT_S
+from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of one iteration apart from those of the next."""
@@ -45,7 +45,7 @@ class Trainer:
         self._settings = s
         self._lifeline = lifeline
         self._prefix = s.model_prefix
-        self._bucket = process.open_own_bucket(job, s, lifeline)
+        self._bucket = worker_process.open_own_bucket(job, s, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
         model = Model(
@@ -354,7 +354,11 @@ class Trainer:
 
 
 def _print_epoch(stats: EpochStats) -> None:
-    print(announce.epoch_line(stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr))
+    print(
+        reference_log.epoch_line(
+            stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr
+        )
+    )
 
 
 def main(job: Job, lifeline: Lifeline) -> None:
@@ -364,4 +368,4 @@ def main(job: Job, lifeline: Lifeline) -> None:
 
 
 if __name__ == "__main__":
-    process.run("trainer", main)
+    worker_process.run("trainer", main)

@@ -8,7 +8,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint
 from drcli.store.evaluations import evaluated_numbers
-from drcli.worker.learning import Learner
+from drcli.workers.learner import Learner
 
 
 def restore_weights(learner: Learner, found: Checkpoint) -> None:

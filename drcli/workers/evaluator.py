@@ -1,6 +1,6 @@
 """The evaluation worker: drives laps with one checkpoint of a finished or running training.
 
-Run by `dr-evaluate` as `python -m drcli.worker.evaluate STAMP CHECKPOINT [OPPONENT]`, where the
+Run by `dr-evaluate` as `python -m drcli.workers.evaluator STAMP CHECKPOINT [OPPONENT]`, where the
 opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It reads the models and
 writes traces and metrics of its own; it never changes a model.
 """
@@ -27,12 +27,8 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.traces import STATUS_LABELS
-from drcli.worker import announce, process
-from drcli.worker.cores import cores
-from drcli.worker.driving import Driven, Driver, Pilot, Plan
-from drcli.worker.learning import build_policy
-from drcli.worker.process import Lifeline
-from drcli.worker.world import (
+from drcli.workers import reference_log, worker_process
+from drcli.workers.build_race import (
     actions_of,
     load_race,
     load_reward,
@@ -41,6 +37,10 @@ from drcli.worker.world import (
     realism_of,
     sensors_of_model,
 )
+from drcli.workers.cores import cores
+from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.learner import build_policy
+from drcli.workers.worker_process import Lifeline
 from drsim.car import CONTROL_HZ
 from drsim.episode import EpisodeRules
 from drsim.reward import centre_line_reward
@@ -176,7 +176,7 @@ def _pilot(job: Job, bucket: Bucket, racer: Entry) -> tuple[Pilot, Sensors]:
     parameters = Hyperparameters.from_bytes(
         bucket.get(keys.hyperparameters(racer.prefix)), "hyperparameters.json"
     )
-    print(announce.start_lines(job.settings, metadata, parameters, "EVALUATION"))
+    print(reference_log.start_lines(job.settings, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
     loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
     model.load_state_dict(load_tensors(loaded.tensors))
@@ -258,4 +258,4 @@ def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], No
 
 
 if __name__ == "__main__":
-    process.run("evaluation", main(sys.argv[1], sys.argv[2:]))
+    worker_process.run("evaluation", main(sys.argv[1], sys.argv[2:]))

@@ -7,7 +7,7 @@ from typing import Any
 from drcli.exchange.trace import Episode, training_record
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.training_metrics import counted_with, read_records, write_records
-from drcli.worker.share import Share
+from drcli.workers.episode_share import Share
 
 
 class TrainingMetrics:
