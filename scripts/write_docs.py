@@ -12,7 +12,7 @@ from pathlib import Path
 import error_texts
 
 from drcli.checks import rules
-from drcli.commands import manual
+from drcli.cli.docs import manual
 from drcli.config.document import settings_page
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from drcli.base.problems import UnfitError, shown
-from drcli.completing.values import CLOUDS, RACE_TYPES
+from drcli.cli.completion.values import CLOUDS, RACE_TYPES
 from drcli.config.settings import catalogue
 
 Ask = Callable[[str, str, Sequence[str]], str]

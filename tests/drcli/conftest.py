@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drcli.cli import main
+from drcli.cli.app import main
 from drcli.runs.report import (
     CheckpointReport,
     EvaluationReport,

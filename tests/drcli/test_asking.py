@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from drcli import asking
+from drcli.cli import prompts
 
 
 @pytest.mark.parametrize(
@@ -14,11 +14,11 @@ from drcli import asking
 def test_a_question_is_put_until_the_answer_is_one_of_the_words(monkeypatch, capsys, typed, answer):
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
 
-    assert asking.ask("Who keeps the bucket", "local", ["local", "aws"]) == answer
+    assert prompts.ask("Who keeps the bucket", "local", ["local", "aws"]) == answer
     assert capsys.readouterr().err.startswith("Who keeps the bucket (local, aws) [local]: ")
 
 
 def test_a_question_without_words_takes_anything(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("  my model \n"))
 
-    assert asking.ask("Name of the model", "m") == "my model"
+    assert prompts.ask("Name of the model", "m") == "my model"

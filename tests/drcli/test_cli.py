@@ -9,9 +9,9 @@ import pytest
 
 from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
-from drcli.cli import main
-from drcli.commands.lazy import load
-from drcli.commands.table import COMMANDS
+from drcli.cli.app import main
+from drcli.cli.lazy import load
+from drcli.cli.table import COMMANDS
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich", "pydantic"}
 """What showing help must not load."""
@@ -71,7 +71,7 @@ def test_the_version_goes_to_stdout(dr, capsys):
 
 @pytest.mark.parametrize("command", [["--version"], ["config", "check", "--settings"]])
 def test_a_closed_input_is_as_good_as_an_empty_one(working_folder, command):
-    program = f"from drcli.cli import main; main({command!r})"
+    program = f"from drcli.cli.app import main; main({command!r})"
 
     done = subprocess.run(
         ["bash", "-c", 'exec "$@" <&-', "bash", sys.executable, "-c", program],
@@ -90,7 +90,7 @@ def test_a_full_disk_behind_the_output_is_one_sentence(working_folder):
             [
                 sys.executable,
                 "-c",
-                "from drcli.cli import main; main(['config', 'check', '--settings'])",
+                "from drcli.cli.app import main; main(['config', 'check', '--settings'])",
             ],
             stdout=full,
             stderr=subprocess.PIPE,
@@ -133,7 +133,7 @@ def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
         [
             sys.executable,
             "-c",
-            "from drcli.cli import main; main(['config', 'check', '--settings'])",
+            "from drcli.cli.app import main; main(['config', 'check', '--settings'])",
         ],
         env={**os.environ, "COLUMNS": columns},
         capture_output=True,
@@ -154,7 +154,7 @@ def test_help_lists_all_exit_codes(dr, capsys):
 @pytest.mark.parametrize("command", [[], ["start-training"]])
 def test_help_loads_nothing_slow(command):
     program = (
-        "import sys; from drcli.cli import main\n"
+        "import sys; from drcli.cli.app import main\n"
         f"try: main({[*command, '--help']!r})\n"
         f"finally: print({SLOW!r} & sys.modules.keys(), file=sys.stderr)"
     )
@@ -301,7 +301,7 @@ def test_a_bug_in_a_folder_that_is_gone_is_one_sentence(dr, failing, gone, monke
     def fail(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("drcli.commands.stop_training.working_folder", fail)
+    monkeypatch.setattr("drcli.cli.commands.stop_training.working_folder", fail)
 
     code = dr("stop-training")
 
@@ -331,7 +331,7 @@ def test_an_interrupt_that_a_library_wrapped_is_no_bug(dr, failing, capsys):
 
 def test_a_program_that_is_interrupted_while_it_loads_exits_130(tmp_path):
     (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
-    program = "from drcli.program import main; main()"
+    program = "from drcli.cli.program import main; main()"
 
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -388,7 +388,7 @@ def test_a_reader_that_has_seen_enough_ends_the_command_quietly(working_folder, 
     os.close(read_end)
 
     done = subprocess.run(
-        [sys.executable, "-c", f"from drcli.cli import main; main({command!r})"],
+        [sys.executable, "-c", f"from drcli.cli.app import main; main({command!r})"],
         stdout=write_end,
         stderr=subprocess.PIPE,
         text=True,

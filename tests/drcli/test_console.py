@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from drcli import console
+from drcli.cli import console
 
 
 @dataclass(frozen=True)

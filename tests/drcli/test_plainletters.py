@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from drcli import plainletters
-from drcli.sparkline import ALL, BLOCKS, NONE, SOME
+from drcli.cli import ascii_only
+from drcli.cli.views.sparkline import ALL, BLOCKS, NONE, SOME
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def shown():
     def write(text: str, encoding: str) -> str:
         raw = io.BytesIO()
         stream = io.TextIOWrapper(raw, encoding=encoding)
-        plainletters.use(stream)
+        ascii_only.use(stream)
         stream.write(text)
         stream.flush()
         return raw.getvalue().decode(encoding)

@@ -8,7 +8,7 @@ import pytest
 
 SIMULATION = {"torch", "mujoco", "numba", "numpy", "gymnasium", "drsim", "scipy", "shapely"}
 STORAGE = {"boto3", "botocore", "moto"}
-PROGRAM = "import sys; from drcli.cli import main\ntry: main(sys.argv[1:])\nfinally: "
+PROGRAM = "import sys; from drcli.cli.app import main\ntry: main(sys.argv[1:])\nfinally: "
 
 
 def loaded(*arguments: str) -> set[str]:

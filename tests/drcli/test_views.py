@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from drcli import views, views_evaluation, views_iterations
+from drcli.cli.views import evaluation_view, iterations, training
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -20,19 +20,19 @@ def screen(rendered):
 
 
 def test_the_live_display_of_a_training_under_way(make_report):
-    shown = screen(views.live(make_report("running", 9), NOW_S))
+    shown = screen(training.live(make_report("running", 9), NOW_S))
 
     assert shown == UNDER_WAY
 
 
 def test_the_live_display_before_the_first_iteration(make_report):
-    shown = screen(views.live(make_report("running"), NOW_S))
+    shown = screen(training.live(make_report("running"), NOW_S))
 
     assert shown == BEFORE_THE_FIRST
 
 
 def test_the_verbose_display_has_a_line_for_each_worker_and_for_the_time(make_report):
-    lines = screen(views.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
+    lines = screen(training.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
 
     assert lines[2:5] == [
         "trainer: waits for rollouts of iteration 9",
@@ -50,7 +50,7 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
         make_report("finished", 300),
     ]
 
-    screens = [screen(views.live(look, NOW_S, verbose=verbose)) for look in looks]
+    screens = [screen(training.live(look, NOW_S, verbose=verbose)) for look in looks]
 
     heights = {len(shown.split("\n")) for shown in screens}
     assert len(heights) == 1
@@ -59,20 +59,20 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
 
 
 def test_a_display_that_has_ended_no_longer_speaks_of_ctrl_c(make_report):
-    shown = screen(views.live(make_report("finished", 9), NOW_S))
+    shown = screen(training.live(make_report("finished", 9), NOW_S))
 
     assert "Ctrl-C" not in shown
     assert shown.startswith("finished")
 
 
 def test_status_of_a_training_under_way(make_report):
-    shown = screen(views.run(make_report("running", 9)))
+    shown = screen(training.run(make_report("running", 9)))
 
     assert shown == STATUS
 
 
 def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_report):
-    lines = screen(views.run(make_report("finished", 9))).splitlines()
+    lines = screen(training.run(make_report("finished", 9))).splitlines()
 
     assert lines[0] == "Run 0: finished  s3://bucket/model  on reinvent_base"
     assert lines[1] == "All 3 evaluation laps are complete."
@@ -82,7 +82,7 @@ def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_r
 def test_status_of_a_failed_training_tells_what_to_do(make_report):
     report = make_report("failed", 1, message="The loss is NaN.", remedy="Lower lr.", exit_code=6)
 
-    lines = screen(views.run(report)).splitlines()
+    lines = screen(training.run(report)).splitlines()
 
     assert lines[1:3] == ["The loss is NaN.", "  Try: Lower lr."]
 
@@ -91,13 +91,13 @@ def test_a_dead_worker_catches_the_eye(make_report):
     report = make_report("running")
     dead = report.workers[1].__class__("sim-0", 7, False, 2, "drives iteration 0", "x.log")
 
-    shown = screen(views.run(make_report("running", workers=[dead])))
+    shown = screen(training.run(make_report("running", workers=[dead])))
 
     assert "sim-0 (DEAD, process 7, restarted 2 x): drives iteration 0" in shown
 
 
 def test_an_evaluation_is_a_table_and_a_sentence(evaluation_report):
-    shown = screen(views_evaluation.evaluation(evaluation_report))
+    shown = screen(evaluation_view.evaluation(evaluation_report))
 
     assert shown == EVALUATION
 
@@ -107,11 +107,11 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(views_evaluation.evaluation(lost))
+    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
-    line = views_iterations.line(make_record(8))
+    line = iterations.line(make_record(8))
 
     assert line == (
         "   0:12 iter   8    4500 steps  reward   42.0  progress  34.0 %  eval 100 % 3/3"
@@ -120,7 +120,7 @@ def test_an_iteration_fits_a_line_of_80_columns(make_record):
 
 
 def test_an_iteration_without_its_evaluation_says_so(make_record):
-    line = views_iterations.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
+    line = iterations.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
 
     assert line.endswith("eval ...")
 
@@ -193,7 +193,7 @@ def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_repor
     slower = [replace(trial, lap_s=trial.lap_s + 1.0) for trial in own.trials]
     race = replace(own, opponent=replace(own, prefix="rival", trials=slower))
 
-    shown = screen(views_evaluation.evaluation(race))
+    shown = screen(evaluation_view.evaluation(race))
 
     assert "8_Step-4000.ckpt of rival on" in shown
     assert shown.splitlines()[-1] == "model wins, 2.00 s ahead of rival."
@@ -205,9 +205,7 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
         opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
     )
 
-    assert (
-        screen(views_evaluation.evaluation(race)).splitlines()[-1] == "model wins with more laps."
-    )
+    assert screen(evaluation_view.evaluation(race)).splitlines()[-1] == "model wins with more laps."
 
 
 def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
@@ -216,19 +214,19 @@ def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):
         trials=[replace(trial, status="Off track") for trial in evaluation_report.trials],
     )
 
-    assert "Nobody wins." in screen(views_evaluation.evaluation(replace(lost, opponent=lost)))
+    assert "Nobody wins." in screen(evaluation_view.evaluation(replace(lost, opponent=lost)))
 
 
 def test_a_collapse_is_told_in_every_display(make_report):
     told = "Warning: completion fell from 98 % to 41 %; best is 37"
     collapsed = make_report("running", 9, warning=told.removeprefix("Warning: "))
 
-    assert told in screen(views.run(collapsed))
-    assert told in screen(views.live(collapsed, NOW_S))
+    assert told in screen(training.run(collapsed))
+    assert told in screen(training.live(collapsed, NOW_S))
 
 
 @pytest.mark.parametrize("columns", [1, 10, 24, 40])
 def test_curves_are_drawn_in_any_window(make_record, columns):
-    drawn = views_iterations.curves([make_record(1), make_record(2)], columns)
+    drawn = iterations.curves([make_record(1), make_record(2)], columns)
 
     assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]

@@ -28,9 +28,9 @@ PREFIX = "model"
 FORKING = """
 import gc, json, os, sys
 import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.working_folder
-from drcli.cli import main
-from drcli.commands.lazy import load
-from drcli.commands.table import COMMANDS
+from drcli.cli.app import main
+from drcli.cli.lazy import load
+from drcli.cli.table import COMMANDS
 
 for command in COMMANDS:
     load(command)

@@ -20,8 +20,8 @@ from typing import Any
 
 import pytest
 
-from drcli.commands.lazy import load
-from drcli.commands.table import COMMANDS
+from drcli.cli.lazy import load
+from drcli.cli.table import COMMANDS
 
 pytestmark = [
     pytest.mark.slow,

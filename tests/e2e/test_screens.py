@@ -48,7 +48,7 @@ SLOW = "tracks"
 
 SHOW = """
 import sys
-from drcli.cli import main
+from drcli.cli.app import main
 for name, arguments in COMMANDS.items():
     for stream in (sys.stdout, sys.stderr):
         print(f"== {name}", file=stream, flush=True)

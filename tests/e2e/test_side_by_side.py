@@ -90,7 +90,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
     old = os.umask(0o027)
     try:
         for command in commands:
-            program = f"from drcli.cli import main; main({command!r})"
+            program = f"from drcli.cli.app import main; main({command!r})"
             done = subprocess.run(
                 [sys.executable, "-c", program],
                 cwd=installation,

@@ -114,7 +114,7 @@ def run(
     for name in ("launch", "supervise_job", "stop", "is_running"):
         monkeypatch.setattr(f"drcli.runs.training.{name}", getattr(paper, name))
     monkeypatch.setattr("drcli.runs.status.inspect", paper.inspect)
-    monkeypatch.setattr("drcli.commands.watching.POLL_S", 0.0)
+    monkeypatch.setattr("drcli.cli.watch_training.POLL_S", 0.0)
     return paper
 
 
@@ -152,7 +152,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "DR_HOST_X=True\nDR_UPLOAD_S3_BUCKET=uploads\n"
     )
     monkeypatch.setenv("HOME", str(folder / "home"))
-    monkeypatch.setattr("drcli.commands.url.settings", _settings)
+    monkeypatch.setattr("drcli.cli.commands.url.settings", _settings)
 
     def answer(name: str, report: object) -> None:
         monkeypatch.setattr(f"drcli.{name}", lambda *_, **__: report)

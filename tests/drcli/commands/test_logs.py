@@ -5,7 +5,7 @@ import os
 import pytest
 
 from drcli.base import log_files
-from drcli.commands import logs
+from drcli.cli.commands import logs
 
 LINES = [f"line {k}\n" for k in range(30)]
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from drcli.cli import EPILOG
-from drcli.commands.manual import document
-from drcli.commands.manual_texts import EXIT_CODES
-from drcli.commands.reference import REFERENCE, SCRIPTS, missing
-from drcli.commands.table import program_names
+from drcli.cli.app import EPILOG
+from drcli.cli.docs.manual import document
+from drcli.cli.docs.manual_texts import EXIT_CODES
+from drcli.cli.docs.reference import REFERENCE, SCRIPTS, missing
+from drcli.cli.table import program_names
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.commands.table import COMMANDS
+from drcli.cli.table import COMMANDS
 
 NAMES = [c.name for c in COMMANDS if c.target.startswith("not_built:")]
 

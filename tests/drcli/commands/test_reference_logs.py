@@ -7,7 +7,7 @@ import time
 import psutil
 import pytest
 
-from drcli.commands import reference_logs
+from drcli.cli.commands import reference_logs
 from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.run_record import RunRecord, WorkerRecord
 from drcli.runs.speed import SpeedReport

@@ -7,11 +7,11 @@ import sys
 import pytest
 from rich.cells import cell_len
 
-from drcli import console
 from drcli.base.errors import SettingsError
-from drcli.commands.lazy import load
-from drcli.commands.report_keys import REPORTS, keys_of
-from drcli.commands.table import COMMANDS
+from drcli.cli import console
+from drcli.cli.docs.report_keys import REPORTS, keys_of
+from drcli.cli.lazy import load
+from drcli.cli.table import COMMANDS
 
 from .conftest import MODEL, TRACK
 

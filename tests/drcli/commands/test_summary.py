@@ -11,8 +11,8 @@ import psutil
 import pytest
 from rich.console import Console
 
-from drcli import views_everyday
 from drcli.base.errors import StorageError
+from drcli.cli.views import everyday
 from drcli.runs import summary
 from drcli.runs.run_record import RunRecord
 from drcli.runs.summary import BucketState, Running, Summary
@@ -48,7 +48,7 @@ def report():
 def shown(report, width):
     screen = Console(width=width, color_system=None, file=io.StringIO())
     with screen.capture() as captured:
-        screen.print(views_everyday.summary(report))
+        screen.print(everyday.summary(report))
     return captured.get().splitlines()
 
 

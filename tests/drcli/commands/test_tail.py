@@ -3,8 +3,8 @@
 import os
 
 from drcli.base import log_files
-from drcli.commands import tail as tail_module
-from drcli.commands.tail import Tail, older
+from drcli.cli import log_tail as tail_module
+from drcli.cli.log_tail import Tail, older
 
 
 def test_only_the_asked_number_of_old_lines_is_read(tmp_path):

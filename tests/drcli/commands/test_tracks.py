@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import Aborted, StorageError
-from drcli.cli import main
-from drcli.commands.bringing import bring_tracks
+from drcli.cli.app import main
+from drcli.cli.fetch_tracks import bring_tracks
 from drcli.config.settings import load_settings
 from drcli.tracks import community, tracks_folder
 from drsim.errors import TrackError
@@ -427,7 +427,7 @@ def terminal(monkeypatch):
     """Somebody who sits there and answers."""
 
     def answer(text: str) -> None:
-        monkeypatch.setattr("drcli.asking.may_ask", lambda: True)
+        monkeypatch.setattr("drcli.cli.prompts.may_ask", lambda: True)
         monkeypatch.setattr(
             sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: text)
         )

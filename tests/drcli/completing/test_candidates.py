@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from drcli.commands.lazy import load
-from drcli.commands.table import COMMANDS, program_names
-from drcli.completing import values
-from drcli.completing.answer import candidates, main
-from drcli.completing.places import VALUES
-from drcli.completing.values import Place
+from drcli.cli.completion import values
+from drcli.cli.completion.answer import candidates, main
+from drcli.cli.completion.places import VALUES
+from drcli.cli.completion.values import Place
+from drcli.cli.lazy import load
+from drcli.cli.table import COMMANDS, program_names
 from drcli.config.settings import catalogue
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "rich", "pydantic", "drsim"}
@@ -179,7 +179,7 @@ def test_names_known_by_heart_are_those_of_the_settings():
 def test_an_answer_loads_nothing_slow(working_folder, typed):
     program = (
         f"import sys; sys.argv[1:] = ['zsh', *{typed!r}]\n"
-        "from drcli.completing.answer import main\n"
+        "from drcli.cli.completion.answer import main\n"
         f"main(); print({SLOW!r} & sys.modules.keys(), file=sys.stderr)"
     )
 

@@ -5,7 +5,7 @@ import pwd
 
 import pytest
 
-from drcli.commands.table import program_names
+from drcli.cli.table import program_names
 
 
 @pytest.fixture

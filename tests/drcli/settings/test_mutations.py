@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.cli import main
+from drcli.cli.app import main
 from drcli.config.env_file import LARGEST_BYTES
 
 REFERENCE = Path(__file__).resolve().parents[2] / "data" / "reference"

@@ -1,8 +1,7 @@
 """The questions of `dr init`."""
 
 import pytest
-
-from drcli.cli.setup_questions import with_answers
+from drcli.cli.app.setup_questions import with_answers
 
 
 def never(sentence: str) -> None:

@@ -1,0 +1,101 @@
+"""`dr evaluate`, which the reference calls `dr-start-evaluation`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import settings, working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+
+STARTER = "start-evaluation"
+"""Under this name -q returns at once, as scripts for the reference expect."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """An evaluation that goes on in the background.
+
+    Attributes:
+        prefix: Model prefix.
+        checkpoint: What drives.
+        pid: The process that waits for its end.
+        simtrace: Key of its trace in the bucket, once it has ended.
+        metrics: Key of its metrics.
+    """
+
+    prefix: str
+    checkpoint: str
+    pid: int
+    simtrace: str
+    metrics: str
+
+
+def evaluate(
+    context: typer.Context,
+    quiet: Annotated[
+        bool,
+        typer.Option(
+            "-q",
+            "--quiet",
+            help="Only the result; dr-start-evaluation -q returns at once instead.",
+        ),
+    ] = False,
+    clone: Annotated[
+        bool, typer.Option("-c", "--clone", help="Evaluate a copy at <prefix>-E.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Drive evaluation laps with the model and report them.
+
+    DR_EVAL_CHECKPOINT chooses the best or the last checkpoint, the other DR_EVAL_ settings say how
+    it is driven. The model is not changed, so it may still be training.
+
+    Called as dr-start-evaluation -q, the laps are driven in the background: results come into the
+    bucket, words into the log, and dr-stop-evaluation ends it.
+
+    Example: dr-evaluate --json
+    """
+    from drcli.cli import console
+    from drcli.cli.fetch_tracks import bring_tracks
+    from drcli.cli.views import evaluation_view
+    from drcli.runs import evaluation
+
+    loaded = settings()
+    bring_tracks(loaded)
+    if quiet and context.info_name == STARTER:
+        _start(loaded, clone=clone, as_json=as_json)
+        return
+    report = evaluation.evaluate(
+        loaded,
+        clone=clone,
+        directory=working_folder(),
+        on_progress=(lambda text: None) if quiet else console.say,
+    )
+    console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
+    if not quiet:
+        console.suggest(
+            [
+                ("dr-logs evaluation -a", "every step of it"),
+                ("dr-start-training --resume", "go on training"),
+                ("dr-status", "how the training went"),
+            ]
+        )
+
+
+def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
+    """Start it in the background, and say what is started in the words of the reference."""
+    from drcli.cli import console
+    from drcli.runs.evaluation import launch_evaluation
+    from drcli.runs.evaluation_plan import prepare_evaluation
+
+    plan = prepare_evaluation(
+        loaded, clone=clone, directory=working_folder(), on_progress=console.say
+    )
+    record = launch_evaluation(plan)
+    if as_json:
+        started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
+        console.emit(started, "", as_json=True)

@@ -1,0 +1,180 @@
+"""`dr init`: writes a working folder."""
+
+import os
+import re
+import shlex
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import current_folder, working_folder
+
+if TYPE_CHECKING:
+    from drcli.base.problems import FindingsError
+
+OPTIONS = {
+    "DR_WORLD_NAME": "--world",
+    "DR_RACE_TYPE": "--race-type",
+    "DR_LOCAL_S3_MODEL_PREFIX": "--prefix",
+    "DR_WORKERS": "--workers",
+    "DR_CLOUD": "--cloud",
+    "DR_LOCAL_S3_BUCKET": "--bucket",
+    "DR_REMOTE_MINIO_URL": "--endpoint",
+    "DR_LOCAL_S3_PROFILE": "--profile",
+    "DR_EXPERIMENT_NAME": "--experiment",
+}
+"""How the settings that can be given here are spelt on the command line."""
+
+
+def init(
+    folder: Annotated[
+        str | None, typer.Argument(help="Where; the current folder when left out.")
+    ] = None,
+    world: Annotated[str | None, typer.Option("--world", help="Track to race on.")] = None,
+    race_type: Annotated[
+        str | None,
+        typer.Option(
+            "--race-type",
+            help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
+        ),
+    ] = None,
+    prefix: Annotated[
+        str | None, typer.Option("-p", "--prefix", help="Name of the model to train.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Simulation processes, 1 to 10.")
+    ] = None,
+    cloud: Annotated[
+        str | None, typer.Option("-c", "--cloud", help="local, remote, aws or azure.")
+    ] = None,
+    bucket: Annotated[str | None, typer.Option("--bucket", help="Bucket for everything.")] = None,
+    endpoint: Annotated[
+        str | None, typer.Option("--endpoint", help="S3 address for remote and azure.")
+    ] = None,
+    profile: Annotated[
+        str | None, typer.Option("--profile", help="AWS profile with the keys.")
+    ] = None,
+    experiment: Annotated[
+        str | None,
+        typer.Option("--experiment", help="Write experiments/NAME/ in a working folder instead."),
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "-f", "--force", "--yes", help="Ask nothing; replaced files stay as .bak copies."
+        ),
+    ] = False,
+    processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
+    style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
+    mount: Annotated[bool, typer.Option("-m", hidden=True)] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a working folder: settings, the three files of a model, and bin/activate.sh.
+
+    On a terminal it asks for what no option says; elsewhere the shipped values are taken. No file
+    is overwritten unless you agree.
+
+    Example: dr-init my-racer --world reinvent_base --prefix first-model
+    """
+    from drcli.base.problems import FindingsError
+    from drcli.cli import console, prompts
+    from drcli.cli.app.setup_questions import with_answers
+    from drcli.config.folder_files import write
+    from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
+
+    if folder == "":
+        raise typer.BadParameter("The name of the folder is empty; the current one needs none.")
+    if processor or style or mount:
+        console.say("-a, -s and -m choose images and containers, of which there are none here.")
+    given = {
+        "DR_WORLD_NAME": world,
+        "DR_RACE_TYPE": race_type,
+        "DR_LOCAL_S3_MODEL_PREFIX": prefix,
+        "DR_WORKERS": None if workers is None else str(workers),
+        "DR_CLOUD": cloud,
+        "DR_LOCAL_S3_BUCKET": bucket,
+        "DR_REMOTE_MINIO_URL": endpoint,
+        "DR_LOCAL_S3_PROFILE": profile,
+    }
+    values = {name: value for name, value in given.items() if value is not None}
+    try:
+        if experiment is not None:
+            plan = plan_experiment(Path(folder or working_folder()), experiment, values)
+        else:
+            if prompts.may_ask() and not force:
+                values = with_answers(values, prompts.ask, console.warn)
+            plan = plan_folder(Path(folder or current_folder()), values)
+    except FindingsError as error:
+        raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
+    if plan.clashes and not force:
+        there = f"In {plan.folder} there are already: {', '.join(plan.clashes)}."
+        if not prompts.may_ask():
+            raise typer.BadParameter(f"{there} Add --force to replace them; copies stay as .bak.")
+        prompts.agree(f"{there} Replace them, and keep a copy of each as .bak?", yes=False)
+    report = write(plan)
+    for warning in report.warnings:
+        console.warn(warning)
+    if report.backups:
+        console.warn(f"What was there before is kept as {', '.join(report.backups)}.")
+    if as_json:
+        console.emit(report, "", as_json=True)
+    else:
+        console.say(f"{len(report.written)} files written in {report.folder}.")
+    sourced = has_activate_script(plan.folder)
+    steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
+    console.suggest(steps, elsewhere=True)
+
+
+def _in_options(error: "FindingsError", names: Collection[str]) -> Exception:
+    """A failure in the words of the command line, where that is what is wrong.
+
+    Args:
+        error: In the words of the settings files, which do not exist yet.
+        names: Settings that were given here.
+    """
+    ours = [item for item in error.findings if item.what.partition("=")[0] in names]
+    if not ours:
+        return error
+    return typer.BadParameter(
+        "\n".join(f"{_spelt(item.what)}. {_spelt(item.remedy)}" for item in ours)
+    )
+
+
+def _spelt(text: str) -> str:
+    """A sentence with options for the settings in it, except in commands that it quotes."""
+
+    def option(match: "re.Match[str]") -> str:
+        if match[1] is None:
+            return match[0]
+        return OPTIONS[match[1]] + (" " if match[2] else "")
+
+    return re.sub(rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)", option, text)
+
+
+def _next(
+    folder: Path, experiment: str | None, missing_track: str | None, *, sourced: bool
+) -> list[tuple[str, str]]:
+    """What to type next, from the current folder.
+
+    Args:
+        folder: The working folder.
+        experiment: The experiment in it that was written.
+        missing_track: The track to be fetched first.
+        sourced: Whether the folder has a bin/activate.sh of ours.
+    """
+    steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go there")]
+    active = os.environ.get("DR_DIR")
+    if experiment is not None and sourced:
+        steps.append((f"source bin/activate.sh -e {experiment}", "work in the experiment"))
+    elif experiment is not None:
+        here = f"DR_DIR={shlex.quote(str(folder))}"
+        steps.append((f"export {here} DR_EXPERIMENT_NAME={experiment}", "work in the experiment"))
+    elif active and Path(active).absolute() != folder:
+        leave = "unset DR_EXPERIMENT_NAME; source bin/activate.sh"
+        steps.append((leave, f"leave {active}"))
+    if missing_track is not None:
+        steps.append((f"dr-tracks fetch {missing_track}", "fetch the track"))
+    return [*steps, ("dr-validate", "check everything"), ("dr-start-training", "train")]

@@ -1,0 +1,33 @@
+"""`dr shell-env`, which scripts/activate.sh runs: the settings as `export` lines."""
+
+import os
+
+import typer
+
+from drcli.base.errors import DrError
+from drcli.cli.working_folder import working_folder
+
+EXPERIMENT = "_DR_EXPERIMENT"
+"""Variable by which the script names an experiment. An option would load pydantic to check it."""
+
+
+def shell_env() -> None:
+    """Print what makes a shell know the settings, for `eval` in bash or zsh.
+
+    People source bin/activate.sh instead.
+
+    Example: eval "$(dr shell-env)"
+    """
+    from drcli.config.shell import shell_change
+
+    try:
+        change = shell_change(
+            working_folder(), os.environ, experiment=os.environ.get(EXPERIMENT, "")
+        )
+    except DrError as error:  # a line in every new shell is enough; `dr config check` says more
+        what, remedy = (text.partition("\n")[0] for text in (str(error), error.remedy))
+        typer.echo(f"activate.sh: {what} Try: {remedy}", err=True)
+        raise typer.Exit(error.code) from None
+    for warning in change.warnings:
+        typer.echo(f"activate.sh: {warning}", err=True)
+    typer.echo(change.script(), nl=False)

@@ -1,0 +1,153 @@
+"""`dr start-training`."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.base.errors import WorkerDied
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import settings, working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.runs.report import RunReport
+
+
+def start_training(
+    wipe: Annotated[
+        bool, typer.Option("-w", "--wipe", help="Delete what lies under the model prefix.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what lies under the model prefix.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Return at once, with a single line.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show more numbers.")] = False,
+    trainer_log: Annotated[
+        bool, typer.Option("-s", help="Follow the trainer's log instead of the display.")
+    ] = False,
+    worker_log: Annotated[
+        bool, typer.Option("-r", help="Follow the log of simulation worker N instead.")
+    ] = False,
+    all_logs: Annotated[bool, typer.Option("-a", help="Follow all logs instead.")] = False,
+    worker: Annotated[
+        int | None, typer.Argument(metavar="N", min=0, help="Worker of -r, 0 if left out.")
+    ] = None,
+    foreground: Annotated[
+        bool, typer.Option("--foreground", help="Stay the process that runs the training.")
+    ] = False,
+    max_minutes: Annotated[
+        float | None,
+        typer.Option("--max-minutes", min=0.01, help="Finish after that time.", metavar="M"),
+    ] = None,
+    until_laps: Annotated[
+        int | None,
+        typer.Option(
+            "--until-laps",
+            min=1,
+            metavar="N",
+            help="Finish once a checkpoint completes all its evaluation laps, at least N.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, metavar="S", help="Repeat a training exactly."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Train the model that run.env describes.
+
+    Your reward_function.py, hyperparameters.json and model_metadata.json are taken from
+    custom_files/, else from the bucket; without any of your own, shipped examples are used.
+    Everything is checked before anything starts.
+
+    On a terminal a live display follows; Ctrl-C detaches from it and the training goes on.
+    Elsewhere a line follows for each iteration. Either way the command ends when the training
+    ends, with its exit code; with -q it ends at once.
+
+    Example: dr-start-training --until-laps 3
+    """
+    from drcli.cli import console, watch_training
+    from drcli.cli.fetch_tracks import bring_tracks
+    from drcli.cli.views import training as views
+    from drcli.runs import plan, training
+    from drcli.runs.run_logs import log_file
+    from drcli.runs.status import inspect
+
+    loaded, folder = settings(), working_folder()
+    followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
+    bring_tracks(loaded)
+    options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
+    with console.waiting("Checking settings, files and reward function ...", only_live=True):
+        planned = plan.prepare(loaded, options, folder)
+    if not quiet:
+        for warning in planned.warnings:
+            console.warn(warning)
+        console.say(views.start_text(planned))
+
+    if quiet:
+        display = watch_training.nothing()
+    elif followed:
+        display = watch_training.logs({name: log_file(loaded, folder, name) for name in followed})
+    elif console.is_live() and not foreground:
+        display = watch_training.live(verbose=verbose)
+    else:
+        display = watch_training.lines(inspect(loaded, folder).history, verbose=verbose)
+
+    if foreground:
+        with watch_training.meanwhile(loaded, folder, display):
+            training.supervise_job(planned.job)
+        code = _end(inspect(loaded, folder), as_json=as_json)
+    else:
+        with console.waiting("Starting the workers ...", only_live=True):
+            pid = training.launch(planned)
+        if inspect(loaded, folder).pid != pid:
+            raise WorkerDied(
+                "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
+            )
+        if quiet:
+            console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
+            if as_json:
+                console.emit(inspect(loaded, folder), "", as_json=True)
+            return
+        console.suggest(watch_training.NEXT)
+        report = watch_training.until_the_end(loaded, folder, display)
+        if report is None:
+            console.say("Detached; the training goes on.")
+            console.suggest(watch_training.NEXT)
+            raise typer.Exit(130)
+        code = _end(report, as_json=as_json)
+    raise typer.Exit(code)
+
+
+def _followed(
+    loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
+) -> list[str]:
+    """Names of the logs that -s, -r [N] and -a ask for."""
+    if worker is not None and not sim:
+        raise typer.BadParameter("A number belongs to -r, as in `dr-start-training -r 1`.")
+    if worker is not None and worker >= loaded.workers:
+        raise typer.BadParameter(f"-r {worker}: DR_WORKERS is {loaded.workers}, counted from 0.")
+    sims = [f"sim-{k}" for k in range(loaded.workers)]
+    if everything:
+        return ["trainer", *sims]
+    return ["trainer"] * trainer + [sims[worker or 0]] * sim
+
+
+def _end(report: "RunReport", *, as_json: bool) -> int:
+    """Say how the training ended.
+
+    Returns:
+        Its exit code; a training that left without one counts as a dead worker.
+    """
+    from drcli.cli import console
+    from drcli.cli.views import training as views
+
+    if as_json:
+        console.emit(report, "", as_json=True)
+    if report.state in ("finished", "stopped"):
+        console.say(views.end_text(report))
+    else:
+        console.fail(report.message, report.remedy)
+    return WorkerDied.code if report.exit_code is None else report.exit_code

@@ -1,0 +1,127 @@
+"""`dr tracks`: the tracks to race on."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import settings, working_folder
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="List, show, add and fetch tracks.\n\nExample: dr-tracks show reinvent_base",
+)
+
+_Force = Annotated[bool, typer.Option("--force", help="Replace a track of that name.")]
+
+
+@app.command("list")
+def list_all(as_json: AsJson = False) -> None:
+    """List all tracks: those built in, and those in the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks list --json
+    """
+    from drcli.cli import console
+    from drcli.cli.views import tracks_view
+    from drcli.tracks.track_list import list_tracks
+
+    memory = working_folder() / "data" / "cache" / "tracks.json"
+    found = list_tracks(settings().tracks_folder, memory)
+    for sentence in found.unreadable:
+        console.warn(sentence)
+    console.emit(found, tracks_view.track_list(found), as_json=as_json)
+
+
+@app.command()
+def show(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a track, or a route file.")],
+    png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a track: facts and a small map.
+
+    Example: dr-tracks show reinvent_base --png map.png
+    """
+    from drcli.base.errors import SettingsError
+    from drcli.base.problems import shown
+    from drcli.cli import console
+    from drcli.cli.views import tracks_view
+    from drcli.config.worlds import ROUTE_FILES, is_here, remedy
+    from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
+
+    wanted = settings().replaced(world_name=name, overrides=())
+    if not name.endswith(ROUTE_FILES) and not is_here(wanted):
+        raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
+    columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
+    view = show_track(name, wanted.tracks_folder, png, columns=columns)
+    console.emit(view, tracks_view.track(view), as_json=as_json)
+
+
+@app.command()
+def add(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .npy, .csv or .svg file.")],
+    name: Annotated[str | None, typer.Option("--name", help="Name of the track.")] = None,
+    width: Annotated[
+        float | None, typer.Option("--width", help="Metres of road around a centre line.")
+    ] = None,
+    length: Annotated[
+        float | None, typer.Option("--length", help="Metres of a lap; needed by .svg files.")
+    ] = None,
+    force: _Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check a route and put it into the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks add my_track.svg --length 25 --width 0.9
+    """
+    from drcli.cli import console
+    from drcli.cli.views import tracks_view
+    from drcli.tracks.tracks_folder import add_track
+
+    facts = add_track(
+        file,
+        settings().tracks_folder,
+        name=name,
+        width_m=width,
+        length_m=length,
+        replace=force,
+    )
+    _say_what_it_hides(facts.name)
+    console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
+
+
+@app.command()
+def fetch(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a world, as Oval_track.")],
+    url: Annotated[
+        str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL when left out.")
+    ] = None,
+    called: Annotated[str | None, typer.Option("--name", help="Name to give it here.")] = None,
+    force: _Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch a route of the community from the web into the folder DR_TRACKS_DIR.
+
+    Example: dr-tracks fetch Oval_track
+    """
+    from drcli.cli import console
+    from drcli.cli.views import tracks_view
+    from drcli.tracks.community import fetch_track
+
+    s = settings()
+    facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
+    _say_what_it_hides(facts.name)
+    console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
+
+
+def _say_what_it_hides(name: str) -> None:
+    """Tell that a new file takes the place of a built-in track."""
+    from drcli.cli import console
+    from drcli.config.worlds import built_in
+
+    if name in built_in():
+        console.warn(
+            f"{name} is a built-in track too. From now on the name means your file; remove the "
+            "file to get the built-in track back."
+        )

@@ -1,0 +1,216 @@
+"""Every command and script of DeepRacer-for-Cloud, and what became of it here."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from drcli.cli.table import program_names
+
+Verdict = Literal["same", "better", "not needed", "later"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One command or script of the reference.
+
+    Attributes:
+        name: What it is called there.
+        verdict: "same" and "better" do its work under that name or the one in `here`; "later" is a
+            name that says what is not built yet; "not needed" has nothing to do here.
+        why: What differs, or why nothing is needed.
+        here: Our program or script; the reference's name where it is empty.
+    """
+
+    name: str
+    verdict: Verdict
+    why: str
+    here: str = ""
+
+    @property
+    def program(self) -> str:
+        """What to call here, empty where nothing is needed."""
+        return "" if self.verdict == "not needed" else self.here or self.name
+
+
+_VIEWER = "a viewer of the cars is to come; until then curves: `dr-status`"
+_NOTEBOOKS = "a notebook server is to come; traces and metrics have the reference's format"
+_METRICS = "curves in a browser are to come; until then `dr-status`, `dr-status --json`"
+_DROA = "exchange with DeepRacer on AWS is to come"
+_X_SERVER = "nothing opens a window and no X server is used"
+
+REFERENCE: tuple[Row, ...] = (
+    # Setting up.
+    Row(
+        "source bin/activate.sh",
+        "better",
+        "same options, but optional: every command is a program that reads the settings itself, in "
+        "any shell, cron job or service; `dr-init` puts a `bin/activate.sh` into the folder",
+        "scripts/activate.sh",
+    ),
+    Row(
+        "bin/prepare.sh",
+        "better",
+        "one script without root, docker, drivers or reboot",
+        "scripts/install.sh",
+    ),
+    Row(
+        "bin/init.sh",
+        "better",
+        "writes a commented working folder; never overwrites files without a word",
+        "dr-init",
+    ),
+    Row(
+        "bin/autorun.sh",
+        "better",
+        "an instance needs run.env, system.env and one command; it continues what lies in the "
+        "bucket",
+        "dr-start-training",
+    ),
+    Row("bin/runonce.sh", "not needed", "nothing has to be rebooted; cron runs commands"),
+    Row(
+        "dr-update",
+        "better",
+        "settings are read at every call; this says whether they are right, with file and line",
+    ),
+    Row("dr-update-env", "better", "as `dr-update`"),
+    Row("dr-reload", "better", "as `dr-update`; silent with `-q`"),
+    Row(
+        "dr-summary",
+        "better",
+        "one page, two columns from 120 on; no network but the bucket, two seconds at most; "
+        "`--json`",
+    ),
+    # Training and evaluation.
+    Row(
+        "dr-start-training",
+        "better",
+        "same flags `-w -q -s -r -a -v -h`; everything is checked before anything starts; resumes; "
+        "`-r` counts workers from 0, as documented there; an unknown flag exits 2",
+    ),
+    Row(
+        "dr-stop-training",
+        "better",
+        "waits for a last checkpoint, metrics and logs; needs no root; nothing running is no error",
+    ),
+    Row(
+        "dr-start-evaluation",
+        "better",
+        "same flags `-q -c`; refuses a model that is not there; never changes the model; without "
+        "`-q` it prints the result, with `-q` it returns once the laps are driven in the "
+        "background",
+    ),
+    Row("dr-stop-evaluation", "same", "the evaluation ends within a second, without results"),
+    Row(
+        "dr-stop-all",
+        "better",
+        "ends what was started in this folder, not what else runs on the machine",
+    ),
+    Row(
+        "dr-increment-training",
+        "better",
+        "same flags and questions; right for names with slashes, without a number, above nine; "
+        "refuses when the model has no checkpoint",
+    ),
+    Row(
+        "dr-start-tournament",
+        "not needed",
+        "dead in the reference too; evaluate with DR_RACE_TYPE=HEAD_TO_MODEL. The name says so",
+    ),
+    # Files and models.
+    Row(
+        "dr-upload-custom-files",
+        "same",
+        "that of the experiment where one is chosen; nothing is deleted",
+    ),
+    Row("dr-download-custom-files", "same", "the way back"),
+    Row(
+        "dr-upload-model",
+        "better",
+        "same flags and texts; data first, index last; any checkpoint; several callers at once",
+    ),
+    Row(
+        "dr-increment-upload-model",
+        "better",
+        "`-p` works; slashes and names without a number are right",
+    ),
+    Row("dr-download-model", "better", "same flags; checked before and after; a copy is whole"),
+    Row("dr-list-aws-models", "better", "dead there; lists the models in the bucket of uploads"),
+    Row("dr-set-upload-model", "better", "dead there; writes DR_UPLOAD_S3_PREFIX"),
+    Row("dr-upload-car-zip", "later", "archives for the car are to come"),
+    Row("dr-local-aws", "same", "address, keys and region are filled in; the server is started"),
+    # Looking.
+    Row(
+        "dr-logs-sagemaker",
+        "same",
+        "the last 100 lines instead of the last five minutes, then what follows",
+    ),
+    Row("dr-logs-robomaker", "same", "as `dr-logs-sagemaker`; `-n` counts from 1"),
+    Row("dr-find-sagemaker", "same", "a process number instead of a container id"),
+    Row("dr-find-robomaker", "same", "process numbers, one a line"),
+    Row("dr-get-robomaker-stats", "better", "real-time factor and steps/s in one line; `--json`"),
+    Row("dr-start-viewer", "later", _VIEWER),
+    Row("dr-stop-viewer", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-update-viewer", "later", _VIEWER),
+    Row("dr-view-stream", "later", _VIEWER),
+    Row("dr-start-metrics", "later", _METRICS),
+    Row("dr-stop-metrics", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-start-loganalysis", "later", _NOTEBOOKS),
+    Row("dr-stop-loganalysis", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-logs-loganalysis", "later", _NOTEBOOKS),
+    Row("dr-url-loganalysis", "later", _NOTEBOOKS),
+    Row("droa-list-models", "later", _DROA),
+    Row("droa-get-model", "later", _DROA),
+    Row("droa-download-logs", "later", _DROA),
+    Row("droa-delete-model", "later", _DROA),
+    Row("droa-import-model", "later", _DROA),
+    # utils/
+    Row(
+        "utils/timed-stop.sh",
+        "better",
+        "commands need no activation: `0 6 * * * cd FOLDER && dr-stop-training`; or "
+        "DR_TRAIN_MAX_MINUTES",
+        "dr-stop-training",
+    ),
+    Row(
+        "utils/evaluate.sh",
+        "better",
+        "the same in a cron job: `cd FOLDER && dr-stop-evaluation && dr-start-evaluation -q`",
+        "dr-start-evaluation",
+    ),
+    Row(
+        "utils/upload-rotate.sh",
+        "better",
+        "`dr-upload-model -f1` counts the name up and uploads; `dr-config set` writes a prefix "
+        "into a settings file; iteration and entropy: `dr-status --json`",
+        "dr-upload-model",
+    ),
+    Row(
+        "utils/sample-createspot.sh",
+        "not needed",
+        "an instance installs with scripts/install.sh and runs "
+        "`dr-start-training --resume --foreground`",
+    ),
+    Row(
+        "utils/download-car-model.py",
+        "later",
+        "as `dr-upload-car-zip`",
+        "dr-upload-car-zip",
+    ),
+    Row("utils/setup-xorg.sh", "not needed", _X_SERVER),
+    Row("utils/start-xorg.sh", "not needed", _X_SERVER),
+    Row("utils/start-local-browser.sh", "not needed", _X_SERVER),
+    Row(
+        "utils/cuda-check.sh",
+        "better",
+        "`dr-summary` names the GPU and whether torch can use it",
+        "dr-summary",
+    ),
+)
+
+SCRIPTS = ("scripts/activate.sh", "scripts/install.sh")
+"""What takes a place in the table and is no command."""
+
+
+def missing() -> list[str]:
+    """Programs of the table that do not exist here; there should be none."""
+    known = {*program_names(), *SCRIPTS}
+    return [row.program for row in REFERENCE if row.program and row.program not in known]

@@ -1,0 +1,37 @@
+"""Fetches the community's tracks that a start needs and that are not here."""
+
+from drcli.config.settings import Settings
+
+
+def bring_tracks(settings: Settings) -> None:
+    """Fetch what is missing, as DR_TRACKS_FETCH says: always, or when somebody says yes.
+
+    What is not fetched is refused later, together with everything else that is wrong.
+
+    Raises:
+        Aborted: Somebody said no.
+        SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
+        StorageError: The server has no such file or cannot be reached.
+    """
+    from drcli.config.worlds import to_fetch
+
+    names = to_fetch(settings)
+    if not names or settings.tracks_fetch == "never":
+        return
+    from drcli.cli import console, prompts
+
+    asks = settings.tracks_fetch == "ask"
+    if asks and not prompts.may_ask():
+        return
+    from drcli.tracks.community import fetch_track
+
+    for name in names:
+        if asks:
+            question = f"{name} is a community track that is not installed. Download it now?"
+            prompts.agree(
+                question,
+                yes=False,
+                remedy="Set DR_TRACKS_FETCH to always or never to skip this question.",
+            )
+        facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
+        console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

@@ -1,0 +1,65 @@
+"""How an evaluation looks: its trials, and who won a race."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from drcli.cli.views.layout import Rows
+
+if TYPE_CHECKING:
+    from drcli.runs.report import EvaluationReport
+
+
+def evaluation(report: "EvaluationReport") -> RenderableType:
+    """The trials of an evaluation, and the sentence that sums them up."""
+    if report.opponent is None:
+        return Group(_trials(report), Text(_laps(report), style="bold"))
+    return Group(
+        Text(report.prefix, style="bold"),
+        _trials(report),
+        Text(report.opponent.prefix, style="bold"),
+        _trials(report.opponent),
+        Text(_laps(report), style="bold"),
+        Text(_laps(report.opponent), style="bold"),
+        Text(_winner(report, report.opponent), style="bold"),
+    )
+
+
+def _trials(report: "EvaluationReport") -> Rows:
+    return Rows(
+        ("trial", "progress", "lap time", "status", "off track", "crashes", "resets"),
+        [
+            (
+                str(trial.trial),
+                f"{trial.progress:.0f} %",
+                f"{trial.lap_s:.2f} s",
+                trial.status,
+                str(trial.off_track),
+                str(trial.crashes),
+                str(trial.resets),
+            )
+            for trial in report.trials
+        ],
+        left=("status",),
+    )
+
+
+def _laps(report: "EvaluationReport") -> str:
+    best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
+    return (
+        f"{report.completed} of {len(report.trials)} laps{best}, "
+        f"checkpoint {report.checkpoint} of {report.prefix} on {report.world}."
+    )
+
+
+def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
+    """Who won a race: who finished more laps, then who took less time for all of them."""
+    if own.completed != other.completed:
+        first = own if own.completed > other.completed else other
+        return f"{first.prefix} wins with more laps."
+    if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
+        return "Nobody wins."
+    first, second = (own, other) if own.total_s < other.total_s else (other, own)
+    ahead_s = abs(own.total_s - other.total_s)
+    return f"{first.prefix} wins, {ahead_s:.2f} s ahead of {second.prefix}."

@@ -1,0 +1,155 @@
+"""How summary, addresses, what was stopped and speed look."""
+
+import time
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from drcli.cli.console import BOUNDLESS
+from drcli.cli.views.layout import Fitted
+
+if TYPE_CHECKING:
+    from drcli.runs.addresses import Addresses
+    from drcli.runs.speed import SpeedReport
+    from drcli.runs.stopping import StopReport
+    from drcli.runs.summary import BucketState, Running, Summary
+
+WIDE = 120
+"""Columns from which a summary stands in two columns, on a terminal."""
+
+_LABEL_WIDTH = 12
+"""As wide as `evaluation` and its indent, so that all values of a page stand in one line."""
+
+Rows = list[tuple[str, RenderableType]]
+
+
+def summary(report: "Summary") -> RenderableType:
+    """The page of `dr summary`."""
+    return Fitted(lambda columns: _summary(report, columns))
+
+
+def addresses(report: "Addresses") -> RenderableType:
+    """The addresses, each in one piece, whatever the terminal, so that it can be pasted."""
+    lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
+    for place in report.places:
+        lines.append(Text(f"{place.name}:", style="bold"))
+        ways = (place.s3, place.http, place.folder)
+        lines += [Text(f"  {way}") for way in ways if way is not None]
+    return Group(*lines)
+
+
+def stopped(report: "StopReport") -> RenderableType:
+    """What `dr stop-all` ended."""
+    lines = _ended(report)
+    if report.server:
+        lines.append("Stopped the local S3 server; objects stay.")
+    return Text("\n".join(lines) or "Nothing is running.")
+
+
+def stopped_evaluations(report: "StopReport") -> RenderableType:
+    """What `dr stop-evaluation` ended."""
+    return Text("\n".join(_ended(report)) or "No evaluation is running.")
+
+
+def speed(report: "SpeedReport") -> RenderableType:
+    """How fast a simulation worker drives, in one line."""
+    if report.steps_per_s is None or report.real_time_factor is None:
+        return Text(f"{report.worker} has not finished an iteration yet.")
+    return Text(
+        f"{report.worker}: {report.steps_per_s:.0f} steps/s, {report.real_time_factor:.0f} x real "
+        f"time, in the {report.steps:,} steps of iteration {report.iteration}."
+    )
+
+
+def _summary(report: "Summary", columns: int) -> RenderableType:
+    left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
+    right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
+    head: list[RenderableType] = [Text(report.folder, style="bold")]
+    origin = [f"experiment {report.experiment}"] if report.experiment else []
+    origin += [f"git branch {report.branch}"] if report.branch else []
+    if origin:
+        head.append(Text(", ".join(origin), style="dim"))
+    warnings = [Text(f"Warning: {text}", style="yellow") for text in report.warnings]
+    if not WIDE <= columns < BOUNDLESS:
+        return Group(*head, _column([*left, *right]), *warnings)
+    both = Table.grid(padding=(0, 4), expand=True)
+    both.add_column(ratio=1)
+    both.add_column(ratio=1)
+    both.add_row(_column(left), _column(right))
+    return Group(*head, both, *warnings)
+
+
+def _ended(report: "StopReport") -> list[str]:
+    return [
+        f"Stopped the {run.kind} of {run.model} (run {run.run_id}, process {run.pid})."
+        for run in report.stopped
+    ]
+
+
+def _column(groups: "list[tuple[str, Rows]]") -> RenderableType:
+    parts: list[RenderableType] = []
+    for title, rows in groups:
+        table = Table.grid(padding=(0, 1))
+        table.add_column(style="dim", width=_LABEL_WIDTH, no_wrap=True)
+        table.add_column(overflow="fold")
+        for label, value in rows:
+            table.add_row(f"  {label}", value)
+        parts += [Text(title, style="bold cyan"), table]
+    return Group(*parts)
+
+
+def _model_rows(report: "Summary") -> Rows:
+    workers = "1 worker" if report.workers == 1 else f"{report.workers} workers"
+    return [
+        ("prefix", Text(report.prefix)),
+        ("world", Text(report.world)),
+        ("race", Text(report.race_type)),
+        ("car", Text(report.car)),
+        ("run", Text(f"DR_RUN_ID {report.run_id}, {workers}")),
+    ]
+
+
+def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
+    states = {
+        "answers": Text("answers", style="green"),
+        "stopped": Text("its server does not run; it starts when it is needed", style="yellow"),
+        "silent": Text(bucket.reason, style="red"),
+    }
+    model = {
+        None: Text("unknown"),
+        False: Text(f"{prefix} has no checkpoint yet"),
+        True: Text(f"{prefix} is trained up to {bucket.checkpoint}"),
+    }
+    rows: Rows = [
+        ("cloud", Text(f"{bucket.cloud}, s3://{bucket.name}")),
+        ("server", Text(bucket.endpoint or "not started yet")),
+        ("state", states[bucket.state]),
+        ("model", model[bucket.model]),
+    ]
+    return rows
+
+
+def _running_rows(running: "list[Running]") -> Rows:
+    if not running:
+        return [("nothing", Text(""))]
+    return [
+        (
+            run.kind,
+            Text(
+                f"run {run.run_id}, {run.model} on {run.world}, since "
+                f"{time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(run.since))}, "
+                f"process {run.pid}"
+            ),
+        )
+        for run in running
+    ]
+
+
+def _machine_rows(report: "Summary") -> Rows:
+    versions = ", ".join(f"{name} {value}" for name, value in report.versions.items() if value)
+    gpu = ", ".join(report.gpus) or "none; everything is computed by the processor"
+    if report.gpus and not report.gpu_usable:
+        gpu += ", which the installed torch cannot use (it is the build for processors alone)"
+    return [("versions", Text(versions)), ("GPU", Text(gpu))]

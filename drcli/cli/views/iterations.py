@@ -1,0 +1,154 @@
+"""How iterations of a training look: in a line, as a table, as curves."""
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+from drcli.cli.views import sparkline
+
+if TYPE_CHECKING:
+    from drcli.runs.report import IterationRecord
+
+CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
+"""Columns of a curve where there are enough, and where there are not."""
+
+BESIDE_CURVE = 26
+"""Columns for the name of a curve, its newest value and some room."""
+
+LEAST_COLUMNS = {
+    "iter": 4,
+    "steps": 9,
+    "reward": 7,
+    "progress": 8,
+    "laps": 6,
+    "eval": 9,
+    "entropy": 7,
+    "loss p/v": 12,
+}
+"""Least widths, so that columns stay where they are while numbers grow."""
+
+GAP = 2
+"""Columns between those of a table."""
+
+SPARED = ("loss p/v", "entropy", "steps", "laps")
+"""What a narrow terminal does without, the first one first; `dr-status --json` has every number."""
+
+
+def line(record: "IterationRecord", *, verbose: bool = False) -> str:
+    """One iteration in one line, for logs and pipes; a long one where `verbose` is chosen."""
+    short = (
+        f"{clock(record.elapsed_s):>7} iter {record.iteration:3d} {record.total_steps:7d} steps  "
+        f"reward {record.mean_reward:6.1f}  progress {record.mean_progress:5.1f} %  "
+        f"eval {_evaluated(record)}"
+    )
+    if not verbose:
+        return short
+    return (
+        f"{short}  laps {record.full_laps}/{record.episodes}  entropy {record.entropy:.3f}  "
+        f"policy loss {record.surrogate_loss:.4f}  value loss {record.value_loss:.4f}  "
+        f"KL {record.kl:.4f}  {record.steps_per_s:.0f} steps/s  "
+        f"{record.real_time_factor:.0f} x real time  {time_split(record)}"
+    )
+
+
+def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
+    """Iterations as a table.
+
+    Args:
+        records: Oldest first.
+        rows: How many there shall be at least; the missing ones are left empty.
+        columns: Of the terminal; a narrow one does without some.
+    """
+    lines = [_cells(record) for record in records]
+    widths = {
+        name: max(least, *(len(cells[name]) for cells in lines), 0)
+        for name, least in LEAST_COLUMNS.items()
+    }
+    for name in SPARED:
+        if sum(widths.values()) + GAP * (len(widths) - 1) > columns:
+            del widths[name]
+    drawn = Table(box=None, pad_edge=False, header_style="dim")
+    for name, width in widths.items():
+        drawn.add_column(name, min_width=width, justify="right", no_wrap=True)
+    for cells in lines:
+        drawn.add_row(*(cells[name] for name in widths))
+    for _ in range(rows - len(records)):
+        drawn.add_row()
+    return drawn
+
+
+def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
+    """Mean progress, the evaluations below it, and mean reward, for a terminal that wide."""
+    width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
+    progress = [record.mean_progress for record in records]
+    reward = [record.mean_reward for record in records]
+    completed = [_completed(record) for record in records]
+
+    def curve(name: str, drawn: str, style: str, newest: str) -> Text:
+        return Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), newest)
+
+    return [
+        curve(
+            "progress",
+            sparkline.curve(progress, width, top=100.0),
+            "green",
+            f"  {progress[-1]:.1f} %" if progress else "",
+        ),
+        curve(
+            "eval",
+            sparkline.marks(completed, width),
+            "bold",
+            f"  {sparkline.ALL} all laps" if any(completed) else "",
+        ),
+        curve(
+            "reward",
+            sparkline.curve(reward, width),
+            "cyan",
+            f"  {reward[-1]:.1f}" if reward else "",
+        ),
+    ]
+
+
+def time_split(record: "IterationRecord") -> str:
+    """Where the time of an iteration went."""
+    return (
+        f"drive {record.drive_s:.1f} s  learn {record.learn_s:.1f} s  "
+        f"exchange {record.exchange_s:.1f} s"
+    )
+
+
+def clock(elapsed_s: float) -> str:
+    """A time as m:ss or h:mm:ss."""
+    whole = max(0, int(elapsed_s))
+    hours, rest = divmod(whole, 3600)
+    minutes, left = divmod(rest, 60)
+    return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
+
+
+def _cells(record: "IterationRecord") -> dict[str, str]:
+    """An iteration's numbers, by the column they stand in."""
+    return {
+        "iter": str(record.iteration),
+        "steps": f"{record.total_steps:,}",
+        "reward": f"{record.mean_reward:.1f}",
+        "progress": f"{record.mean_progress:.1f} %",
+        "laps": f"{record.full_laps}/{record.episodes}",
+        "eval": _evaluated(record),
+        "entropy": f"{record.entropy:.2f}",
+        "loss p/v": f"{record.surrogate_loss:.3f}/{record.value_loss:.2f}",
+    }
+
+
+def _completed(record: "IterationRecord") -> float | None:
+    """Share of the evaluation's laps that were completed, None before it."""
+    if not record.evaluation_progress:
+        return None
+    return len(record.evaluation_lap_s) / len(record.evaluation_progress)
+
+
+def _evaluated(record: "IterationRecord") -> str:
+    progress = record.evaluation_progress
+    if not progress:
+        return "..."
+    return f"{sum(progress) / len(progress):.0f} % {len(record.evaluation_lap_s)}/{len(progress)}"

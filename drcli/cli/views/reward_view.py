@@ -1,0 +1,181 @@
+"""How reports about reward functions look."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from drcli.cli.views import sparkline
+from drcli.cli.views.layout import Fitted, Rows, indented
+
+if TYPE_CHECKING:
+    from drcli.rewards.check import OtherRace, RewardReport
+    from drcli.rewards.compare import ComparisonReport
+    from drcli.rewards.lint import Remark
+    from drcli.rewards.plot import PlotReport
+
+_CURVE_COLUMNS = 54
+"""Columns of the curve of a lap where there are enough."""
+
+_CURVE_NAME = "steady lap "
+
+
+def check(report: "RewardReport") -> RenderableType:
+    """What a check has found out."""
+    verdict = Text("works", "bold green") if report.works else Text("does not work", "bold red")
+    parts: list[RenderableType] = [
+        Text.assemble((report.file, "bold"), " ", verdict),
+        Text(f"on {_race(report)}", "dim"),
+        *(Text(f"and on {_race(other)}", "dim") for other in report.others),
+        _facts(report),
+    ]
+    if any(driver.total is not None for driver in report.drivers):
+        parts += [Text(""), _drivers(report)]
+        curve = [value for value in report.curve if value is not None]
+        parts.append(Fitted(lambda columns: _curve(curve, columns)))
+    for title, style, remarks in (
+        ("Error", "bold red", report.errors),
+        ("Warning", "bold yellow", report.warnings),
+    ):
+        for remark in remarks:
+            parts += [Text(""), _remark(remark, title, style)]
+    return Group(*parts)
+
+
+def plot(report: "PlotReport") -> RenderableType:
+    """Where a picture is, and what is on it."""
+    replaced = " (the old one was replaced)" if report.replaced else ""
+    laps = ", ".join(f"{name} {_number(total)}" for name, total in report.laps.items())
+    return Group(
+        Text.assemble("Picture: ", (report.picture, "bold"), replaced),
+        Text(
+            f"{report.file} on {report.world}: {_number(report.least)} to "
+            f"{_number(report.greatest)} for a place."
+        ),
+        Text(f"Sums: {laps}."),
+    )
+
+
+def comparison(report: "ComparisonReport") -> RenderableType:
+    """What two functions pay the same drivers."""
+    table = Rows(
+        ("driver", "steps", "time", "A a lap", "B a lap", "A a step", "B a step"),
+        [
+            (
+                driver.name,
+                str(driver.steps),
+                f"{driver.seconds:.1f} s",
+                _number(driver.first_total),
+                _number(driver.second_total),
+                _number(driver.first_mean),
+                _number(driver.second_mean),
+            )
+            for driver in report.drivers
+        ],
+        left=("driver",),
+    )
+    parts: list[RenderableType] = [
+        Text.assemble(("A: ", "bold"), report.first),
+        Text.assemble(("B: ", "bold"), report.second),
+        Text(f"on {report.world}, {report.race_type}", "dim"),
+        Text(""),
+        table,
+        Text(""),
+        Text(_likeness(report)),
+    ]
+    for name, prefers in (("A", report.first_prefers_fast), ("B", report.second_prefers_fast)):
+        if prefers is not None:
+            parts.append(Text(f"{name} pays {'a fast' if prefers else 'a slow'} lap more."))
+    if report.places:
+        parts += [Text(""), Text("They differ most, each scaled to what it pays:")]
+        parts += [
+            indented(f"{place.place}: A {_number(place.first)}, B {_number(place.second)}")
+            for place in report.places
+        ]
+    if report.picture:
+        parts.append(Text.assemble("Picture: ", (report.picture, "bold")))
+    return Group(*parts)
+
+
+def _race(report: "RewardReport | OtherRace") -> str:
+    direction = ", reversed" if report.reversed else ""
+    calls = f"{report.calls:,} call{'s' * (report.calls != 1)}"
+    return f"{report.world}, {report.race_type}{direction}, {calls}"
+
+
+def _facts(report: "RewardReport") -> Table:
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    if report.returns:
+        table.add_row("returns", ", ".join(report.returns))
+    if report.least is not None and report.greatest is not None and report.mean is not None:
+        table.add_row("least", f"{_number(report.least.reward)}: {report.least.place}")
+        table.add_row("mean", _number(report.mean))
+        table.add_row("greatest", f"{_number(report.greatest.reward)}: {report.greatest.place}")
+    if report.time is not None:
+        table.add_row(
+            "time",
+            f"{_time(report.time.median_us)} a call, worst {_time(report.time.worst_us)}; driving "
+            f"takes {report.time.slower_percent:.1f} % longer",
+        )
+    reads = [parameter.name for parameter in report.parameters if parameter.read]
+    if reads:
+        unread = len(report.parameters) - len(reads)
+        table.add_row("reads", ", ".join(reads) if unread else f"all {len(reads)} parameters")
+    return table
+
+
+def _drivers(report: "RewardReport") -> Rows:
+    return Rows(
+        ("driver", "steps", "time", "progress", "ended", "reward", "a step"),
+        [
+            (
+                driver.name,
+                str(driver.steps),
+                f"{driver.seconds:.1f} s",
+                f"{driver.progress:.0f} %",
+                driver.end.replace("_", " "),
+                "failed" if driver.total is None else _number(driver.total),
+                "" if driver.mean is None else _number(driver.mean),
+            )
+            for driver in report.drivers
+        ],
+        left=("driver", "ended"),
+    )
+
+
+def _curve(rewards: list[float], columns: int) -> Text:
+    """What the steps of a lap pay."""
+    width = min(_CURVE_COLUMNS, columns - len(_CURVE_NAME))
+    return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
+
+
+def _remark(remark: "Remark", title: str, style: str) -> RenderableType:
+    return Group(
+        Text.assemble((f"{title}: ", style), remark.where, (f" ({remark.rule})", "dim")),
+        indented(remark.message),
+        indented(Text.assemble(("Try: ", "dim"), remark.remedy)),
+    )
+
+
+def _likeness(report: "ComparisonReport") -> str:
+    if report.correlation is None or report.rank_correlation is None:
+        return "One of them pays the same everywhere, so there is no likeness to tell."
+    return (
+        f"Correlation of all steps: {report.correlation:.2f}, of their order "
+        f"{report.rank_correlation:.2f} (1: the same wishes)."
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+
+
+def _time(microseconds: float) -> str:
+    if microseconds < 1e3:
+        return f"{microseconds:.1f} \N{MICRO SIGN}s"
+    if microseconds < 1e6:
+        return f"{microseconds / 1e3:.1f} ms"
+    return f"{microseconds / 1e6:.1f} s"

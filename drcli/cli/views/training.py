@@ -1,0 +1,182 @@
+"""How a training looks: a live display, its state, what is said at its start and end."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from drcli.cli.views import iterations
+from drcli.cli.views.layout import Fitted, indented
+
+if TYPE_CHECKING:
+    from drcli.models.pretrained import Pretrained
+    from drcli.runs.increment import Increment
+    from drcli.runs.plan import RunPlan
+    from drcli.runs.report import RunReport
+
+LIVE_ROWS = 6
+"""Iterations in the table of the live display."""
+
+STATUS_ROWS = 10
+"""Iterations in the table of `dr status`."""
+
+FOOTER = "Ctrl-C detaches, training goes on; dr-stop-training stops it."
+
+STATE_STYLES = {
+    "running": "green",
+    "starting": "cyan",
+    "finished": "bold green",
+    "stopped": "yellow",
+    "failed": "bold red",
+    "lost": "bold red",
+}
+
+
+def live(report: "RunReport", now_s: float, *, verbose: bool = False) -> RenderableType:
+    """The display that follows a training.
+
+    Every line is cut at the edge of the terminal and every missing one is left empty, so that its
+    height depends on nothing but the number of workers, and that only where `verbose` is chosen.
+
+    Args:
+        report: The run as it is.
+        now_s: Unix seconds, for the clock.
+        verbose: A line for each worker, and where the time of the newest iteration went.
+    """
+    return Fitted(lambda columns: _live(report, now_s, columns, verbose=verbose))
+
+
+def run(report: "RunReport") -> RenderableType:
+    """Everything `dr status` has to say."""
+    return Fitted(lambda columns: _run(report, columns))
+
+
+def start_text(plan: "RunPlan") -> str:
+    """What is going to be trained, from what."""
+    settings, inputs = plan.job.settings, plan.inputs
+    workers = "1 worker" if settings.workers == 1 else f"{settings.workers} workers"
+    begin = f", resuming from {plan.resumes}" if plan.resumes else ""
+    if plan.pretrained is not None:
+        begin = f", with the weights of {_source(plan.pretrained)}"
+    files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
+    model = f"s3://{settings.bucket}/{settings.model_prefix}"
+    return "\n".join(
+        [
+            *([f"Wiping path {model}"] if plan.wiped else []),
+            f"Training of model {model} starting{begin}.",
+            f"World {settings.world_name}, {workers}, seed {plan.job.seed}.",
+            "Using configuration files:",
+            *(f"   {file.origin}" for file in files),
+            plan.ends,
+        ]
+    )
+
+
+def increment(step: "Increment") -> RenderableType:
+    """From which weights the new model will start."""
+    return Text(f"{step.after} starts with the weights of {_source(step.pretrained)}.")
+
+
+def end_text(report: "RunReport") -> str:
+    """How a training ended."""
+    best = f" Best checkpoint: {report.best.name}." if report.best else ""
+    return f"{report.message}{best} {report.remedy}".strip()
+
+
+def _live(report: "RunReport", now_s: float, columns: int, *, verbose: bool) -> RenderableType:
+    ended = report.state not in ("starting", "running")
+    parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
+    if verbose:
+        parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
+        parts.append(Text(_time_split(report)))
+    else:
+        activities = (f"{w.name} {w.activity}" for w in report.workers if w.activity)
+        parts.append(Text("   ".join(activities), style="dim"))
+    parts += [
+        iterations.table(report.history[-LIVE_ROWS:], LIVE_ROWS, columns),
+        *iterations.curves(report.history, columns),
+    ]
+    # A warning names the best checkpoint too, so it takes the place of the line about them.
+    parts.append(
+        Text(f"Warning: {report.warning}", style="bold yellow")
+        if report.warning
+        else Text(_checkpoints(report))
+    )
+    parts.append(Text("" if ended else FOOTER, style="dim"))
+    for part in parts:
+        if isinstance(part, Text):
+            part.no_wrap, part.overflow = True, "ellipsis"
+    return Group(*parts)
+
+
+def _run(report: "RunReport", columns: int) -> RenderableType:
+    if report.state == "none":
+        return Text("Nothing was started here yet. Start with `dr-start-training`.")
+    head = _head(report)
+    parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", head)]
+    if report.message:
+        parts.append(Text(report.message))
+    if report.state == "failed" and report.remedy:
+        parts.append(indented(f"Try: {report.remedy}"))
+    if report.state in ("starting", "running"):
+        for worker in report.workers:
+            alive = "alive" if worker.alive else "DEAD"
+            again = f", restarted {worker.restarts} x" if worker.restarts else ""
+            parts.append(
+                indented(f"{worker.name} ({alive}, process {worker.pid}{again}): {worker.activity}")
+            )
+    if report.history:
+        last = report.history[-1]
+        laps = sum(record.full_laps for record in report.history)
+        parts += [
+            iterations.table(report.history[-STATUS_ROWS:], 0, columns),
+            *iterations.curves(report.history, columns),
+            Text(
+                f"{last.total_steps:,} steps in {iterations.clock(report.elapsed_s)}, "
+                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time, "
+                f"{laps} full training laps."
+            ),
+            Text(_checkpoints(report)),
+        ]
+        if report.warning:
+            parts.append(Text(f"Warning: {report.warning}", style="bold yellow"))
+    return Group(*parts)
+
+
+def _source(pretrained: "Pretrained") -> str:
+    return f"{pretrained.prefix} ({pretrained.checkpoint} checkpoint {pretrained.name})"
+
+
+def _head(report: "RunReport") -> Text:
+    """Which run, and in what state."""
+    return Text.assemble(
+        (report.state, STATE_STYLES.get(report.state, "")),
+        f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
+    )
+
+
+def _pace(report: "RunReport", now_s: float) -> str:
+    """How long it has trained and how fast it is."""
+    clock = iterations.clock(now_s - report.started_at) if report.started_at else "0:00"
+    if not report.history:
+        return f"{clock}   the first iteration is being driven"
+    last = report.history[-1]
+    return (
+        f"{clock}   iteration {last.iteration + 1}   {last.total_steps:,} steps   "
+        f"{last.steps_per_s:.0f} steps/s   {last.real_time_factor:.0f} x real time"
+    )
+
+
+def _time_split(report: "RunReport") -> str:
+    if not report.history:
+        return ""
+    last = report.history[-1]
+    return f"iteration {last.iteration} took: {iterations.time_split(last)}   KL {last.kl:.4f}"
+
+
+def _checkpoints(report: "RunReport") -> str:
+    best, last = report.best, report.last
+    if best is None or last is None:
+        return "No checkpoint yet."
+    metric = f" ({best.metric:.1f})" if best.metric is not None else ""
+    return f"best {best.name}{metric}   last {last.name}"

@@ -1,0 +1,159 @@
+"""Stays with a training: a live display on a terminal, lines elsewhere, or logs."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drcli.cli import console
+from drcli.cli.log_tail import Tail
+from drcli.cli.views import iterations, training
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.runs.report import IterationRecord, RunReport
+
+POLL_S = 1.0
+"""How often a run is looked at; a look takes processor time that the training lacks."""
+
+NEXT = [
+    ("dr-logs trainer -f", "follow the learner"),
+    ("dr-status", "how far the car gets"),
+    ("dr-stop-training", "stop; nothing is lost"),
+]
+"""What somebody may want to do after a start."""
+
+Show = Callable[["RunReport"], None]
+"""Takes each look at a run."""
+
+Display = AbstractContextManager[Show]
+
+
+def until_the_end(settings: "Settings", folder: Path, display: Display) -> "RunReport | None":
+    """Watch until the training ends.
+
+    Returns:
+        The last look, or None when the watcher left with Ctrl-C, or closed the pipe.
+    """
+    try:
+        with display as show:
+
+            def show_to_reader(report: "RunReport") -> None:
+                show(report)
+                if console.reader_has_left():
+                    raise _ReaderLeft
+
+            return _watch(settings, folder, show_to_reader)
+    except (KeyboardInterrupt, _ReaderLeft):
+        return None
+
+
+class _ReaderLeft(Exception):
+    """Nobody reads any more what is shown."""
+
+
+@contextmanager
+def meanwhile(settings: "Settings", folder: Path, display: Display) -> Iterator[None]:
+    """Watch from a thread while the training runs in this very process."""
+    stop = threading.Event()
+    with display as show:
+        watcher = threading.Thread(
+            target=_watch,
+            args=(settings, folder, show, stop),
+            name="watcher",
+            daemon=True,
+        )
+        watcher.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            watcher.join(timeout=2.0)
+
+
+@contextmanager
+def live(*, verbose: bool) -> Iterator[Show]:
+    """One display that is drawn again and again."""
+    from rich.live import Live
+
+    with Live(console=console.err, auto_refresh=False) as screen:
+        yield lambda report: screen.update(
+            training.live(report, time.time(), verbose=verbose), refresh=True
+        )
+
+
+def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
+    """A line for every iteration.
+
+    Args:
+        before: Iterations of earlier starts, which are not repeated.
+        verbose: Long lines.
+    """
+    # An iteration that is driven again has the same number and another time.
+    printed = {(record.iteration, record.elapsed_s) for record in before}
+    warned = False
+
+    def show(report: "RunReport") -> None:
+        nonlocal warned
+        # The newest iteration waits for its evaluation, which arrives with the next one.
+        ready = report.history if is_over(report) else report.history[:-1]
+        for record in ready:
+            if (record.iteration, record.elapsed_s) not in printed:
+                printed.add((record.iteration, record.elapsed_s))
+                console.say(iterations.line(record, verbose=verbose))
+        if report.warning and not warned:
+            console.warn(f"{report.warning}.")
+        warned = bool(report.warning)
+
+    return nullcontext(show)
+
+
+def logs(paths: Mapping[str, Path]) -> Display:
+    """What is added to log files from now on.
+
+    Args:
+        paths: Log files by worker; several are told apart by that name before every line.
+    """
+    tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
+    for tail in tails.values():
+        tail.read()
+
+    def show(report: "RunReport") -> None:
+        for name, tail in tails.items():
+            for line in tail.read(unfinished=is_over(report)).splitlines():
+                console.say(f"{name}: {line}" if len(tails) > 1 else line)
+
+    return nullcontext(show)
+
+
+def nothing() -> Display:
+    """Silence."""
+    return nullcontext(lambda report: None)
+
+
+def is_over(report: "RunReport") -> bool:
+    """Whether there is nothing more to watch."""
+    return report.state not in ("starting", "running")
+
+
+def _watch(
+    settings: "Settings", folder: Path, show: Show, stop: threading.Event | None = None
+) -> "RunReport":
+    """Look and show, until the training is over or, where there is a `stop`, once after that."""
+    from drcli.runs.status import inspect
+
+    clock = stop or threading.Event()
+    last: RunReport | None = None
+    while True:
+        stopped = clock.is_set()
+        report = inspect(settings, folder)
+        if last is not None and not report.history:  # the bucket did not answer this time
+            report = replace(report, history=last.history, best=last.best, last=last.last)
+        show(report)
+        if stopped or (stop is None and is_over(report)):
+            return report
+        last = report
+        clock.wait(POLL_S)
