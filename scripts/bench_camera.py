@@ -39,11 +39,11 @@ import numpy as np
 from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl, shrunk
 
-from drsim.camera import FRONT, lens_pose, render
-from drsim.scene import Scene, build_scene
-from drsim.solids import SHAPES, Solids
-from drsim.track import Track
-from drsim.worlds import known_worlds, load_track
+from drsim.race.solids import SHAPES, Solids
+from drsim.sensing.camera import FRONT, lens_pose, render
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.track import Track
+from drsim.track.worlds import known_worlds, load_track
 
 Floats = NDArray[np.float64]
 Frames = NDArray[np.uint8]

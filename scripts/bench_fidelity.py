@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim import EpisodeRules, Simulation, Track, centre_line_reward, load_track
-from drsim.actions import Actions, ContinuousActions, DiscreteActions
+from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.errors import TrackError
 
 CARS = 20

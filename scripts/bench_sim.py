@@ -40,12 +40,12 @@ from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl
 
 from drsim import CONTROL_HZ, CarBatch, Simulation, Track, centre_line_reward, load_track
-from drsim.camera import lens_pose, render
-from drsim.car import CarParameters, car_model, motor_commands
-from drsim.frames import FrameRenderer
-from drsim.race import BotRules, ObstacleRules, Race
-from drsim.scene import Scene, build_scene
-from drsim.sensors import Sensors
+from drsim.car.car import CarParameters, car_model, motor_commands
+from drsim.race.race import BotRules, ObstacleRules, Race
+from drsim.sensing.camera import lens_pose, render
+from drsim.sensing.frames import FrameRenderer
+from drsim.sensing.scene import Scene, build_scene
+from drsim.sensing.sensors import Sensors
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from opengl_scene import choose_opengl, shrunk
 from PIL import Image
 
-from drsim.camera import FRONT, render
-from drsim.look import LUMA
-from drsim.scene import Scene, build_scene
-from drsim.solids import SHAPES
-from drsim.spectator import Spectator
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.race.solids import SHAPES
+from drsim.sensing.camera import FRONT, render
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import LUMA
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
+from drsim.viewing.spectator import Spectator
 
 Frames = NDArray[np.uint8]
 

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.camera import FRONT, CameraModel
-from drsim.look import AMBIENT, LUMA, SUN
-from drsim.scene import Scene
+from drsim.sensing.camera import FRONT, CameraModel
+from drsim.sensing.scene import Scene
+from drsim.track.appearance import AMBIENT, LUMA, SUN
 
 Floats = NDArray[np.float64]
 Frames = NDArray[np.uint8]
@@ -77,7 +77,7 @@ class OpenGLCamera:
             scene: The scene.
             columns: Width of a frame in pixels.
             rows: Height of a frame in pixels.
-            boxes: Rows of `drsim.solids`, one a box. Shape (m, BOX_COLUMNS).
+            boxes: Rows of `drsim.race.solids`, one a box. Shape (m, BOX_COLUMNS).
         """
         model = _model(scene, CameraModel(columns=columns, rows=rows), boxes)
         self._data = mujoco.MjData(model)

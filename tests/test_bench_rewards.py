@@ -7,9 +7,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drsim.reward import load_reward_function
-from drsim.simulation import Simulation
-from drsim.worlds import load_track
+from drsim.episode.reward import load_reward_function
+from drsim.episode.simulation import Simulation
+from drsim.track.worlds import load_track
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 

@@ -10,7 +10,7 @@ from drcli.rewards.lint import SIMULATION_STEP_S, Remark, remarks
 from drcli.rewards.scripted_drive import drive, each_race
 from drcli.rewards.source import display_name, file_of
 from drcli.rewards.trial import Course, Trial, try_out
-from drsim.reward import RewardParams
+from drsim.episode.reward import RewardParams
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.reward import RewardParams
-from drsim.track import Track
+from drsim.episode.reward import RewardParams
+from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from drcli.rewards.canvas import (
     ticks,
 )
 from drcli.rewards.track_grid import Field
-from drsim.track import Track
+from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 

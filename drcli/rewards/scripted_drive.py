@@ -19,12 +19,12 @@ from drcli.rewards.drivers import (
     Pilot,
 )
 from drcli.workers.build_race import load_race, load_world, race_of
-from drsim.car import CONTROL_HZ
-from drsim.episode import EpisodeRules, Status
-from drsim.race import TIME_TRIAL, Race
-from drsim.reward import RewardFunction, RewardParams
-from drsim.simulation import Simulation
-from drsim.track import Track
+from drsim.car.car import CONTROL_HZ
+from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.reward import RewardFunction, RewardParams
+from drsim.episode.simulation import Simulation
+from drsim.race.race import TIME_TRIAL, Race
+from drsim.track.track import Track
 
 _FORGIVEN = 1_000
 """Mishaps after which a lap goes on: it has to be a whole one, whatever stands on the road."""

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from drcli.rewards.scripted_drive import Drive
 from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK
-from drsim.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M
-from drsim.objects import Objects
-from drsim.params import Situation, params_of
-from drsim.race import TIME_TRIAL
-from drsim.reward import RewardParams
-from drsim.traffic import Traffic
+from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M
+from drsim.episode.params import Situation, params_of
+from drsim.episode.reward import RewardParams
+from drsim.race.objects import Objects
+from drsim.race.race import TIME_TRIAL
+from drsim.race.traffic import Traffic
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from drcli.checks.sandbox.statement import Place, Statement
 from drcli.rewards.drivers import STEADY, Pilot
 from drcli.rewards.scripted_drive import Drive, Trip
 from drcli.rewards.track_grid import Field, field, unusual
-from drsim.reward import RewardParams
+from drsim.episode.reward import RewardParams
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,17 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.workers import output
-from drsim.actions import Actions, ContinuousActions, DiscreteActions
-from drsim.car import CONTROL_HZ, MIN_SPEED_MPS
+from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
+from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
+from drsim.car.realism import Realism
+from drsim.episode.reward import RewardFunction, load_reward_function
 from drsim.errors import RewardError, TrackError
-from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
-from drsim.realism import Realism
-from drsim.reward import RewardFunction, load_reward_function
-from drsim.senses import Randomize
-from drsim.sensors import Sensors
-from drsim.track import Track
-from drsim.traffic import Traffic
-from drsim.worlds import load_track
+from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
+from drsim.race.traffic import Traffic
+from drsim.sensing.senses import Randomize
+from drsim.sensing.sensors import Sensors
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: a car may wind its way."""

@@ -12,10 +12,10 @@ from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
 from drcli.learn.observation import Observation
 from drcli.workers import output
 from drcli.workers.worker_process import StopRequested
-from drsim.actions import Actions, ContinuousActions
-from drsim.episode import Status
-from drsim.simulation import Simulation
-from drsim.step import StepResult
+from drsim.car.actions import Actions, ContinuousActions
+from drsim.episode.episode import Status
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
 
 DRAWS = 256
 """Random numbers drawn at a time for an episode."""

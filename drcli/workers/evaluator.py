@@ -41,12 +41,12 @@ from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drcli.workers.learner import build_policy
 from drcli.workers.worker_process import Lifeline
-from drsim.car import CONTROL_HZ
-from drsim.episode import EpisodeRules
-from drsim.reward import centre_line_reward
-from drsim.sensors import Sensors
-from drsim.simulation import Simulation
-from drsim.worlds import directed
+from drsim.car.car import CONTROL_HZ
+from drsim.episode.episode import EpisodeRules
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.sensing.sensors import Sensors
+from drsim.track.worlds import directed
 
 MAX_LAP_S = 600.0
 """Simulated time after which an evaluation gives up a lap."""

@@ -45,10 +45,10 @@ from drcli.workers.learner import build_policy
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
-from drsim.episode import EpisodeRules
+from drsim.episode.episode import EpisodeRules
+from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError
-from drsim.simulation import Simulation
-from drsim.worlds import directed
+from drsim.track.worlds import directed
 
 SHARD_STEPS = 256
 """Steps after which finished episodes travel to the bucket: about 2 MB."""

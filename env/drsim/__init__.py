@@ -1,26 +1,26 @@
 """DeepRacer simulation on MuJoCo: cars, camera, tracks, reward parameters and episode rules."""
 
-from drsim.actions import Actions, ContinuousActions, DiscreteActions
-from drsim.car import CONTROL_HZ, CarBatch, CarParameters
-from drsim.episode import EpisodeRules, Status
-from drsim.errors import RewardError, TrackError
-from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
-from drsim.racer import RacerEnv
-from drsim.racer_vector import RacerVectorEnv
-from drsim.realism import Realism
-from drsim.registration import register
-from drsim.reward import (
+from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
+from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.reward import (
     RewardFunction,
     RewardParams,
     centre_line_reward,
     checked_reward,
     load_reward_function,
 )
-from drsim.sensors import Sensors
-from drsim.simulation import Simulation
-from drsim.step import StepResult
-from drsim.track import Track
-from drsim.worlds import known_worlds, load_track
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
+from drsim.errors import RewardError, TrackError
+from drsim.gym.racer import RacerEnv
+from drsim.gym.racer_vector import RacerVectorEnv
+from drsim.gym.registration import register
+from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
+from drsim.sensing.sensors import Sensors
+from drsim.track.track import Track
+from drsim.track.worlds import known_worlds, load_track
 
 __all__ = [
     "CONTROL_HZ",

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from drsim.errors import TrackError
-from drsim.fidelity import Windows, compare
-from drsim.recordings import RecordingError, load_recordings
-from drsim.rederive import Agreement, rederive
-from drsim.worlds import load_track
+from drsim.fidelity.fidelity import Windows, compare
+from drsim.fidelity.recordings import RecordingError, load_recordings
+from drsim.fidelity.rederive import Agreement, rederive
+from drsim.track.worlds import load_track
 
 EXIT_SETTINGS = 3
 """The input cannot be used."""

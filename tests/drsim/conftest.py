@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from drsim.car import CarBatch
-from drsim.track import Track
+from drsim.car.car import CarBatch
+from drsim.track.track import Track
 
 AHEAD_M = 0.45
 WHEELBASE_M = 0.164

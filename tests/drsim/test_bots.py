@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drsim.bots import Bots
-from drsim.car import CONTROL_HZ
-from drsim.lanes import LanePaths
-from drsim.race import BotRules, Race
-from drsim.track import Track
-from drsim.traffic import Traffic
-from drsim.worlds import load_track
+from drsim.car.car import CONTROL_HZ
+from drsim.race.bots import Bots
+from drsim.race.race import BotRules, Race
+from drsim.race.traffic import Traffic
+from drsim.track.lanes import LanePaths
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
 REINVENT = load_track("reinvent_base")

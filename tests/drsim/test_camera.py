@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drsim.camera import FRONT, CameraModel, lens_pose, render
-from drsim.look import Look, Paint, Walls
-from drsim.scene import Scene, build_scene
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.sensing.camera import FRONT, CameraModel, lens_pose, render
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import Look, Paint, Walls
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from drsim.car import CarBatch, car_model
+from drsim.car.car import CarBatch, car_model
 
 WHEELS = ("rear_left", "rear_right", "front_left", "front_right")
 

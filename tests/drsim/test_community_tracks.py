@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from drsim.look import look_of
-from drsim.routes import read_route, write_route
-from drsim.scene import build_scene
-from drsim.track import Track
-from drsim.worlds import describe, load_track
+from drsim.sensing.scene import build_scene
+from drsim.track.appearance import look_of
+from drsim.track.route_files import read_route, write_route
+from drsim.track.track import Track
+from drsim.track.worlds import describe, load_track
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drsim.camera import FRONT, CameraModel, Light, lens_pose, render
-from drsim.look import AMBIENT, LUMA, SUN, Look, Paint, Walls
-from drsim.scene import Scene, build_scene
-from drsim.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
-from drsim.track import Track
+from drsim.race.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
+from drsim.sensing.camera import FRONT, CameraModel, Light, lens_pose, render
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint, Walls
+from drsim.track.track import Track
 
 SMALL = CameraModel(columns=80, rows=60)
 TO_SUN = np.array([0.5, -0.1, 0.9]) / np.linalg.norm([0.5, -0.1, 0.9])

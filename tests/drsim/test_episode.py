@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode import EpisodeRules, Episodes, Status
+from drsim.episode.episode import EpisodeRules, Episodes, Status
 
 DRIVEN = np.array([True])
 

@@ -5,14 +5,14 @@ import threading
 import numpy as np
 import pytest
 
-from drsim.camera import FRONT, lens_pose, render
-from drsim.frames import FrameRenderer
-from drsim.lighting import Lighting
-from drsim.look import look_of
-from drsim.scene import Scene, build_scene
-from drsim.solids import SHAPES, Solids
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.race.solids import SHAPES, Solids
+from drsim.sensing.camera import FRONT, lens_pose, render
+from drsim.sensing.frames import FrameRenderer
+from drsim.sensing.lighting import Lighting
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import look_of
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 CARS = 11
 

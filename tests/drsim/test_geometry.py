@@ -11,8 +11,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drsim.track import Track
-from drsim.worlds import known_worlds, load_track
+from drsim.track.track import Track
+from drsim.track.worlds import known_worlds, load_track
 
 COARSE_M = 1e-7
 """Two stretches of a line nearer than this are equally near, and either may be found."""
@@ -251,7 +251,7 @@ def test_a_step_over_the_finish_line_is_as_short_along_the_line_as_elsewhere(tra
 
 FIGURES = """
 import numpy as np
-from drsim.worlds import known_worlds, load_track
+from drsim.track.worlds import known_worlds, load_track
 for name in known_worlds():
     track = load_track(name)
     poses = track.pose_at(np.linspace(0.0, track.length_m, 500))

@@ -17,16 +17,8 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import drsim
-from drsim import (
-    ContinuousActions,
-    EpisodeRules,
-    Race,
-    RacerEnv,
-    RacerVectorEnv,
-    Sensors,
-    Track,
-    registration,
-)
+from drsim import ContinuousActions, EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track
+from drsim.gym import registration
 
 SENSORS = [
     ("FRONT_FACING_CAMERA",),

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drsim.camera import render
-from drsim.lighting import Lighting
-from drsim.look import AMBIENT, LUMA, SUN, Look, look_of
-from drsim.scene import Scene, build_scene
-from drsim.solids import SHAPES, Solids
-from drsim.worlds import load_track
+from drsim.race.solids import SHAPES, Solids
+from drsim.sensing.camera import render
+from drsim.sensing.lighting import Lighting
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, look_of
+from drsim.track.worlds import load_track
 
 WORLDS = ["reinvent_base", "reinvent_concrete", "Monaco", "2022_april_open", "Spain_track"]
 

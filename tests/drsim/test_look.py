@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from drsim.ground import Bytes, Grid, paint_ground
-from drsim.look import LUMA, Look, Paint, Walls, look_of
-from drsim.track import Track
+from drsim.sensing.ground import Bytes, Grid, paint_ground
+from drsim.track.appearance import LUMA, Look, Paint, Walls, look_of
+from drsim.track.track import Track
 
 WORLDS = ["reinvent_base", "reinvent_wood", "Virtual_May19_Train_track", "Monaco", "our own"]
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drsim.race import ObstacleRules, Race
-from drsim.spacing import (
+from drsim.race.race import ObstacleRules, Race
+from drsim.race.spacing import (
     FREE_START_M,
     MOST_OBJECTS,
     check_room,
@@ -16,9 +16,9 @@ from drsim.spacing import (
     even_places,
     most_that_fit,
 )
-from drsim.track import Track
-from drsim.traffic import INNER, OUTER, Traffic
-from drsim.worlds import load_track
+from drsim.race.traffic import INNER, OUTER, Traffic
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 REINVENT = load_track("reinvent_base")
 

@@ -8,10 +8,10 @@ import pytest
 import shapely
 
 import drsim
-from drsim.car import CONTROL_HZ
-from drsim.spline import ClosedSpline
-from drsim.track import Track
-from drsim.worlds import describe, load_track
+from drsim.car.car import CONTROL_HZ
+from drsim.track.spline import ClosedSpline
+from drsim.track.track import Track
+from drsim.track.worlds import describe, load_track
 
 DEFINITIONS = sorted((Path(drsim.__file__).parent / "assets" / "worlds").glob("*.json"))
 OWN = [file.stem for file in DEFINITIONS]

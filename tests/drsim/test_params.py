@@ -7,14 +7,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from drsim.camera import FRONT
-from drsim.objects import Objects
-from drsim.params import Situation, params_of
-from drsim.race import BotRules, ObstacleRules, Race
-from drsim.scene import build_scene
-from drsim.simulation import Simulation
-from drsim.traffic import Traffic
-from drsim.worlds import load_track
+from drsim.episode.params import Situation, params_of
+from drsim.episode.simulation import Simulation
+from drsim.race.objects import Objects
+from drsim.race.race import BotRules, ObstacleRules, Race
+from drsim.race.traffic import Traffic
+from drsim.sensing.camera import FRONT
+from drsim.sensing.scene import build_scene
+from drsim.track.worlds import load_track
 
 TRACK = load_track("reinvent_base")
 TRACKS = (TRACK, TRACK.reversed())

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drsim.look import look_of
-from drsim.placing import LANES, Placing
-from drsim.worlds import known_worlds, load_track
+from drsim.episode.placing import LANES, Placing
+from drsim.track.appearance import look_of
+from drsim.track.worlds import known_worlds, load_track
 
 TRACK = load_track("reinvent_base")
 CENTER, INNER, OUTER = range(3)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drsim.privileged import PRIVILEGED_DIMS
-from drsim.race import ObstacleRules, Race
-from drsim.reward import centre_line_reward
-from drsim.simulation import Simulation
-from drsim.worlds import load_track
+from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.race.race import ObstacleRules, Race
+from drsim.track.worlds import load_track
 
 
 @pytest.fixture(scope="module")

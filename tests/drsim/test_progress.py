@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drsim.progress import advance_progress, fraction_at, without_jump
-from drsim.track import Track
+from drsim.episode.progress import advance_progress, fraction_at, without_jump
+from drsim.track.track import Track
 
 
 def one(previous: float, fraction: float, start: float) -> float:

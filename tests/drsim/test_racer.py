@@ -8,12 +8,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from drsim.actions import ContinuousActions, DiscreteActions
-from drsim.episode import EpisodeRules, Status
+from drsim.car.actions import ContinuousActions, DiscreteActions
+from drsim.episode.episode import EpisodeRules, Status
 from drsim.errors import TrackError
-from drsim.racer import RacerEnv
-from drsim.racer_vector import RacerVectorEnv
-from drsim.worlds import load_track
+from drsim.gym.racer import RacerEnv
+from drsim.gym.racer_vector import RacerVectorEnv
+from drsim.track.worlds import load_track
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from drsim.episode import EpisodeRules, Status
-from drsim.race import BotRules, ObstacleRules, Race
-from drsim.realism import Realism
-from drsim.reward import centre_line_reward
-from drsim.scene import build_scene
-from drsim.sensors import Sensors
-from drsim.simulation import Simulation
-from drsim.step import StepResult
-from drsim.track import Track
+from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
+from drsim.race.race import BotRules, ObstacleRules, Race
+from drsim.sensing.scene import build_scene
+from drsim.sensing.sensors import Sensors
+from drsim.track.track import Track
 
 AHEAD_M = 0.5
 NOSE_M = 0.14

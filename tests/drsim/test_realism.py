@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drsim.car import CarBatch
-from drsim.realism import Disturbances, Realism
+from drsim.car.car import CarBatch
+from drsim.car.realism import Disturbances, Realism
 
 EYES, ROWS, COLUMNS = 1, 120, 160
 

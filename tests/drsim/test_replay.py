@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drsim.car import CarBatch, CarParameters
-from drsim.fidelity import compare
-from drsim.recordings import RecordingError, load_recordings
-from drsim.rederive import rederive
+from drsim.car.car import CarBatch, CarParameters
+from drsim.fidelity.fidelity import compare
+from drsim.fidelity.recordings import RecordingError, load_recordings
+from drsim.fidelity.rederive import rederive
 from drsim.replay import main, summary
-from drsim.worlds import load_track
+from drsim.track.worlds import load_track
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from drsim.errors import RewardError
-from drsim.guard import STUCK, alarm
-from drsim.reward import (
+from drsim.episode.deadline import STUCK, alarm
+from drsim.episode.reward import (
     REWARD_LIMIT,
     centre_line_reward,
     checked_reward,
     checked_rewards,
     load_reward_function,
 )
+from drsim.errors import RewardError
 
 PARAMS = {"steps": 2.0, "speed": 1.23456789, "waypoints": [(0.0, 0.0), (1.0, 0.0)]}
 
@@ -233,7 +233,7 @@ def test_a_copy_that_the_function_makes_of_the_process_does_not_go_on(write, tex
     path = write(f"import os\n{text}")
     script = (
         "import sys; from pathlib import Path\n"
-        "from drsim.reward import checked_reward, load_reward_function\n"
+        "from drsim.episode.reward import checked_reward, load_reward_function\n"
         "print(checked_reward(load_reward_function(Path(sys.argv[1])), {}), flush=True)\n"
     )
 
@@ -300,12 +300,12 @@ LOOP = """while True:
 def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
     """A process of its own that loads a reward function and calls it once, with little patience."""
     script = (
-        "import sys, drsim.guard, drsim.reward\n"
+        "import sys, drsim.episode.deadline, drsim.episode.reward\n"
         "from pathlib import Path\n"
-        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
-        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
-        "function = drsim.reward.load_reward_function(Path(sys.argv[1]))\n"
-        "drsim.reward.checked_reward(function, {}, 0.1)\n"
+        "drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05\n"
+        "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "function = drsim.episode.reward.load_reward_function(Path(sys.argv[1]))\n"
+        "drsim.episode.reward.checked_reward(function, {}, 0.1)\n"
     )
     return subprocess.run(
         [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60

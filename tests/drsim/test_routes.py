@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.errors import TrackError
-from drsim.routes import read_route, write_route
-from drsim.scene import build_scene
-from drsim.track import Track
-from drsim.worlds import known_worlds, load_track
+from drsim.sensing.scene import build_scene
+from drsim.track.route_files import read_route, write_route
+from drsim.track.track import Track
+from drsim.track.worlds import known_worlds, load_track
 
 SQUARE = "0,0\n6,0\n6,6\n0,6\n0,0\n"
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drsim.look import Look, Paint, look_of
-from drsim.scene import Scene, build_scene
-from drsim.track import Track
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.appearance import Look, Paint, look_of
+from drsim.track.track import Track
 
 FLAT = Look(
     road=Paint(50.0),

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drsim.camera import EYES_APART_M, FRONT
-from drsim.race import BotRules, ObstacleRules, Race
-from drsim.realism import Realism
-from drsim.reward import centre_line_reward
-from drsim.scene import build_scene
-from drsim.sensors import Sensors
-from drsim.simulation import Simulation
-from drsim.track import Track
+from drsim.car.realism import Realism
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.race.race import BotRules, ObstacleRules, Race
+from drsim.sensing.camera import EYES_APART_M, FRONT
+from drsim.sensing.scene import build_scene
+from drsim.sensing.sensors import Sensors
+from drsim.track.track import Track
 
 LENS_M = FRONT.mount_m[0]
 

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from drsim.sensors import CAMERAS, LIDARS, Sensors, sensors_of
+from drsim.sensing.sensors import CAMERAS, LIDARS, Sensors, sensors_of
 
 INF = np.inf
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drsim.episode import EpisodeRules, Status
+from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
 from drsim.errors import RewardError
-from drsim.reward import centre_line_reward
-from drsim.scene import build_scene
-from drsim.simulation import Simulation
-from drsim.step import StepResult
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.sensing.scene import build_scene
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 KEYS_AND_TYPES = {
     "all_wheels_on_track": bool,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
+from drsim.race.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
 
 POST = Shape("post", (Box((0.5, 0.0), (0.2, 0.1), 0.1, 0.9, (10.0, 20.0, 30.0)),), (0.2, 0.1))
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drsim.look import Look, Paint, Walls
-from drsim.solids import SHAPES, Shape
-from drsim.spectator import Spectator
-from drsim.track import Track
+from drsim.race.solids import SHAPES, Shape
+from drsim.track.appearance import Look, Paint, Walls
+from drsim.track.track import Track
+from drsim.viewing.spectator import Spectator
 
 RED, GREEN, BLUE = (200.0, 10.0, 10.0), (20.0, 160.0, 20.0), (20.0, 20.0, 220.0)
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drsim.errors import TrackError
-from drsim.svg import read_line
+from drsim.track.svg_file import read_line
 
 FULL_CIRCLE = "M 20 10 A 10 10 0 0 1 0 10 A 10 10 0 0 1 20 10 Z"
 

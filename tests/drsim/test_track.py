@@ -9,8 +9,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drsim.progress import advance_progress
-from drsim.recordings import load_recordings
-from drsim.rederive import all_wheels_on, rederive
-from drsim.worlds import load_track
+from drsim.episode.progress import advance_progress
+from drsim.fidelity.recordings import load_recordings
+from drsim.fidelity.rederive import all_wheels_on, rederive
+from drsim.track.worlds import load_track
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 

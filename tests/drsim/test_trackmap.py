@@ -6,11 +6,11 @@ import zlib
 import numpy as np
 import pytest
 
-from drsim import trackmap
-from drsim.png import png_bytes
-from drsim.track import Track
-from drsim.trackmap import picture_map, text_map
-from drsim.worlds import load_track
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
+from drsim.viewing import track_map
+from drsim.viewing.png import png_bytes
+from drsim.viewing.track_map import picture_map, text_map
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_a_picture_shows_the_road_exactly_where_it_is(closed):
     track = Track("part", base.center[:end], base.inner[:end], base.outer[:end], closed)
     x, y = np.linspace(-1, 8, 331), np.linspace(6, -1, 277)
 
-    answers = trackmap._on_road(track, x, y)
+    answers = track_map._on_road(track, x, y)
 
     points = np.stack(np.meshgrid(x, y), axis=-1)
     np.testing.assert_array_equal(answers, track.on_road(points))

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drsim.race import BotRules, ObstacleRules, Race
-from drsim.track import Track
-from drsim.traffic import CENTER, INNER, NEAR_M, OUTER, RIVAL_GAP_M, Traffic
-from drsim.worlds import load_track
+from drsim.race.race import BotRules, ObstacleRules, Race
+from drsim.race.traffic import CENTER, INNER, NEAR_M, OUTER, RIVAL_GAP_M, Traffic
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 NOSE_M = 0.14
 """The point that is located on the track lies this far ahead of a car's origin."""

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import shapely
 
-from drsim.routes import read_route
-from drsim.simulation import Simulation
-from drsim.track import Track
-from drsim.worlds import load_track
+from drsim.episode.simulation import Simulation
+from drsim.track.route_files import read_route
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
 

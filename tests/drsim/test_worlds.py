@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from drsim.errors import TrackError
-from drsim.worlds import describe, directed, known_worlds, load_track
+from drsim.track.worlds import describe, directed, known_worlds, load_track
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
 

@@ -29,7 +29,7 @@ def test_the_wheel_holds_the_simulation_its_data_and_the_examples(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
 
     assert {
-        "drsim/simulation.py",
+        "drsim/episode/simulation.py",
         "drsim/assets/car.xml",
         "drsim/assets/worlds/reinvent_base.json",
         "drsim/py.typed",

@@ -10,9 +10,9 @@ from typing import Any, TextIO
 
 from drcli.checks.sandbox.side_effects import line_in
 from drcli.checks.sandbox.statement import HANGS, FailureKind
-from drsim.blame import code_of
+from drsim.episode.reward import RewardFunction, RewardParams, as_number
+from drsim.episode.reward_failure import code_of
 from drsim.errors import RewardError
-from drsim.reward import RewardFunction, RewardParams, as_number
 
 
 class Call:

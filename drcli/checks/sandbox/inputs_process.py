@@ -23,20 +23,20 @@ from drcli.checks.report import Violation, leave_tried
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.workers.build_race import load_race, load_world
-from drsim.car import CONTROL_HZ
-from drsim.errors import RewardError
-from drsim.params import Situation, params_of
-from drsim.race import TIME_TRIAL, Race
-from drsim.reward import (
+from drsim.car.car import CONTROL_HZ
+from drsim.episode.params import Situation, params_of
+from drsim.episode.reward import (
     REWARD_DEADLINE_S,
     RewardFunction,
     RewardParams,
     checked_rewards,
     load_reward_function,
 )
-from drsim.track import Track
-from drsim.traffic import Traffic
-from drsim.worlds import load_track
+from drsim.errors import RewardError
+from drsim.race.race import TIME_TRIAL, Race
+from drsim.race.traffic import Traffic
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
 
 LOOK_S = 0.5
 """How often it is looked whether the launcher is there."""

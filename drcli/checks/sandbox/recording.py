@@ -24,8 +24,8 @@ from drcli.checks.sandbox.statement import (
     Statement,
     Timing,
 )
+from drsim.episode.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
 from drsim.errors import RewardError
-from drsim.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
 """How long the calls of a pass may take; what is left over is not called."""

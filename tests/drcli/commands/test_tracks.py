@@ -17,7 +17,7 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.config.settings import load_settings
 from drcli.tracks import community, tracks_folder
 from drsim.errors import TrackError
-from drsim.worlds import load_track
+from drsim.track.worlds import load_track
 
 CSV = "x,y\n" + "\n".join(
     f"{4 * np.cos(a):.4f},{3 * np.sin(a):.4f}" for a in np.linspace(0, 2 * np.pi, 60)

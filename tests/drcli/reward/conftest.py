@@ -10,7 +10,7 @@ from drcli.checks.sandbox.statement import Order, Statement
 from drcli.config.settings import Settings, load_settings
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.trial import Course, Trial
-from drsim.reward import RewardFunction
+from drsim.episode.reward import RewardFunction
 
 
 class NoGuard:

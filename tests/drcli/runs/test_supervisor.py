@@ -39,7 +39,7 @@ class Stuck:
             "Current thread 0x00007f8ac224ab80 (most recent call first):\n"
             f'  File "{self.copy}", line 2 in slow\n'
             f'  File "{self.copy}", line 5 in reward_function\n'
-            '  File "drsim/reward.py", line 109 in checked_rewards\n'
+            '  File "drsim/episode/reward.py", line 109 in checked_rewards\n'
         )
 
 

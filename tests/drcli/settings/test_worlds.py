@@ -7,7 +7,7 @@ import pytest
 
 from drcli.config import worlds
 from drsim.errors import TrackError
-from drsim.worlds import known_worlds, load_track
+from drsim.track.worlds import known_worlds, load_track
 
 ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drcli.tracks.track_list import list_tracks
-from drsim.worlds import known_worlds
+from drsim.track.worlds import known_worlds
 
 
 @pytest.fixture

@@ -123,10 +123,10 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_text(DEAF)
     script = (
-        "import sys, drsim.guard, drsim.reward, drcli.checks.sandbox.inputs_process as trial\n"
+        "import sys, drsim.episode.deadline, drsim.episode.reward, drcli.checks.sandbox.inputs_process as trial\n"
         "from pathlib import Path\n"
-        "drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05\n"
-        "drsim.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05\n"
+        "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
         "trial.main(Path(sys.argv[1]), 'mine.py')\n"
     )
     own = replace(job, folder=tmp_path)

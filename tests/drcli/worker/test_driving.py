@@ -9,13 +9,13 @@ from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
-from drsim.actions import ContinuousActions, DiscreteActions
-from drsim.episode import EpisodeRules
-from drsim.privileged import PRIVILEGED_DIMS
-from drsim.reward import centre_line_reward
-from drsim.sensors import Sensors
-from drsim.simulation import Simulation
-from drsim.worlds import load_track
+from drsim.car.actions import ContinuousActions, DiscreteActions
+from drsim.episode.episode import EpisodeRules
+from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.sensing.sensors import Sensors
+from drsim.track.worlds import load_track
 
 COMPACT = "COMPACT_CONVOLUTIONAL_NETWORK"
 STRAIGHT = DiscreteActions(((0.0, 1.0), (20.0, 1.0), (-20.0, 1.0)))

@@ -21,13 +21,13 @@ def reward_function(params):
 """
 
 CALLING = """
-import drsim.guard
+import drsim.episode.deadline
 from pathlib import Path
 from drcli.worker import process
-from drsim.reward import checked_reward, load_reward_function
+from drsim.episode.reward import checked_reward, load_reward_function
 
 def main(job, lifeline):
-    drsim.guard.PATIENCE_S = drsim.guard.REPEAT_S = 0.05
+    drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05
     checked_reward(load_reward_function(job.folder / "reward_function.py"), {}, 0.1)
 
 process.run("sim-0", main)

@@ -6,9 +6,9 @@ from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.inputs_process import sample_params, try_inputs
 from drcli.config.settings import Settings, load_settings
 from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
-from drsim.race import TIME_TRIAL, BotRules, ObstacleRules, Race
-from drsim.realism import Realism
-from drsim.worlds import load_track
+from drsim.car.realism import Realism
+from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
+from drsim.track.worlds import load_track
 
 
 @pytest.fixture

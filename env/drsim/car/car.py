@@ -1,0 +1,358 @@
+"""The DeepRacer car: a batch of MuJoCo cars that turns actions into poses."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+from drsim.sensing.camera import FRONT
+
+Floats = NDArray[np.float64]
+Cars = NDArray[np.int64]
+
+CONTROL_HZ = 15
+"""Decisions per simulated second: one per camera frame of the reference simulator."""
+
+MODEL_FILE = Path(__file__).parent / "assets" / "car.xml"
+
+MAX_STEERING_DEG = 30.0
+MIN_SPEED_MPS = 0.1
+MAX_SPEED_MPS = 4.0
+"""Requests are clipped to these before they reach the motors. Source: the reference simulator."""
+
+COMMAND_RADIUS_M = 0.035
+"""Wheel radius that turns a requested speed into wheel turns. The wheels really measure 0.036 m, so
+a car on the straight is 2.9 % faster than asked. Source: the reference simulator."""
+
+REFERENCE_POINT_AHEAD_M = 0.14
+"""How far ahead of the car's origin lies the point that all track quantities are measured at."""
+
+# Places in the frame of base_link, metres. Source: the reference simulator's car description.
+_REAR_X, _REAR_Y, _REAR_Z = -0.081663, 0.08105, 0.038999
+_FRONT_X, _FRONT_Y, _FRONT_Z = 0.082311, 0.079601, 0.035008
+
+_WHEELS = np.array(
+    [
+        [_REAR_X, _REAR_Y, _REAR_Z],
+        [_REAR_X, -_REAR_Y, _REAR_Z],
+        [_FRONT_X, _FRONT_Y, _FRONT_Z],
+        [_FRONT_X, -_FRONT_Y, _FRONT_Z],
+    ]
+)
+_SETTLE_STEPS = 30
+
+_VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
+"""Numbers of the model in which cars may differ from each other."""
+
+_BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
+"""Attributes of a batch of cars that are MuJoCo's batch, or views of it."""
+
+
+@dataclass(frozen=True)
+class CarParameters:
+    """What may differ between one version 5 car and the next; masses and geometry stand in car.xml.
+
+    The defaults were found by replaying recorded actions of the reference simulator (release 6,
+    continuous actions), every other episode, and comparing where the car ended one second later. On
+    the other half of the episodes the median is 0.081 m and 3.9 degrees, after 1.55 m driven.
+    """
+
+    steering_lag_s: float = 0.1255
+    """Time constant with which the wheels follow a requested angle."""
+    steering_delay_s: float = 0.0095
+    """Time before a steering request begins to act; never less than one physics step."""
+    speed_delay_s: float = 0.0095
+    """Time before a speed request begins to act; never less than one physics step."""
+    wheel_damping: float = 0.0505
+    """Wheel motor torque per speed error, N m s/rad. All four wheels are held at one speed, so in a
+    turn this compliance, with the grip, decides how far the car understeers."""
+    wheel_torque: float = 1.79
+    """Largest torque of a wheel motor, N m."""
+    friction: float = 0.9
+    """Grip of the wheels across their plane (the reference names 0.5, its engine's mixing is
+    unknown)."""
+    traction: float = 3.33
+    """Grip along it. The recorded car reaches 1.4 m/s in two steps, so its wheels hardly spin."""
+    twist_friction_m: float = 0.0151
+    """Grip of a wheel against turning on the spot, metres: torque over load."""
+    tyre_time_s: float = 0.042
+    """Time constant with which a tyre pushed into the floor comes back out, and in which it stops a
+    slide; at least twice the physics step."""
+    tyre_impedance: float = 0.479
+    """How far a tyre gets its way against the load, 0 .. 1: small is soft. Together with the time
+    it decides how deep a standing car sinks in (2.4 mm, which car.xml makes up for) and how far
+    wheels creep under load."""
+    speed_scale: float = 0.998
+    """Factor on requested wheel speeds."""
+    max_wheel_rad_s: float = 100.0
+    """Ceiling of the wheel joints: 4 m/s asks for 114 rad/s, so about 3.6 m/s is the fastest."""
+    substeps: int = 7
+    """Physics steps in one control step, 9.5 ms each. With 20, errors are 2 mm smaller."""
+
+
+def car_model(
+    parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
+) -> mujoco.MjModel:
+    """Compile the car's MJCF with the given parameters written over it.
+
+    Args:
+        parameters: Calibrated values; the defaults when left out.
+        longest_latency_s: By how much the delays may be lengthened afterwards, seconds.
+
+    Returns:
+        A model of one car on an endless floor.
+    """
+    p = parameters or CarParameters()
+    spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
+    step_s = 1.0 / CONTROL_HZ / p.substeps
+    spec.option.timestep = step_s
+    for actuator in spec.actuators:
+        steers = actuator.name.startswith("steer_")
+        # The engine reads a request before it stores it, so no delay is shorter than one step.
+        actuator.delay = max(p.steering_delay_s if steers else p.speed_delay_s, step_s)
+        actuator.nsample = math.ceil((actuator.delay + longest_latency_s) / step_s) + 2
+        if steers:
+            actuator.dynprm[0] = p.steering_lag_s
+        else:
+            actuator.gainprm[0] = p.wheel_damping
+            actuator.biasprm[2] = -p.wheel_damping
+            actuator.forcerange[:] = -p.wheel_torque, p.wheel_torque
+    for pair in spec.pairs:
+        pair.friction[:3] = p.friction, p.traction, p.twist_friction_m
+        pair.solref[:] = p.tyre_time_s, 1.0
+        pair.solimp[:2] = p.tyre_impedance
+    return spec.compile()
+
+
+def motor_commands(
+    steering_deg: Floats, speed_mps: Floats, parameters: CarParameters
+) -> tuple[Floats, Floats]:
+    """What the motors are asked for, within the limits of the car.
+
+    Args:
+        steering_deg: Requested wheel angles, left positive. Shape (n,).
+        speed_mps: Requested speeds. Shape (n,).
+        parameters: The car.
+
+    Returns:
+        Steering angle in radians and wheel speed in rad/s, each of shape (n,).
+    """
+    steering_rad = np.radians(np.clip(steering_deg, -MAX_STEERING_DEG, MAX_STEERING_DEG))
+    wheel_rad_s = np.clip(speed_mps, MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
+    return steering_rad, np.minimum(
+        wheel_rad_s * parameters.speed_scale, parameters.max_wheel_rad_s
+    )
+
+
+class CarBatch:
+    """Cars that know nothing of each other, stepped together on MuJoCo's thread pool.
+
+    The same actions give bit-identical motion on one machine, whatever the number of threads.
+    All attributes are refreshed by `place` and `drive`; wheels are in the order rear left,
+    rear right, front left, front right.
+
+    Attributes:
+        origin_xy: Car origins (base_link) in the world, metres. Shape (n, 2).
+        front_xy: The points 0.14 m ahead of the origins, metres. Shape (n, 2).
+        yaw_rad: Headings, counter-clockwise from world x. Shape (n,).
+        wheel_xy: Wheel centres, metres. Shape (n, 4, 2).
+        lens_pos: Camera lenses, metres. Shape (n, 3).
+        lens_mat: Camera axes in the world: columns forward, left, up. Shape (n, 3, 3).
+        speed: Speed of the car origin over ground, m/s. Shape (n,).
+    """
+
+    def __init__(
+        self,
+        num_cars: int,
+        num_threads: int,
+        parameters: CarParameters | None = None,
+        *,
+        longest_latency_s: float = 0.0,
+    ) -> None:
+        """Build cars that stand at the world's origin.
+
+        Args:
+            num_cars: How many cars, at least 1.
+            num_threads: Threads that step them, the caller's included, at least 1.
+            parameters: Calibrated values; the defaults when left out.
+            longest_latency_s: Largest latency that `vary` will be given, seconds.
+        """
+        self._parameters = parameters or CarParameters()
+        self._longest_latency_s = longest_latency_s
+        self._build(num_cars, num_threads)
+        self._rest_height_m, self._rest_pitch_rad = _rest_pose(self._batch.model)
+
+        self.origin_xy: Floats = np.zeros((num_cars, 2))
+        self.front_xy: Floats = np.zeros((num_cars, 2))
+        self.yaw_rad: Floats = np.zeros(num_cars)
+        self.wheel_xy: Floats = np.zeros((num_cars, 4, 2))
+        self.lens_pos: Floats = np.zeros((num_cars, 3))
+        self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
+        self.speed: Floats = np.zeros(num_cars)
+        self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the motion of the cars depends on. MuJoCo's own batch cannot be copied."""
+        varied = {name: self._batch.expanded(name) for name in _VARIED}
+        return {
+            **{name: value for name, value in self.__dict__.items() if name not in _BOUND},
+            "num_threads": self._batch.nthread,
+            "physics": self._batch.state.copy(),
+            "varied": {n: values.copy() for n, values in varied.items() if values is not None},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Build a batch of its own for a copy, in the same state."""
+        num_threads, physics, varied = (
+            state.pop(name) for name in ("num_threads", "physics", "varied")
+        )
+        self.__dict__.update(state)
+        self._build(len(physics), num_threads)
+        for name, values in varied.items():
+            self._batch.expand(name)[:] = values
+        if varied:
+            self._batch.set_const()
+        self._batch.state[:] = physics
+
+    def _build(self, num_cars: int, num_threads: int) -> None:
+        model = car_model(self._parameters, longest_latency_s=self._longest_latency_s)
+        self._batch = Batch(model, nsim=num_cars, nthread=num_threads)
+        self._qpos: Floats = self._batch.bind("qpos")
+        self._qvel: Floats = self._batch.bind("qvel")
+        self._ctrl: Floats = self._batch.bind("ctrl")
+
+    def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
+        """Make cars unlike the calibrated one, until told otherwise. Call it before `place`.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            friction: Factors on the grip of the wheels. Shape (k,).
+            mass: Factors on mass and inertia of every part. Shape (k,).
+            latency_s: How much later requests begin to act, seconds. Shape (k,).
+        """
+        model = self._batch.model
+        grip, weight = model.pair_friction, model.body_mass
+        self._batch.expand("pair_friction")[cars] = grip * friction[:, None, None]
+        self._batch.expand("body_mass")[cars] = weight * mass[:, None]
+        self._batch.expand("body_inertia")[cars] = model.body_inertia * mass[:, None, None]
+        self._batch.expand("actuator_delay")[cars] = model.actuator_delay + latency_s[:, None]
+        self._batch.set_const(cars)
+
+    def place(self, cars: Cars, poses: Floats) -> None:
+        """Put cars on the ground: at rest, wheels straight, no request under way.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            poses: x and y of the car origin in metres and yaw in radians. Shape (k, 3).
+        """
+        if not len(cars):
+            return
+        self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        half_yaw, half_pitch = poses[:, 2] / 2, self._rest_pitch_rad / 2
+        qpos = np.zeros((len(cars), self._qpos.shape[1]))
+        qpos[:, :2] = poses[:, :2]
+        qpos[:, 2] = self._rest_height_m
+        qpos[:, 3] = np.cos(half_yaw) * np.cos(half_pitch)
+        qpos[:, 4] = -np.sin(half_yaw) * np.sin(half_pitch)
+        qpos[:, 5] = np.cos(half_yaw) * np.sin(half_pitch)
+        qpos[:, 6] = np.sin(half_yaw) * np.cos(half_pitch)
+        self._qpos[cars] = qpos
+        self._refresh()
+
+    def drive(
+        self, steering_deg: Floats, speed_mps: Floats, moving: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Let the cars move for one control step, 1/15 s.
+
+        Args:
+            steering_deg: Requested wheel angles, left positive, clipped to +-30. Shape (n,).
+            speed_mps: Requested speeds, clipped to 0.1 .. 4: a car cannot stop. Shape (n,).
+            moving: Cars to move, the others keep their state untouched. Shape (n,). Default all.
+        """
+        steering_rad, wheel_rad_s = motor_commands(steering_deg, speed_mps, self._parameters)
+        self._ctrl[:, :2] = steering_rad[:, None]
+        self._ctrl[:, 2:] = wheel_rad_s[:, None]
+        ids = None if moving is None or moving.all() else np.flatnonzero(moving)
+        if ids is None or len(ids):
+            self._batch.step(ids=ids, nstep=self._parameters.substeps)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        # Poses come from the state itself: the engine's own derived fields are one substep old.
+        _poses_of(
+            self._qpos,
+            self._qvel,
+            self.origin_xy,
+            self.front_xy,
+            self.yaw_rad,
+            self.wheel_xy,
+            self.lens_pos,
+            self.lens_mat,
+            self.speed,
+            FRONT.mount_m[0],
+            FRONT.mount_m[2],
+            FRONT.pitch_rad,
+        )
+
+
+def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
+    """Height of a standing car's origin, metres, and its pitch, radians, nose down positive."""
+    data = mujoco.MjData(model)
+    steps = round(_SETTLE_STEPS / CONTROL_HZ / model.opt.timestep)
+    mujoco.mj_step(model, data, steps)
+    return float(data.qpos[2]), 2.0 * math.atan2(float(data.qpos[5]), float(data.qpos[3]))
+
+
+@kernel
+def _poses_of(
+    qpos: Floats,
+    qvel: Floats,
+    origin_xy: Floats,
+    front_xy: Floats,
+    yaw_rad: Floats,
+    wheel_xy: Floats,
+    lens_pos: Floats,
+    lens_mat: Floats,
+    speed: Floats,
+    lens_x: float,
+    lens_z: float,
+    lens_pitch_rad: float,
+) -> None:
+    cos_pitch = math.cos(lens_pitch_rad)
+    sin_pitch = math.sin(lens_pitch_rad)
+    for i in range(qpos.shape[0]):
+        x, y, z = qpos[i, 0], qpos[i, 1], qpos[i, 2]
+        w, a, b, c = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
+        # Columns of the car's rotation matrix: forward, left, up.
+        fx, fy, fz = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c), 2 * (a * c - w * b)
+        lx, ly, lz = 2 * (a * b - w * c), 1 - 2 * (a * a + c * c), 2 * (b * c + w * a)
+        ux, uy, uz = 2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)
+        origin_xy[i, 0] = x
+        origin_xy[i, 1] = y
+        # The body's own x axis, pitch and all, as the reference rotates that point.
+        front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
+        front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
+        yaw_rad[i] = math.atan2(fy, fx)
+        for k in range(4):
+            wx, wy, wz = _WHEELS[k, 0], _WHEELS[k, 1], _WHEELS[k, 2]
+            wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
+            wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
+        lens_pos[i, 0] = x + fx * lens_x + ux * lens_z
+        lens_pos[i, 1] = y + fy * lens_x + uy * lens_z
+        lens_pos[i, 2] = z + fz * lens_x + uz * lens_z
+        lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
+        lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
+        lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
+        lens_mat[i, 0, 1] = lx
+        lens_mat[i, 1, 1] = ly
+        lens_mat[i, 2, 1] = lz
+        lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
+        lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
+        lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
+        speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])

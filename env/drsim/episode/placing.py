@@ -1,0 +1,85 @@
+"""Where cars are put: at the start, back on the track after a violation, or aside."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.track.track import Lane, Track
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
+"""Lanes by their index."""
+
+_PARKED_BESIDE_M = 0.3
+"""How far outside the rectangle around the road a racer stands that is done while the others go on.
+Right beside its border it could stand on a neighbouring stretch of the track."""
+
+
+class Placing:
+    """Poses on the lanes of a track, for cars of both driving directions.
+
+    Attributes:
+        tracks: The track as given, and reversed.
+        backward: Index of each car's own into `tracks`; a live array. Shape (n,).
+    """
+
+    def __init__(self, tracks: Sequence[Track], backward: Ints) -> None:
+        self.tracks = tracks
+        self.backward = backward
+
+    def on(self, cars: Ints, fraction: Floats, lane: Lane = "center") -> Floats:
+        """Poses on one lane, each in the driving direction of its car.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            fraction: Where on the lap of its own direction, 0 .. 1. Shape (k,).
+            lane: The lane.
+
+        Returns:
+            x and y in metres and yaw in radians. Shape (k, 3).
+        """
+        backward = self.backward[cars]
+        if not backward.any():
+            return self.tracks[0].pose_at(fraction * self.tracks[0].length_m, lane)
+        poses = np.empty((len(cars), 3))
+        for direction, track in enumerate(self.tracks):
+            chosen = backward == direction
+            if chosen.any():
+                poses[chosen] = track.pose_at(fraction[chosen] * track.length_m, lane)
+        return poses
+
+    def on_each(self, cars: Ints, fraction: Floats, lanes: Ints) -> Floats:
+        """Poses like those of `on`, each on a lane of its own, by index. Shape (k, 3)."""
+        poses = np.empty((len(cars), 3))
+        for lane, name in enumerate(LANES):
+            chosen = lanes == lane
+            if chosen.any():
+                poses[chosen] = self.on(cars[chosen], fraction[chosen], name)
+        return poses
+
+    def nearer_lane(self, cars: Ints, fraction: Floats, xy: Floats) -> Ints:
+        """Which of inner and outer lane is nearer to a point, by index.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            fraction: Where on the lap, 0 .. 1. Shape (k,).
+            xy: The points, metres. Shape (k, 2).
+        """
+        to_inner_m, to_outer_m = (
+            np.hypot(*(self.on(cars, fraction, lane)[:, :2] - xy).T) for lane in LANES[1:]
+        )
+        return np.where(to_inner_m <= to_outer_m, 1, 2)
+
+    def aside(self, cars: Ints, fraction: Floats) -> Floats:
+        """Poses outside the rectangle around the road, where nobody drives. Shape (k, 3)."""
+        poses = self.on(cars, fraction)
+        x_min, y_min, x_max, y_max = self.tracks[0].bounds
+        low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
+        for pose in poses:
+            outwards_m = np.stack([pose[:2] - low, high - pose[:2]])
+            side, axis = np.unravel_index(outwards_m.argmin(), outwards_m.shape)
+            pose[axis] = (low - _PARKED_BESIDE_M, high + _PARKED_BESIDE_M)[side][axis]
+        return poses

@@ -1,0 +1,99 @@
+"""What a simulation knows and a camera does not tell: features for a critic, never for a policy."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.race.traffic import Traffic
+from drsim.track.track import Track
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Singles = NDArray[np.float32]
+
+_AHEAD_M = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
+"""Places on the centre line, that far ahead, whose direction is told."""
+
+_OBJECTS = 2
+"""How many of the nearest objects ahead are told."""
+
+_HORIZON_M = 4.0
+"""Objects beyond are as if they were there: distances are told as shares of this."""
+
+PRIVILEGED_DIMS = 6 + 2 * len(_AHEAD_M) + 2 * _OBJECTS
+"""Length of the features of one car."""
+
+
+def features(
+    tracks: tuple[Track, Track],
+    cars: Ints,
+    backward: Ints,
+    poses: Floats,
+    speed_mps: Floats,
+    along_m: Floats,
+    traffic: Traffic | None,
+) -> Singles:
+    """What a critic may know of each car.
+
+    In this order: offset from the centre line in half widths, left positive; sine and cosine of
+    the heading against the line; speed in m/s; sine and cosine of the place on the lap as an
+    angle; then sine and cosine of the line's turn at six places ahead; then, for the two
+    nearest objects ahead, the distance along the lap as a share of 4 m (1 for none) and the offset
+    from the centre line in half widths.
+
+    Args:
+        tracks: The track as given, and reversed.
+        cars: Which cars. Shape (k,).
+        backward: Index of each of these cars into the tracks. Shape (k,).
+        poses: Their reference points, metres, and yaws, radians. Shape (k, 3).
+        speed_mps: Their speeds. Shape (k,).
+        along_m: How far along the lap they are. Shape (k,).
+        traffic: What else is on the track.
+
+    Returns:
+        Shape (k, PRIVILEGED_DIMS).
+    """
+    rows = np.zeros((len(cars), PRIVILEGED_DIMS), np.float32)
+    for direction, track in enumerate(tracks):
+        mine = np.flatnonzero(backward == direction)
+        if not len(mine):
+            continue
+        where = track.locate(poses[mine, :2])
+        half_m = where.track_width_m / 2
+        side = np.where(where.left_of_center, 1.0, -1.0)
+        heading = track.pose_at(along_m[mine])[:, 2]
+        against = poses[mine, 2] - heading
+        lap = 2.0 * np.pi * along_m[mine] / track.length_m
+        ahead_m = (along_m[mine, None] + np.array(_AHEAD_M)).ravel()
+        turn = track.pose_at(ahead_m)[:, 2].reshape(len(mine), -1) - heading[:, None]
+        columns = [
+            side * where.from_center_m / half_m,
+            np.sin(against),
+            np.cos(against),
+            speed_mps[mine],
+            np.sin(lap),
+            np.cos(lap),
+        ]
+        known = np.column_stack([*columns, np.sin(turn), np.cos(turn)])
+        rows[mine, : known.shape[1]] = known
+        rows[mine, known.shape[1] :] = _objects(track, cars[mine], along_m[mine], half_m, traffic)
+    return rows
+
+
+def _objects(
+    track: Track, cars: Ints, along_m: Floats, half_m: Floats, traffic: Traffic | None
+) -> Floats:
+    """Distance and offset of the nearest objects ahead. Shape (k, 2 * _OBJECTS)."""
+    told = np.tile([1.0, 0.0], (len(cars), _OBJECTS))
+    if traffic is None:
+        return told
+    ahead_m = (traffic.distance_m[cars] - along_m[:, None]) % track.length_m
+    objects = traffic.objects()
+    side = np.where(objects.left_of_center[cars], 1.0, -1.0)
+    offset = side * objects.from_center_m[cars] / half_m[:, None]
+    order = np.argsort(ahead_m, axis=1)[:, :_OBJECTS]
+    near = np.take_along_axis(ahead_m, order, axis=1)
+    seen = near < _HORIZON_M
+    count = order.shape[1]
+    told[:, 0 : 2 * count : 2] = np.where(seen, near / _HORIZON_M, 1.0)
+    told[:, 1 : 2 * count : 2] = np.where(seen, np.take_along_axis(offset, order, axis=1), 0.0)
+    return told

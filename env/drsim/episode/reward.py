@@ -1,0 +1,308 @@
+"""The user's reward function: loading it, calling it safely, and naming the line that failed."""
+
+import importlib.util
+import inspect
+import linecache
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable
+from functools import partial
+from itertools import repeat
+from pathlib import Path
+from types import CodeType, FrameType, ModuleType
+from typing import Any, NoReturn
+
+from drsim.episode.deadline import DeadlinePassed, alarm, end_copy_of
+from drsim.episode.reward_failure import (
+    code_of,
+    compact,
+    described,
+    line_in,
+    place,
+    quoted,
+    shown,
+    source,
+)
+from drsim.errors import RewardError
+
+RewardParams = dict[str, Any]
+RewardFunction = Callable[[RewardParams], float]
+
+REWARD_DEADLINE_S = 5.0
+"""How long one call may take. Source: the limit of the console's validator."""
+
+REWARD_LIMIT = 1e5
+"""Rewards beyond +-1e5 end the run. Source: the reference simulator."""
+
+_IMPORT_DEADLINE_S = 60.0
+"""Importing scientific packages may take seconds; an endless loop at the top of the file does not
+end."""
+
+_FUNCTION_NAME = "reward_function"
+_MODULE_NAME = "_drsim_reward_function"
+
+
+def load_reward_function(path: Path) -> RewardFunction:
+    """Load `reward_function` from a user's file.
+
+    The file becomes a module of a private name, and its folder is not added to the import path.
+    What it keeps in module globals lives as long as the process, across episodes.
+
+    Args:
+        path: A Python file that defines `reward_function(params)`.
+
+    Returns:
+        The function, unguarded: call it through `checked_reward`.
+
+    Raises:
+        RewardError: The file is missing, does not parse, fails while it is imported, or has no
+            function of that name that takes one argument and returns a value of its own.
+    """
+    text = _read(path)
+    try:
+        code = compile(text, str(path), "exec")
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        _raise_syntax(path, error)
+    module = _run_module(path, code)
+    function = getattr(module, _FUNCTION_NAME, None)
+    if not callable(function):
+        raise RewardError(
+            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`.",
+            file=path,
+        )
+    _check_arity(path, function)
+    _check_kind(path, function)
+    checked: RewardFunction = function
+    return checked
+
+
+def checked_reward(
+    function: RewardFunction, params: RewardParams, deadline_s: float = REWARD_DEADLINE_S
+) -> float:
+    """Call a reward function once, guarded as in `checked_rewards`."""
+    return checked_rewards(function, [params], deadline_s)[0]
+
+
+def checked_rewards(
+    functions: RewardFunction | Iterable[RewardFunction],
+    calls: Iterable[RewardParams],
+    deadline_s: float = REWARD_DEADLINE_S,
+) -> list[float]:
+    """Call a reward function once for each car.
+
+    The deadline rests on a timer signal, so it exists only in the main thread and only where the
+    system has such timers; elsewhere the calls are made without it. A function that swallows what
+    is raised in it then and goes on for seconds ends the process: `sys.excepthook` is told why.
+    So does an operation that Python cannot interrupt, by the signal `guard.STUCK`.
+
+    Args:
+        functions: The user's function, or one for each call.
+        calls: Parameters of each call; the function may keep and alter them.
+        deadline_s: How long one call may take, in seconds.
+
+    Returns:
+        The rewards, in the order of the calls.
+
+    Raises:
+        RewardError: The function raised, did not return in time, or returned something that is no
+            finite number within +-1e5. Carries the place and the parameters.
+    """
+    rewards = []
+    process = os.getpid()
+    each = repeat(functions) if callable(functions) else functions
+    with alarm(deadline_s, partial(_end_for, _late(deadline_s))) as clock:
+        for params, function in zip(calls, each, strict=False):
+            try:
+                clock.begin()
+                try:
+                    value = function(params)
+                finally:
+                    end_copy_of(process)
+                # Most functions return a float within the limits: one comparison, no call.
+                if type(value) is not float or not -REWARD_LIMIT <= value <= REWARD_LIMIT:
+                    value = _number(value)
+                clock.armed = False
+            except BaseException as error:
+                clock.armed = False
+                if isinstance(error, KeyboardInterrupt):
+                    raise  # whoever sits at the keyboard wants to end
+                _raise_failed(function, params, error, deadline_s)
+            rewards.append(value)
+    return rewards
+
+
+def as_number(value: object) -> float | None:
+    """A float of what a reward function returned; infinite where it is too large for one.
+
+    Returns:
+        None for what is no number: text, complex numbers, arrays of several. Booleans and integers
+        are numbers.
+    """
+    if isinstance(value, str | bytes | complex) or not hasattr(value, "__float__"):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except Exception:  # whatever a class of theirs raises
+        return None
+
+
+def centre_line_reward(params: RewardParams) -> float:
+    """Reward for staying near the centre line, the one evaluation jobs of the reference use."""
+    width_m = params["track_width"]
+    distance_m = params["distance_from_center"]
+    if distance_m <= 0.1 * width_m:
+        return 1.0
+    if distance_m <= 0.25 * width_m:
+        return 0.5
+    if distance_m <= 0.5 * width_m:
+        return 0.1
+    return 0.001
+
+
+class _NoRewardError(Exception):
+    """The value returned is no reward; the text says why."""
+
+
+def _read(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RewardError(
+            f"The reward function cannot be read: {path} ({error.strerror}).", file=path
+        ) from error
+    try:
+        return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        what = f"holds byte 0x{data[error.start]:02x}, which is no UTF-8"
+        raise _refused(f"The reward function{place(path, line)} {what}.", path, line) from error
+
+
+def _run_module(path: Path, code: CodeType) -> ModuleType:
+    spec = importlib.util.spec_from_loader(_MODULE_NAME, loader=None, origin=str(path))
+    if spec is None:  # never for a spec without a loader, but the signature allows it
+        raise RewardError(f"{path} cannot be made a module.", file=path)
+    module = importlib.util.module_from_spec(spec)
+    module.__file__ = str(path)
+    # Dataclasses and pickling look their module up by name.
+    sys.modules[_MODULE_NAME] = module
+    linecache.checkcache(str(path))
+    process = os.getpid()
+    try:
+        with alarm(_IMPORT_DEADLINE_S, partial(_end_for, "its import does not end")) as clock:
+            clock.begin()
+            try:
+                exec(code, module.__dict__)
+            finally:
+                end_copy_of(process)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        line = line_in(str(path), error.__traceback__)
+        what = "it does not end" if isinstance(error, DeadlinePassed) else described(error)
+        raise _refused(
+            f"The reward function{place(path, line)} fails while it is imported: {what}.",
+            path,
+            line,
+        ) from error
+    return module
+
+
+def _check_arity(path: Path, function: Callable[..., Any]) -> None:
+    try:
+        inspect.signature(function).bind({})
+    except (TypeError, ValueError) as error:  # some functions in C cannot tell
+        code = code_of(function)
+        line = code.co_firstlineno if code is not None else None
+        what = "must take exactly one argument, params"
+        raise _refused(f"`{_FUNCTION_NAME}`{place(path, line)} {what}.", path, line) from error
+
+
+def _check_kind(path: Path, function: Callable[..., Any]) -> None:
+    """Refuse what Python never carries out by calling it."""
+    if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
+        why = "begins with `async`"
+    elif inspect.isgeneratorfunction(function):
+        why = "holds `yield`"
+    else:
+        return
+    line = function.__code__.co_firstlineno
+    raise _refused(
+        f"`{_FUNCTION_NAME}`{place(path, line)} {why}, so that calling it returns no number. "
+        "Write `def` and `return`.",
+        path,
+        line,
+    )
+
+
+def _raise_syntax(path: Path, error: Exception) -> NoReturn:
+    line = error.lineno if isinstance(error, SyntaxError) else None
+    what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
+    raise _refused(
+        f"The reward function{place(path, line)} is not valid Python: {what}.", path, line
+    ) from error
+
+
+def _refused(what: str, path: Path, line: int | None) -> RewardError:
+    """A file that cannot be used, with the line in question."""
+    return RewardError(
+        f"{what}{quoted(path, line)}", file=path, line=line, source=source(path, line)
+    )
+
+
+def _number(value: object) -> float:
+    number = as_number(value)
+    if number is None:
+        raise _NoRewardError(f"it returned {shown(value)}, which is not a number")
+    if not -REWARD_LIMIT <= number <= REWARD_LIMIT:  # false for NaN as well
+        raise _NoRewardError(f"it returned {number}; rewards must lie between -100000 and 100000")
+    return number
+
+
+def _late(deadline_s: float) -> str:
+    return f"it did not return within {deadline_s:g} s"
+
+
+def _end_for(what: str, frame: FrameType | None) -> NoReturn:
+    """End this process, whose code at the frame swallows every exception, with last words."""
+    while frame is not None and frame.f_globals.get("__name__") != _MODULE_NAME:
+        frame = frame.f_back
+    path, line = (Path(frame.f_code.co_filename), frame.f_lineno) if frame else (None, None)
+    why = "and swallows what is raised to end it, an `except:` in an endless loop?"
+    error = RewardError(
+        f"The reward function{place(path, line)} failed: {what} {why}{quoted(path, line)}",
+        file=path,
+        line=line,
+        source=source(path, line),
+    )
+    try:
+        sys.excepthook(RewardError, error, None)
+    finally:
+        os._exit(1)
+
+
+def _raise_failed(
+    function: RewardFunction, params: RewardParams, error: BaseException, deadline_s: float
+) -> NoReturn:
+    code = code_of(function)
+    path = Path(code.co_filename) if code else None
+    line = line_in(code.co_filename, error.__traceback__) if code else None
+    if isinstance(error, _NoRewardError):
+        line = code.co_firstlineno if code else None
+        what = str(error)
+    elif isinstance(error, DeadlinePassed):
+        what = f"{_late(deadline_s)}, probably an endless loop"
+    else:
+        what = described(error)
+    short = compact(params)
+    raise RewardError(
+        f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}\n"
+        f"  params = {short}",
+        file=path,
+        line=line,
+        source=source(path, line),
+        params=short,
+    ) from (None if isinstance(error, _NoRewardError | DeadlinePassed) else error)

@@ -1,0 +1,251 @@
+"""One car as a Gymnasium environment, driven by what it perceives."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from drsim.car.actions import DEFAULT_ACTIONS, Actions
+from drsim.car.car import CONTROL_HZ
+from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.reward import RewardFunction, centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
+from drsim.gym.conversion import (
+    Perceived,
+    check_choice,
+    check_start,
+    checked_actions,
+    info_of,
+    perceived,
+    start_of,
+)
+from drsim.race.race import Race, race_of_name
+from drsim.sensing.senses import Randomize
+from drsim.sensing.sensors import Sensors, sensors_of
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
+from drsim.viewing.views import RENDER_MODES, VIEWS, CameraMan, Frame, Window
+
+
+class RacerEnv(gym.Env[Perceived, Any]):
+    """A DeepRacer car on a track.
+
+    ## Action space
+
+    With `DiscreteActions` (the default: 5 angles, each with 1 and 2 m/s), `Discrete(n)`: a position
+    in the list. With `ContinuousActions`, `Box(-1, 1, (2,), float32)`:
+
+    | index | action   | -1                       | 1                     |
+    | ----- | -------- | ------------------------ | --------------------- |
+    | 0     | steering | least angle [degrees]    | greatest (left) angle |
+    | 1     | speed    | least speed [m/s]        | greatest speed        |
+
+    Numbers beyond -1 and 1 count as -1 and 1. The car turns its wheels by 30 degrees at most and
+    follows with a lag of about 0.1 s; it drives 0.1 to about 3.6 m/s and cannot stop. One action
+    lasts 1/15 s.
+
+    ## Observation space
+
+    With one sensor, what that sensor gives; with a camera and a lidar, a `Dict` of both by name.
+
+    | sensor                                          | space                                      |
+    | ----------------------------------------------- | ------------------------------------------ |
+    | FRONT_FACING_CAMERA, LEFT_CAMERA, observation   | `Box(0, 255, (120, 160, 1), uint8)`, grey  |
+    | STEREO_CAMERAS                                  | `Box(0, 255, (120, 160, 2), uint8)`        |
+    | LIDAR                                           | `Box(0.15, 1, (64,), float32)`, metres     |
+    | SECTOR_LIDAR                                    | `Box(0, 1, (8,), float32)`                 |
+    | DISCRETIZED_SECTOR_LIDAR                        | `Box(0, 1, (sectors * values,), float32)`  |
+
+    The camera looks ahead with a horizontal field of view of 64.7 degrees, pitched 14 degrees down,
+    from 0.13 m above the ground; row 0 is at the top. The lidar looks backwards, as in the
+    reference: ray 0 points 30 degrees to the left, and the rays go round by the rear.
+
+    ## Reward
+
+    Whatever the reward function returns for its 27 parameters; when left out, that of the
+    centre line: 1.0 within 10 % of the track width from it, 0.5 within 25 %, 0.1 within 50 %, else
+    0.001.
+
+    ## Start
+
+    At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere on the lap when `start`
+    is None. Where an obstacle stands near, on the other lane. `reset(options={"start": 0.25,
+    "reverse": True})` wins over the arguments. Everything random in an episode, its start, its
+    objects, its light and its disturbances, comes from the seed of `reset`.
+
+    ## End of an episode
+
+    Terminated: a full lap (progress exactly 100), a crash, all four wheels off the track, 15 steps
+    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. Rules that
+    forgive violations put the car back and let it wait; its actions are then ignored.
+
+    ## Info
+
+    `progress` [%], `status` (word of the traces), `steps`, `laps`, `lap_time_s`, `x`, `y` [m],
+    `yaw_deg`, `closest_waypoint`, `all_wheels_on_track`, `crashes`, `driven` (false where the
+    action was ignored).
+
+    ## Rendering
+
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (extra
+    `rendering`). The `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top",
+    coloured pictures of (480, 640, 3) from behind the car and from above the track.
+    """
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
+
+    def __init__(
+        self,
+        world: str | Track = "reinvent_base",
+        *,
+        reward_function: RewardFunction = centre_line_reward,
+        actions: Actions = DEFAULT_ACTIONS,
+        rules: EpisodeRules | None = None,
+        sensors: Sensors | str | Sequence[str] = ("FRONT_FACING_CAMERA",),
+        race: Race | str = "time_trial",
+        start: float | None = None,
+        reverse: bool = False,
+        randomize: Randomize = "nothing",
+        realism: Realism | None = None,
+        render_mode: str | None = None,
+        view: str = "camera",
+    ) -> None:
+        """Build the world.
+
+        Args:
+            world: Name of a world, path of a route file, or a track.
+            reward_function: Called after every driven step.
+            actions: What the action numbers mean.
+            rules: When episodes end; those of training when left out.
+            sensors: What the car perceives; or the name of its sensor, or the names of several.
+            race: What else is on the track, or "time_trial", "object_avoidance", "head_to_bot".
+            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
+            reverse: Drive against the direction of the track.
+            randomize: "nothing", "lights" or "textures" that change from episode to episode.
+            realism: Sim-to-real extras; none when left out.
+            render_mode: "rgb_array", "human", or None for no pictures but the observations.
+            view: "camera", "chase" or "top".
+
+        Raises:
+            TrackError: There is no such world.
+            ValueError: Another argument makes no sense; the sentence says which.
+        """
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        check_choice("view", view, VIEWS)
+        check_start(start)
+        self.render_mode = render_mode
+        self.view = view
+        self.action_space = actions.space()
+        self._sensors = sensors_of(sensors)
+        self.observation_space = self._sensors.space()
+        self._actions = actions
+        self._start = start
+        self._reverse = reverse
+        race = race_of_name(race) if isinstance(race, str) else race
+        if race.racers > 1:
+            raise ValueError("Two racers need two drivers: use RacerVectorEnv.")
+        self._simulation = Simulation(
+            load_track(world) if isinstance(world, str) else world,
+            num_cars=1,
+            reward_function=reward_function,
+            rules=rules,
+            num_threads=1,
+            race=race,
+            sensors=self._sensors,
+            realism=realism,
+            randomize=randomize,
+        )
+        self._running = False
+        self._camera_man: CameraMan | None = None
+        self._window: Window | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the window: a copy opens one of its own when it is shown."""
+        return {**self.__dict__, "_window": None}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Perceived, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Seed of everything random; None goes on with the generator as it is.
+            options: `start`, 0 .. 1, and `reverse`.
+
+        Returns:
+            What the car perceives, and info.
+        """
+        super().reset(seed=seed)
+        fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
+        seeds = self.np_random.integers(2**64, size=1, dtype=np.uint64)
+        result = self._simulation.reset(np.array([0]), fractions, reverse=reverse, seeds=seeds)
+        self._running = True
+        if self._camera_man is not None:
+            self._camera_man.cut()
+        self._show()
+        return self._perceived(), _info_of_one(result)
+
+    def step(self, action: Any) -> tuple[Perceived, float, bool, bool, dict[str, Any]]:
+        """Act for 1/15 s.
+
+        Args:
+            action: One action of the action space.
+
+        Returns:
+            What the car perceives, reward, terminated, truncated and info.
+
+        Raises:
+            RewardError: The reward function failed.
+            ResetNeeded: No episode has begun, or it is over.
+            ValueError: The action is none of the action space.
+        """
+        if not self._running:
+            raise ResetNeeded("Call reset before step: no episode has begun, or it is over.")
+        request = checked_actions(action, self.action_space)
+        result = self._simulation.step(*self._actions.requests(request[None]))
+        self._running = not bool(result.done[0])
+        self._show()
+        return (
+            self._perceived(),
+            float(result.reward[0]),
+            bool(result.terminated[0]),
+            bool(result.truncated[0]),
+            _info_of_one(result),
+        )
+
+    def render(self) -> Any:
+        """The picture of the chosen view, or None where it is in a window or not asked for."""
+        return self._picture() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Free threads and window. Closing twice does nothing more."""
+        self._simulation.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _perceived(self) -> Perceived:
+        return perceived(self._simulation, self._sensors, 0)
+
+    def _picture(self) -> Frame:
+        if self._camera_man is None:
+            self._camera_man = CameraMan(self._simulation, self.view)
+        return self._camera_man.picture(0)
+
+    def _show(self) -> None:
+        """Put the picture into the window, in time with the clock of the simulation."""
+        if self.render_mode != "human":
+            return
+        if self._window is None:
+            self._window = Window()
+        self._window.show(self._picture())
+
+
+def _info_of_one(result: StepResult) -> dict[str, Any]:
+    info = {name: values[0].item() for name, values in info_of(result).items()}
+    info["status"] = Status(info["status"]).label
+    return info

@@ -1,0 +1,194 @@
+"""Many cars on one track as a Gymnasium vector environment."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+
+from drsim.car.actions import DEFAULT_ACTIONS, Actions
+from drsim.car.car import CONTROL_HZ
+from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules
+from drsim.episode.reward import RewardFunction, centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.episode.step import StepResult
+from drsim.gym.conversion import (
+    Perceived,
+    check_choice,
+    check_start,
+    checked_actions,
+    info_of,
+    perceived,
+    start_of,
+)
+from drsim.race.race import Race, race_of_name
+from drsim.sensing.senses import Randomize
+from drsim.sensing.sensors import Sensors, sensors_of
+from drsim.track.track import Track
+from drsim.track.worlds import load_track
+from drsim.viewing.views import VIEWS, CameraMan, Frame
+
+
+class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
+    """Many cars on one track, each with its own episodes; spaces and rules as in `RacerEnv`.
+
+    Observations have one row more in front, rewards and flags the shape (n,). A car whose episode
+    ended begins the next one with the step that follows, which ignores its action and pays nothing
+    (`AutoresetMode.NEXT_STEP`). Info holds arrays of shape (n,); `status` holds `Status` numbers.
+    Two racers (`Race(racers=2)`) are cars 2i and 2i + 1; they begin their episodes together.
+    """
+
+    metadata = {  # noqa: RUF012
+        "render_modes": ["rgb_array"],
+        "render_fps": CONTROL_HZ,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int,
+        world: str | Track = "reinvent_base",
+        *,
+        reward_function: RewardFunction = centre_line_reward,
+        actions: Actions = DEFAULT_ACTIONS,
+        rules: EpisodeRules | None = None,
+        sensors: Sensors | str | Sequence[str] = ("FRONT_FACING_CAMERA",),
+        race: Race | str = "time_trial",
+        start: float | None = None,
+        reverse: bool = False,
+        randomize: Randomize = "nothing",
+        realism: Realism | None = None,
+        render_mode: str | None = None,
+        view: str = "camera",
+        num_threads: int = 2,
+    ) -> None:
+        """Build the world; other arguments as in `RacerEnv`.
+
+        Args:
+            num_envs: How many cars.
+            world: Name of a world, path of a route file, or a track.
+            reward_function: Called after every driven step of every car.
+            actions: What the action numbers mean.
+            rules: When episodes end; those of training when left out.
+            sensors: What each car perceives.
+            race: What else is on the track.
+            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
+            reverse: Drive against the direction of the track.
+            randomize: "nothing", "lights" or "textures".
+            realism: Sim-to-real extras.
+            render_mode: "rgb_array" or None.
+            view: "camera", "chase" or "top".
+            num_threads: Threads for physics and camera, the caller's included.
+
+        Raises:
+            TrackError: There is no such world.
+            ValueError: Another argument makes no sense; the sentence says which.
+        """
+        check_choice("render_mode", render_mode, (None, "rgb_array"))
+        check_choice("view", view, VIEWS)
+        check_start(start)
+        self.render_mode = render_mode
+        self.view = view
+        self.num_envs = num_envs
+        self._sensors = sensors_of(sensors)
+        self.single_action_space = actions.space()
+        self.single_observation_space = self._sensors.space()
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gym.vector.utils.batch_space(
+            self.single_observation_space, num_envs
+        )
+        self._actions = actions
+        self._start = start
+        self._reverse = reverse
+        self._race = race_of_name(race) if isinstance(race, str) else race
+        self._begun = False
+        self._over = np.zeros(num_envs, np.bool_)
+        self._simulation = Simulation(
+            load_track(world) if isinstance(world, str) else world,
+            num_cars=num_envs,
+            reward_function=reward_function,
+            rules=rules,
+            num_threads=num_threads,
+            race=self._race,
+            sensors=self._sensors,
+            realism=realism,
+            randomize=randomize,
+        )
+        self._camera_man: CameraMan | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Perceived, dict[str, Any]]:
+        """Begin an episode in every car; arguments as in `RacerEnv.reset`."""
+        super().reset(seed=seed)
+        self._over[:] = False
+        self._begun = True
+        result = self._begin(np.arange(self.num_envs), options)
+        return self._perceived(), info_of(result)
+
+    def step(
+        self, actions: Any
+    ) -> tuple[Perceived, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Act for 1/15 s in every car; cars whose episode ended begin the next one.
+
+        Args:
+            actions: One action for each car.
+
+        Returns:
+            What the cars perceive, rewards, terminated, truncated and info.
+
+        Raises:
+            RewardError: The reward function failed.
+            ResetNeeded: Reset was never called.
+            ValueError: The actions are none of the action space.
+        """
+        if not self._begun:
+            raise ResetNeeded("Call reset before step: no episode has begun.")
+        requests = checked_actions(actions, self.single_action_space, (self.num_envs,))
+        begins = np.flatnonzero(self._begins())
+        result = self._simulation.step(*self._actions.requests(requests))
+        info = info_of(result)
+        if len(begins):
+            begun = info_of(self._begin(begins, None))
+            for name, values in begun.items():
+                info[name] = info[name].copy()
+                info[name][begins] = values[begins]
+            self._over[begins] = False
+        # A racer that is done stays so until its rival is: both begin anew together.
+        self._over |= result.done
+        return self._perceived(), result.reward, result.terminated, result.truncated, info
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """One picture of the chosen view for each car, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._camera_man is None:
+            self._camera_man = CameraMan(self._simulation, self.view)
+        return tuple(self._camera_man.cut_to(car) for car in range(self.num_envs))
+
+    def close_extras(self, **_: Any) -> None:
+        """Free the threads of the simulation."""
+        self._simulation.close()
+
+    def _begins(self) -> NDArray[np.bool_]:
+        """Cars that begin an episode with the next step: those whose whole race is over."""
+        races = self._over.reshape(-1, self._race.racers)
+        return np.repeat(races.all(axis=1), self._race.racers)
+
+    def _begin(self, cars: NDArray[np.int64], options: dict[str, Any] | None) -> StepResult:
+        races = len(cars) // self._race.racers
+        fractions, reverse = start_of(self.np_random, races, self._start, self._reverse, options)
+        seeds = self.np_random.integers(2**64, size=races, dtype=np.uint64)
+        return self._simulation.reset(
+            cars,
+            np.repeat(fractions, self._race.racers),
+            reverse=reverse,
+            seeds=np.repeat(seeds, self._race.racers),
+        )
+
+    def _perceived(self) -> Perceived:
+        return perceived(self._simulation, self._sensors, slice(None))

@@ -1,0 +1,131 @@
+"""What a reward function is told about the objects around each car."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.car.car import REFERENCE_POINT_AHEAD_M
+from drsim.jit import kernel
+from drsim.sensing.camera import FRONT
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_NEAR_M = 0.2
+"""Least depth at which an object counts as seen. Source: the reference simulator."""
+
+_LENS_AHEAD_M = FRONT.mount_m[0] - REFERENCE_POINT_AHEAD_M
+_LENS_HIGH_M = FRONT.mount_m[2]
+_PITCH_COS, _PITCH_SIN = math.cos(FRONT.pitch_rad), math.sin(FRONT.pitch_rad)
+_WIDE = math.tan(FRONT.field_of_view_rad / 2)
+_HIGH = _WIDE * FRONT.rows / FRONT.columns
+
+
+@dataclass(frozen=True)
+class Objects:
+    """The k objects of each of n cars, in the order of the reference: racers, obstacles, bots.
+
+    Attributes:
+        xy: Places on the floor, metres. Shape (n, k, 2).
+        yaw_rad: Directions. Shape (n, k).
+        footprint_m: Length and width of the crash rectangles. Shape (k, 2).
+        distance_m: Along the centre line from waypoint 0 in the car's driving direction, metres.
+            Shape (n, k).
+        from_center_m: Distances from the centre line. Shape (n, k).
+        left_of_center: Whether they stand left of it. Shape (n, k).
+        speed_mps: What their speed is said to be. Shape (k,).
+        tells_heading: Whether their heading is told; that of a box is always 0. Shape (k,).
+    """
+
+    xy: Floats
+    yaw_rad: Floats
+    footprint_m: Floats
+    distance_m: Floats
+    from_center_m: Floats
+    left_of_center: Bools
+    speed_mps: Floats
+    tells_heading: Bools
+
+    def closest(self, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
+        """Indices of the objects before and after some cars, along the lap and round its end.
+
+        Args:
+            cars: Which cars. Shape (c,).
+            along_m: Where they are along the centre line. Shape (c,).
+
+        Returns:
+            Previous and next object. Each of shape (c,).
+        """
+        previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
+        _closest(cars, along_m, self.distance_m, previous, following)
+        return previous, following
+
+    def in_camera(self, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats) -> Bools:
+        """Whether a car's camera sees the centre or a floor corner of one of its objects.
+
+        The camera is taken at its nominal place, as the reference does.
+
+        Args:
+            cars: Which cars. Shape (c,).
+            which: An object of each. Shape (c,).
+            front_xy: The cars' points 0.14 m ahead of their origins. Shape (c, 2).
+            heading_rad: Their yaws. Shape (c,).
+        """
+        seen = np.empty(len(cars), np.bool_)
+        _in_camera(
+            cars, which, front_xy, heading_rad, self.xy, self.yaw_rad, self.footprint_m, seen
+        )
+        return seen
+
+
+@kernel
+def _closest(
+    cars: Ints, along_m: Floats, distance_m: Floats, previous: Ints, following: Ints
+) -> None:
+    for i in range(len(cars)):
+        there_m, here_m = distance_m[cars[i]], along_m[i]
+        before, after, first, last = -1, -1, 0, 0
+        for k in range(len(there_m)):
+            if there_m[k] < there_m[first]:
+                first = k
+            if there_m[k] >= there_m[last]:
+                last = k
+            if there_m[k] <= here_m and (before < 0 or there_m[k] >= there_m[before]):
+                before = k
+            if there_m[k] > here_m and (after < 0 or there_m[k] < there_m[after]):
+                after = k
+        previous[i] = before if before >= 0 else last
+        following[i] = after if after >= 0 else first
+
+
+@kernel
+def _in_camera(
+    cars: Ints,
+    which: Ints,
+    front_xy: Floats,
+    heading_rad: Floats,
+    xy: Floats,
+    yaw_rad: Floats,
+    footprint_m: Floats,
+    seen: Bools,
+) -> None:
+    for i in range(len(cars)):
+        k = which[i]
+        cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
+        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
+        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        turn = yaw_rad[cars[i], k] - heading_rad[i]
+        turn_cos, turn_sin = math.cos(turn), math.sin(turn)
+        half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
+        seen[i] = False
+        for along, aside in ((0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+            u, v = along * half_m, aside * across_m
+            ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v
+            left_m = cos * y - sin * x + turn_sin * u + turn_cos * v
+            depth_m = _PITCH_COS * ahead_m + _PITCH_SIN * _LENS_HIGH_M
+            up_m = _PITCH_SIN * ahead_m - _PITCH_COS * _LENS_HIGH_M
+            if depth_m > _NEAR_M and abs(left_m) < _WIDE * depth_m and abs(up_m) < _HIGH * depth_m:
+                seen[i] = True

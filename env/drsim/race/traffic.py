@@ -1,0 +1,387 @@
+"""What each car meets on the track: obstacles, bots and rivals, placed, moved and run into."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.car.car import REFERENCE_POINT_AHEAD_M
+from drsim.race.bots import Bots
+from drsim.race.objects import Objects
+from drsim.race.race import ObstacleRules, Race
+from drsim.race.rectangles import overlaps
+from drsim.race.solids import SHAPES, Shape
+from drsim.race.spacing import check_room, drawn_places, even_places
+from drsim.track.lanes import LanePaths
+from drsim.track.track import Track
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+CENTER, INNER, OUTER = 0, 1, 2
+"""Lanes as numbers."""
+
+NEAR_M = 1.0
+"""An object this near along the lap changes where a car starts or is put back. Source: the
+reference simulator."""
+
+BLOCKS_M = 0.5
+"""A car this near to an obstacle on the same lane may touch it."""
+
+RIVAL_GAP_M = 0.75
+"""How far the second of two racers starts behind the first. Source: the reference simulator."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Who ran into what in a step; arrays over cars.
+
+    Attributes:
+        crashed: The car drove into something. Shape (n,).
+        other: Index of that object, -1 for none. Shape (n,).
+        other_stands: That object is an obstacle, which never moves. Shape (n,).
+    """
+
+    crashed: Bools
+    other: Ints
+    other_stands: Bools
+
+
+class Traffic:
+    """The objects of n cars, k for each, in the order of the reference: rival, obstacles, bots.
+
+    Every car has objects of its own, unless cars race each other. Distances are along the centre
+    line, in the driving direction of the car that the objects belong to.
+
+    Attributes:
+        shapes: What the objects look like. Length k.
+        xy: Their places, metres. Shape (n, k, 2).
+        yaw_rad: Their directions. Shape (n, k).
+        distance_m: How far along the lap they are. Shape (n, k).
+    """
+
+    def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
+        """Prepare objects that are nowhere yet.
+
+        Args:
+            tracks: The track as given, and reversed.
+            num_cars: How many cars.
+            race: What is on the track.
+
+        Raises:
+            ValueError: The objects do not fit on the track.
+        """
+        self._tracks = tracks
+        self._race = race
+        self._rivals = race.racers - 1
+        self._obstacles = _number_of(race.obstacles)
+        number_of_bots = race.bots.count if race.bots is not None else 0
+        if race.obstacles is not None and not race.obstacles.positions:
+            check_room(tracks[0], race.obstacles.count, race.obstacles.min_gap_m)
+        if race.bots is not None:
+            check_room(tracks[0], race.bots.count, race.bots.min_gap_m)
+        self._standing = slice(self._rivals, self._rivals + self._obstacles)
+        self._driving = slice(self._rivals + self._obstacles, None)
+        kind = race.obstacles.kind if race.obstacles is not None else "box_obstacle"
+        self.shapes: tuple[Shape, ...] = (
+            (SHAPES["race_car"],) * self._rivals
+            + (SHAPES[kind],) * self._obstacles
+            + (SHAPES["bot_car"],) * number_of_bots
+        )
+        count = len(self.shapes)
+        self._footprint_m: Floats = np.array(
+            [shape.footprint_m for shape in self.shapes], np.float64
+        ).reshape(count, 2)
+        self.xy: Floats = np.zeros((num_cars, count, 2))
+        self.yaw_rad: Floats = np.zeros((num_cars, count))
+        self.distance_m: Floats = np.zeros((num_cars, count))
+        self._from_center_m: Floats = np.zeros((num_cars, count))
+        self._left: Bools = np.zeros((num_cars, count), np.bool_)
+        self._lane: Ints = np.full((num_cars, count), INNER)
+        self._backward: Ints = np.zeros(num_cars, np.int64)
+        self._start_m: Floats = np.zeros(num_cars)
+        self._put_back_at: Ints = np.zeros((num_cars, count), np.int64)
+        self._bots = Bots(num_cars, race.bots) if race.bots is not None else None
+        self._paths = LanePaths(tracks) if race.bots is not None else None
+        box = race.obstacles is not None and race.obstacles.kind != "bot_car"
+        self._tells_heading = np.array(
+            [not (box and self._stands(k)) for k in range(count)], np.bool_
+        )
+        self._speed_mps = np.zeros(count)
+        if race.bots is not None:
+            self._speed_mps[self._driving] = race.bots.speed_mps
+
+    def begin(
+        self,
+        cars: Ints,
+        start_fraction: Floats,
+        backward: Ints,
+        seeds: NDArray[np.uint64],
+    ) -> None:
+        """Place the objects of new episodes.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            start_fraction: Where on the lap they start, 0 .. 1. Shape (k,).
+            backward: 1 for a car that drives against the direction of the track. Shape (k,).
+            seeds: Seeds of all that is drawn in each episode. Shape (k,).
+        """
+        self._backward[cars] = backward
+        self._put_back_at[cars] = 0
+        columns = (cars.tolist(), start_fraction.tolist(), backward.tolist(), seeds.tolist())
+        for car, fraction, direction, seed in zip(*columns, strict=True):
+            track = self._tracks[direction]
+            self._start_m[car] = fraction * track.length_m
+            random = np.random.Generator(np.random.Philox(key=np.array([seed, _STREAM], np.uint64)))
+            if self._obstacles:
+                self._place_obstacles(car, track, random)
+            if self._bots is not None:
+                self._place_bots(car, track, random)
+        if self._bots is not None:
+            self._move_bots()
+
+    def start_lane(self, cars: Ints) -> Ints:
+        """Lane on which each car starts, as a number.
+
+        Two racers start on different lanes. Otherwise it is the centre line, or where an object is
+        near, the lane on which the nearest one is farther away.
+        """
+        if self._rivals:
+            return np.where(cars % 2 == 0, OUTER, INNER)
+        apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
+        on_inner_m, on_outer_m = _nearest_on(self._lane[cars], apart_m)
+        away = np.where(on_inner_m <= on_outer_m, OUTER, INNER)
+        return np.where(np.minimum(on_inner_m, on_outer_m) < NEAR_M, away, CENTER)
+
+    def start_gap_m(self, cars: Ints) -> Floats:
+        """How far behind the start each car starts, metres. Shape (k,)."""
+        return np.where(self._rivals & (cars % 2), RIVAL_GAP_M, 0.0)
+
+    def advance(self, moving: Bools) -> None:
+        """Let 1/15 s go by for the bots of some cars. Shape (n,)."""
+        if self._bots is not None:
+            self._bots.advance(moving)
+            self._move_bots()
+
+    def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
+        """Take note of where the racers are; nothing to do where nobody races.
+
+        Args:
+            origin_xy: Origins of all cars, metres. Shape (n, 2).
+            yaw_rad: Their headings. Shape (n,).
+        """
+        if not self._rivals:
+            return
+        other = np.arange(len(origin_xy)) ^ 1
+        self.xy[:, 0] = origin_xy[other]
+        self.yaw_rad[:, 0] = yaw_rad[other]
+        self._find(slice(0, 1))
+
+    def contacts(
+        self, active: Bools, origin_xy: Floats, yaw_rad: Floats, along_m: Floats
+    ) -> Contacts:
+        """Find out who ran into what, and stop bots that ran into a racer.
+
+        An obstacle always counts. A bot or a rival counts for the one behind, by the gap along the
+        track; a bot behind its racer makes all bots of that racer wait.
+
+        Args:
+            active: Cars that were driven; the others touch nothing and nobody. Shape (n,).
+            origin_xy: Origins of the cars, metres. Shape (n, 2).
+            yaw_rad: Their headings. Shape (n,).
+            along_m: Where the points 0.14 m ahead of them are along the lap. Shape (n,).
+        """
+        touching = np.empty(self.yaw_rad.shape, np.bool_)
+        car_m = np.array(SHAPES["race_car"].footprint_m)
+        overlaps(origin_xy, yaw_rad, car_m, self.xy, self.yaw_rad, self._footprint_m, touching)
+        touching &= active[:, None]
+        if self._rivals:
+            touching[:, 0] &= active[np.arange(len(active)) ^ 1]
+        if not touching.any():
+            nobody = np.zeros(len(active), np.bool_)
+            return Contacts(nobody, np.full(len(active), -1), nobody)
+        origin_m = along_m - REFERENCE_POINT_AHEAD_M
+        there_m = self.distance_m.copy()
+        if self._rivals:
+            # The rival's own count, so that exactly one of two is behind. Where they drive towards
+            # each other it says nothing, and both meet what is ahead of them.
+            rival = np.arange(len(active)) ^ 1
+            same_way = self._backward == self._backward[rival]
+            there_m[same_way, 0] = origin_m[rival[same_way]]
+        behind = self._gap_m(there_m, origin_m[:, None]) > 0
+        behind[:, self._standing] = True
+        into = touching & behind
+        if self._bots is not None:
+            struck = np.asarray((touching & ~behind)[:, self._driving].any(axis=1))
+            self._bots.halt(struck)
+        crashed = np.asarray(into.any(axis=1))
+        other = np.where(crashed, into.argmax(axis=1), -1)
+        stands = (other >= self._standing.start) & (other < self._standing.stop)
+        return Contacts(crashed, other, stands)
+
+    def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
+        """Where cars go on that are put back, if not into an obstacle.
+
+        Where an obstacle stands near, that is behind it on the other lane, or now and then ahead of
+        it, where the rules have mercy.
+
+        Args:
+            cars: Which cars. Shape (k,).
+            fraction: Where on the lap they would be put back, 0 .. 1. Shape (k,).
+            lanes: On which lane, as a number. Shape (k,).
+
+        Returns:
+            Fractions and lanes. Each of shape (k,).
+        """
+        rules = self._race.obstacles
+        if rules is None or not self._obstacles:
+            return fraction, lanes
+        fraction, lanes = fraction.copy(), lanes.copy()
+        length_m = self._tracks[0].length_m
+        for k, car in enumerate(cars.tolist()):
+            distance_m = self.distance_m[car, self._standing]
+            apart_m = np.abs(self._gap_m(distance_m, fraction[k] * length_m))
+            nearest = int(apart_m.argmin())
+            if apart_m[nearest] >= NEAR_M:
+                continue
+            obstacle = nearest + self._standing.start
+            self._put_back_at[car, obstacle] += 1
+            merciful = rules.mercy > 0 and self._put_back_at[car, obstacle] % rules.mercy == 0
+            aside_m = rules.reset_behind_m if merciful else -rules.reset_behind_m
+            place_m = self._wrapped(distance_m[nearest] + aside_m)
+            fraction[k] = place_m / length_m
+            lanes[k] = self._lane_past(car, obstacle, place_m)
+        return fraction, lanes
+
+    def objects(self) -> Objects:
+        """All objects as reward functions are told of them. A live view."""
+        return Objects(
+            xy=self.xy,
+            yaw_rad=self.yaw_rad,
+            footprint_m=self._footprint_m,
+            distance_m=self.distance_m,
+            from_center_m=self._from_center_m,
+            left_of_center=self._left,
+            speed_mps=self._speed_mps,
+            tells_heading=self._tells_heading,
+        )
+
+    def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
+        """Lane away from an obstacle, unless at that place another one blocks it more closely."""
+        lane = int(self._lane[car, obstacle])
+        apart_m = np.abs(self._gap_m(self.distance_m[car, self._standing], place_m))
+        on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
+        on_m = {INNER: float(on_inner_m), OUTER: float(on_outer_m)}
+        opposite = INNER + OUTER - lane
+        blocked = on_m[opposite] < min(BLOCKS_M, on_m[lane])
+        return lane if blocked else opposite
+
+    def _place_obstacles(self, car: int, track: Track, random: np.random.Generator) -> None:
+        rules = self._race.obstacles
+        assert rules is not None, "there are obstacles only in a race that has them"
+        if rules.positions:
+            places_m = np.array([fraction for fraction, _ in rules.positions]) * track.length_m
+            lanes = np.array([OUTER if lane == -1 else INNER for _, lane in rules.positions])
+        else:
+            places_m, lanes = self._places(
+                car, track, rules.count, rules.min_gap_m, rules.randomize, random
+            )
+        group = self._standing
+        poses = np.where(
+            (lanes == INNER)[:, None],
+            track.pose_at(places_m, "inner"),
+            track.pose_at(places_m, "outer"),
+        )
+        where = track.locate(poses[:, :2])
+        self.xy[car, group] = poses[:, :2]
+        self.yaw_rad[car, group] = poses[:, 2]
+        self.distance_m[car, group] = where.distance_m
+        self._from_center_m[car, group] = where.from_center_m
+        self._left[car, group] = where.left_of_center
+        self._lane[car, group] = lanes
+
+    def _place_bots(self, car: int, track: Track, random: np.random.Generator) -> None:
+        rules = self._race.bots
+        assert rules is not None, "there are bots only in a race that has them"
+        assert self._bots is not None, "there are bots only in a race that has them"
+        places_m, lanes = self._places(
+            car, track, rules.count, rules.min_gap_m, rules.randomize, random
+        )
+        self._bots.begin(car, places_m, lanes - INNER, random)
+
+    def _places(
+        self,
+        car: int,
+        track: Track,
+        count: int,
+        gap_m: float,
+        drawn: bool,
+        random: np.random.Generator,
+    ) -> tuple[Floats, Ints]:
+        """Distances along the lap and lanes, as numbers, of the objects of a kind."""
+        if drawn:
+            start_m = float(self._start_m[car])
+            places_m = drawn_places(track, count, gap_m, start_m, random)
+            return places_m, random.integers(INNER, OUTER + 1, count)
+        return even_places(track, count, gap_m), INNER + np.arange(count) % 2
+
+    def _move_bots(self) -> None:
+        bots, paths, group = self._bots, self._paths, self._driving
+        assert bots is not None, "only called where there are bots"
+        assert paths is not None, "bots come with the paths that they follow"
+        self.xy[:, group], self.yaw_rad[:, group] = paths.poses(
+            self._backward, bots.distance_m, bots.share, bots.drift
+        )
+        self._lane[:, group] = np.where(bots.share > 0.5, OUTER, INNER)
+        self._find(group)
+
+    def _find(self, group: slice) -> None:
+        """Find where some objects of all cars are along and across the track."""
+        for direction, track in enumerate(self._tracks):
+            cars = np.flatnonzero(self._backward == direction)
+            if not len(cars):
+                continue
+            xy = self.xy[cars, group]
+            where = track.locate(xy.reshape(-1, 2))
+            shape = xy.shape[:2]
+            self.distance_m[cars, group] = where.distance_m.reshape(shape)
+            self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
+            self._left[cars, group] = where.left_of_center.reshape(shape)
+
+    def _stands(self, index: int) -> bool:
+        return self._standing.start <= index < self._standing.stop
+
+    def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
+        """Signed distance along the lap, forward positive, the shorter way round a loop."""
+        gap_m: Floats = there_m - here_m
+        if not self._tracks[0].closed:
+            return gap_m
+        half_m = self._tracks[0].length_m / 2
+        wrapped: Floats = (gap_m + half_m) % (2 * half_m) - half_m
+        return wrapped
+
+    def _wrapped(self, distance_m: float) -> float:
+        length_m = self._tracks[0].length_m
+        return (
+            distance_m % length_m if self._tracks[0].closed else min(max(distance_m, 0), length_m)
+        )
+
+
+_STREAM = 1 << 32
+"""Second half of the key of a traffic's random numbers; lights and disturbances use others."""
+
+
+def _number_of(rules: ObstacleRules | None) -> int:
+    if rules is None:
+        return 0
+    return len(rules.positions) or rules.count
+
+
+def _nearest_on(lanes: Ints, apart_m: Floats) -> tuple[Floats, Floats]:
+    """Distances to the nearest object on the inner and on the outer lane, over the last axis."""
+    on_inner_m, on_outer_m = (
+        np.where(lanes == lane, apart_m, np.inf).min(axis=-1, initial=np.inf)
+        for lane in (INNER, OUTER)
+    )
+    return on_inner_m, on_outer_m

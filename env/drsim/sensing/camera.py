@@ -1,0 +1,166 @@
+"""The computed camera: where a car's lens is and what it sees of a scene, as grey frames.
+
+No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the sky,
+then `drsim.sensing.cuboids` draws what stands on the ground.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.sensing import cuboids, raycast
+from drsim.sensing.scene import Scene
+from drsim.track.appearance import AMBIENT, LUMA, SUN
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Frames = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Numbers of a front camera. Source of the defaults: the reference simulator's car model.
+
+    Attributes:
+        mount_m: Lens in the car's base frame: forward, left, up.
+        pitch_rad: Tilt of the lens relative to the chassis, nose down positive. The car rests
+            1.39 degrees nose up, so a resting lens looks 13.6 degrees down.
+        field_of_view_rad: Horizontal opening angle.
+        columns: Width of a frame in pixels.
+        rows: Height of a frame in pixels; pixels are square, the optical axis is in the middle.
+    """
+
+    mount_m: tuple[float, float, float] = (0.145294, 0.0, 0.130326)
+    pitch_rad: float = 0.2618
+    field_of_view_rad: float = 1.13
+    columns: int = 160
+    rows: int = 120
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return 0.5 * self.columns / math.tan(0.5 * self.field_of_view_rad)
+
+
+FRONT = CameraModel()
+"""The one camera of a car without stereo."""
+
+EYES_APART_M = 0.06
+"""Distance between the two cameras of a car with stereo. Source: the reference simulator."""
+
+
+def lens_pose(
+    body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
+) -> tuple[Floats, Floats]:
+    """Where the lenses of cars are and where they look.
+
+    Args:
+        body_pos: Car origins (base frame) in the world, metres. Shape (n, 3).
+        body_mat: Car axes in the world: columns forward, left, up. Shape (n, 3, 3).
+        camera: The camera's numbers.
+
+    Returns:
+        Lens positions, metres, shape (n, 3), and lens axes in the world, columns forward, left,
+        up, shape (n, 3, 3).
+    """
+    cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
+    tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
+
+
+@dataclass(frozen=True)
+class Light:
+    """What the light makes of a scene, for each lens; the light of most worlds when left out.
+
+    Attributes:
+        palettes: What becomes of each grey of the ground picture. Shape (n, 256).
+        wall_greys: Greys of the walls, as in `Scene`. Shape (n, 4).
+        sky_greys: Greys of the sky. Shape (n,).
+        ambient: Light on every side of solids, per colour channel. Shape (n, 3).
+        sun: Light of the sun on a side that faces it, per colour channel. Shape (n, 3).
+    """
+
+    palettes: Frames
+    wall_greys: Singles
+    sky_greys: Singles
+    ambient: Singles
+    sun: Singles
+
+
+def render(
+    scene: Scene,
+    lens_pos: Floats,
+    lens_mat: Floats,
+    out: Frames,
+    camera: CameraModel = FRONT,
+    *,
+    boxes: Singles | None = None,
+    light: Light | None = None,
+    rounding: bool = False,
+) -> None:
+    """Draw what lenses see, one frame each.
+
+    Runs without the GIL and writes nothing but `out`, so that threads may each draw a slice. A lens
+    outside the walls misses the ones it has passed; a pose that is not finite gives a black frame.
+
+    Args:
+        scene: The world around.
+        lens_pos: Lens positions in the world, metres. Shape (n, 3).
+        lens_mat: Lens axes in the world: columns forward, left, up. Shape (n, 3, 3).
+        out: Frames to write. Shape (n, rows, columns).
+        camera: The camera's numbers.
+        boxes: Cuboids that each lens sees, rows as in `solids.BOX_COLUMNS`. Shape (n, m, columns).
+        light: What changes the scene's greys.
+        rounding: Round greys to whole ones instead of cutting their fractions off, as the
+            reference's filter of stereo frames does.
+
+    Raises:
+        ValueError: When the shapes do not fit together.
+    """
+    cars = len(lens_pos)
+    shapes = lens_pos.shape, lens_mat.shape, out.shape
+    if shapes != ((cars, 3), (cars, 3, 3), (cars, camera.rows, camera.columns)):
+        raise ValueError(
+            f"{shapes} are no shapes of n positions, n axes and n frames of "
+            f"{camera.rows} x {camera.columns} pixels."
+        )
+    if boxes is not None and len(boxes) != cars:
+        raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
+    if light is not None and len(light.palettes) != cars:
+        raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
+    bias = 0.5 if rounding else _WHOLE
+    raycast.draw(
+        scene.texels,
+        scene.levels,
+        np.array([scene.x_m, scene.y_m, scene.texel_m]),
+        scene.walls_m,
+        scene.wall_height_m,
+        scene.wall_greys[None] if light is None else light.wall_greys,
+        np.array([scene.sky_grey], np.float32) if light is None else light.sky_greys,
+        _NO_PALETTES if light is None else light.palettes,
+        camera.focal_px,
+        bias,
+        lens_pos,
+        lens_mat,
+        out,
+    )
+    if boxes is not None:
+        on_solids = _on_solids(light, cars)
+        cuboids.draw(boxes, on_solids, camera.focal_px, bias, lens_pos, lens_mat, out)
+
+
+_WHOLE = 1e-3
+"""The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
+
+_NO_PALETTES = np.empty((0, 256), np.uint8)
+
+
+def _on_solids(light: Light | None, cars: int) -> Singles:
+    """Weights of red, green and blue in a grey, in the ambient light and in the sun. (n, 6)."""
+    if light is None:
+        usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
+        return np.tile(np.array(usual, np.float32), (cars, 1))
+    luma = np.array(LUMA, np.float32)
+    return np.concatenate([light.ambient * luma, light.sun * luma], axis=1)

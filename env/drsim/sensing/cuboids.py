@@ -1,0 +1,375 @@
+"""Draws cuboids, such as boxes and other cars, over frames of the track that they stand on.
+
+Their edges are as soft as the rest of a frame: each pixel averages over a tent two pixels wide.
+All loops that call each other stay in this one file, as in `drsim.sensing.raycast`.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Pixels = NDArray[np.uint8]
+Single = np.float32
+
+TO_SUN = (0.48337, -0.09667, 0.87006)
+"""Direction to the sun. Source: the reference simulator's worlds, 121 of which share one sun, which
+shines towards -0.5, 0.1, -0.9."""
+
+_NEAR_M = 0.02
+"""Nothing nearer to the lens is drawn. Source: the reference simulator's camera."""
+
+_LINES = 8
+"""Lines across the two pixel rows of a tent at which an outline is taken where it has corners."""
+
+_STEEP = 2.0
+"""Columns per row up to which one line tells where a straight edge runs through a tent."""
+
+_TOUCH_M = 1e-4
+"""Cuboids that reach into each other by less than this only touch."""
+
+_SIDES = 5
+"""Front, back, left, right and top: nobody sees the bottom."""
+
+
+@kernel
+def draw(
+    boxes: Singles,
+    light: Singles,
+    focal_px: float,
+    bias: float,
+    lens_pos: Floats,
+    lens_mat: Floats,
+    out: Pixels,
+) -> None:
+    """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
+
+    `light` holds the weights of red, green and blue in a grey, first on every side, then on one
+    that faces the sun. Shape (n, 6). `bias` is added to a grey before its fraction is cut off.
+    """
+    cars, rows, columns = out.shape
+    count = boxes.shape[1]
+    outlines = np.empty((count, _SIDES, 5, 2))
+    corners = np.empty((count, _SIDES), np.int64)
+    greys = np.empty((count, _SIDES))
+    windows = np.empty((count, 4), np.int64)
+    order = np.empty(count, np.int64)
+    steps = np.zeros((2, columns), np.float32)
+    for car in range(cars):
+        pos, mat = lens_pos[car], lens_mat[car]
+        if not math.isfinite(pos.sum() + mat.sum()):
+            continue
+        seen = 0
+        for k in range(count):
+            box = boxes[car, k]
+            if not _reaches_before(box, pos, mat):
+                continue
+            for side in range(_SIDES):
+                corners[k, side], greys[k, side] = _side(
+                    box, side, light[car], focal_px, pos, mat, rows, columns, outlines[k, side]
+                )
+            _frame_in(outlines[k], corners[k], rows, columns, windows[k])
+            if windows[k, 0] < windows[k, 1] and windows[k, 2] < windows[k, 3]:
+                order[seen] = k
+                seen += 1
+        if seen > 1:
+            _sort(boxes[car], windows, pos, order[:seen])
+        for k in order[:seen]:
+            _paint(outlines[k], corners[k], greys[k], windows[k], bias, steps, out[car])
+
+
+@kernel
+def _reaches_before(box: Singles, pos: Floats, mat: Floats) -> bool:
+    """Whether any of a cuboid lies before the lens."""
+    ahead_x, ahead_y, ahead_z = mat[0, 0], mat[1, 0], mat[2, 0]
+    depth_m = (
+        (box[0] - pos[0]) * ahead_x
+        + (box[1] - pos[1]) * ahead_y
+        + (0.5 * (box[6] + box[7]) - pos[2]) * ahead_z
+        + abs(box[2] * ahead_x + box[3] * ahead_y) * box[4]
+        + abs(box[2] * ahead_y - box[3] * ahead_x) * box[5]
+        + abs(ahead_z) * 0.5 * (box[7] - box[6])
+    )
+    return bool(depth_m > _NEAR_M)
+
+
+@kernel
+def _side(
+    box: Singles,
+    side: int,
+    light: Singles,
+    focal_px: float,
+    pos: Floats,
+    mat: Floats,
+    rows: int,
+    columns: int,
+    outline: Floats,
+) -> tuple[int, float]:
+    """The image of one side, columns and rows in pixels, cut off at the near plane of the lens.
+
+    Returns:
+        How many corners it has, at most 5 and 0 when it cannot be seen; and its grey.
+    """
+    cos, sin, half_x, half_y, low, high = box[2], box[3], box[4], box[5], box[6], box[7]
+    # The middle of the side, from the lens, and half its edges: one level, one upright or level.
+    to_x, to_y = box[0] - pos[0], box[1] - pos[1]
+    if side == 4:
+        if pos[2] <= high:
+            return 0, 0.0
+        to_z, lambert = high - pos[2], TO_SUN[2]
+        first = (cos * half_x, sin * half_x, 0.0)
+        second = (-sin * half_y, cos * half_y, 0.0)
+    else:
+        sign = 1.0 if side % 2 == 0 else -1.0
+        if side < 2:
+            normal_x, normal_y, out, half = sign * cos, sign * sin, half_x, half_y
+        else:
+            normal_x, normal_y, out, half = -sign * sin, sign * cos, half_y, half_x
+        to_x, to_y = to_x + normal_x * out, to_y + normal_y * out
+        if to_x * normal_x + to_y * normal_y >= 0.0:
+            return 0, 0.0
+        to_z, lambert = 0.5 * (low + high) - pos[2], 0.0
+        lambert = max(normal_x * TO_SUN[0] + normal_y * TO_SUN[1], 0.0)
+        first = (-normal_y * half, normal_x * half, 0.0)
+        second = (0.0, 0.0, 0.5 * (high - low))
+    middle = _in_lens(mat, (to_x, to_y, to_z))
+    along, across = _in_lens(mat, first), _in_lens(mat, second)
+    grey = 0.0
+    for c in range(3):
+        grey += box[8 + c] * (light[c] + light[3 + c] * lambert)
+
+    count = 0
+    before_depth, before_left, before_up = _corner(3, middle, along, across)
+    for corner in range(4):
+        depth, left, up = _corner(corner, middle, along, across)
+        if (depth >= _NEAR_M) != (before_depth >= _NEAR_M):
+            part = (_NEAR_M - before_depth) / (depth - before_depth)
+            scale = focal_px / _NEAR_M
+            outline[count, 0] = 0.5 * columns - scale * (before_left + part * (left - before_left))
+            outline[count, 1] = 0.5 * rows - scale * (before_up + part * (up - before_up))
+            count += 1
+        if depth >= _NEAR_M:
+            scale = focal_px / depth
+            outline[count, 0] = 0.5 * columns - scale * left
+            outline[count, 1] = 0.5 * rows - scale * up
+            count += 1
+        before_depth, before_left, before_up = depth, left, up
+    return count, min(grey, 255.0)
+
+
+@kernel
+def _in_lens(mat: Floats, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Depth, left and up of a vector of the world."""
+    x, y, z = vector
+    return (
+        x * mat[0, 0] + y * mat[1, 0] + z * mat[2, 0],
+        x * mat[0, 1] + y * mat[1, 1] + z * mat[2, 1],
+        x * mat[0, 2] + y * mat[1, 2] + z * mat[2, 2],
+    )
+
+
+@kernel
+def _corner(
+    corner: int,
+    middle: tuple[float, float, float],
+    along: tuple[float, float, float],
+    across: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """One of the four corners of a rectangle, in turn."""
+    a = 1.0 if corner == 1 or corner == 2 else -1.0
+    b = 1.0 if corner >= 2 else -1.0
+    return (
+        middle[0] + a * along[0] + b * across[0],
+        middle[1] + a * along[1] + b * across[1],
+        middle[2] + a * along[2] + b * across[2],
+    )
+
+
+@kernel
+def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: Ints) -> None:
+    """First and past the last row, then column, that a cuboid can touch; nothing out of sight."""
+    top, bottom, left, right = np.inf, -np.inf, np.inf, -np.inf
+    for side in range(_SIDES):
+        for corner in range(corners[side]):
+            x, y = outlines[side, corner]
+            left, right = min(left, x), max(right, x)
+            top, bottom = min(top, y), max(bottom, y)
+    window[:] = 0
+    if top < bottom and top < rows + 1.0 and bottom > -1.0:
+        window[0] = int(max(top - 0.5, 0.0))
+        window[1] = int(min(bottom + 1.5, float(rows)))
+    if left < right and left < columns + 1.0 and right > -1.0:
+        window[2] = int(max(left - 2.5, 0.0))
+        window[3] = int(min(right + 3.5, float(columns)))
+
+
+@kernel
+def _sort(boxes: Singles, windows: Ints, pos: Floats, order: Ints) -> None:
+    """Sort cuboids so that none is drawn over one that stands before it.
+
+    The furthest comes first, unless it hides another. Where there is no such order, because they
+    hide each other in turn or stand within each other, the distance alone decides.
+    """
+    count = len(order)
+    away_m = np.empty(count)
+    for i in range(count):
+        away_m[i] = math.hypot(boxes[order[i], 0] - pos[0], boxes[order[i], 1] - pos[1])
+    rest = order[np.argsort(-away_m)]
+    hides = np.zeros((count, count), np.bool_)
+    waits_for = np.zeros(count, np.int64)
+    for i in range(count):
+        for j in range(i):
+            a, b = rest[i], rest[j]
+            if _overlap(windows[a], windows[b]):
+                nearer = _nearer(boxes[a], boxes[b], pos)
+                hides[i, j], hides[j, i] = nearer > 0, nearer < 0
+                waits_for[i] += nearer > 0
+                waits_for[j] += nearer < 0
+    drawn = np.zeros(count, np.bool_)
+    for place in range(count):
+        following = -1
+        for i in range(count):
+            if not drawn[i] and (following < 0 or waits_for[i] == 0):
+                following = i
+                if waits_for[i] == 0:
+                    break
+        drawn[following] = True
+        order[place] = rest[following]
+        for i in range(count):
+            waits_for[i] -= hides[i, following]
+
+
+@kernel
+def _overlap(one: Ints, other: Ints) -> bool:
+    return bool(
+        max(one[0], other[0]) < min(one[1], other[1])
+        and max(one[2], other[2]) < min(one[3], other[3])
+    )
+
+
+@kernel
+def _nearer(a: Singles, b: Singles, pos: Floats) -> int:
+    """Which of two cuboids the lens has before the other: 1 for `a`, -1 for `b`, 0 for neither.
+
+    A plane between them tells: the one on the side of the lens hides the other. Two that do not
+    stand within each other always have such a plane along a side of one of them.
+    """
+    if b[6] >= a[7] - _TOUCH_M:
+        return -1 if pos[2] > b[6] else 1
+    if a[6] >= b[7] - _TOUCH_M:
+        return 1 if pos[2] > a[6] else -1
+    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    for owner in range(2):
+        box, other = (a, b) if owner == 0 else (b, a)
+        for axis in range(2):
+            x, y = (box[2], box[3]) if axis == 0 else (-box[3], box[2])
+            apart = x * (other[0] - box[0]) + y * (other[1] - box[1])
+            half, reach = box[4 + axis], cos * other[4 + axis] + sin * other[5 - axis]
+            if abs(apart) >= half + reach - _TOUCH_M:
+                to_lens = x * (pos[0] - box[0]) + y * (pos[1] - box[1])
+                beyond = to_lens * (1.0 if apart > 0.0 else -1.0) > half
+                return -1 if beyond == (owner == 0) else 1
+    return 0
+
+
+@kernel
+def _paint(
+    outlines: Floats,
+    corners: Ints,
+    greys: Floats,
+    window: Ints,
+    bias: float,
+    steps: Singles,
+    frame: Pixels,
+) -> None:
+    """Draw one cuboid.
+
+    `steps` holds zeros. Row by row, all sides leave in it how share and grey change from column to
+    column; their sums then cover the frame, so that nothing shines through where two sides meet.
+    """
+    first, last, left, right = window
+    for row in range(first, last):
+        for side in range(_SIDES):
+            if corners[side] > 2:
+                _add_row(outlines[side, : corners[side]], greys[side], row, left, right, steps)
+        _cover(steps, left, right, bias, frame[row])
+
+
+@kernel
+def _add_row(outline: Floats, grey: float, row: int, low: int, high: int, steps: Singles) -> None:
+    """Add what a pixel row sees of a convex polygon, between two columns."""
+    middle = row + 0.5
+    top, bottom, has_corner = np.inf, -np.inf, False
+    for corner in range(len(outline)):
+        y = outline[corner, 1]
+        top, bottom = min(top, y), max(bottom, y)
+        has_corner |= abs(y - middle) < 1.0
+    if bottom <= middle - 1.0 or top >= middle + 1.0:
+        return
+    if not has_corner:
+        left, right, left_slope, right_slope = _span(outline, middle)
+        if max(abs(left_slope), abs(right_slope)) < _STEEP:
+            # A slope blurs an edge; a tent of the same variance is that much wider.
+            _add_edge(left, math.sqrt(1.0 + left_slope**2), 1.0, grey, low, high, steps)
+            _add_edge(right, math.sqrt(1.0 + right_slope**2), -1.0, grey, low, high, steps)
+            return
+    for line in range(_LINES):
+        y = (line + 0.5) / _LINES * 2.0 - 1.0
+        left, right, _, _ = _span(outline, middle + y)
+        if left < right:
+            weight = (1.0 - abs(y)) * (2.0 / _LINES)
+            _add_edge(left, 1.0, weight, grey, low, high, steps)
+            _add_edge(right, 1.0, -weight, grey, low, high, steps)
+
+
+@kernel
+def _span(outline: Floats, y: float) -> tuple[float, float, float, float]:
+    """Where a line enters and leaves a convex polygon, and the columns per row of these edges."""
+    left, right, left_slope, right_slope = np.inf, -np.inf, 0.0, 0.0
+    ax, ay = outline[-1]
+    for corner in range(len(outline)):
+        bx, by = outline[corner]
+        if (ay <= y) != (by <= y):
+            slope = (bx - ax) / (by - ay)
+            x = ax + (y - ay) * slope
+            if x < left:
+                left, left_slope = x, slope
+            if x > right:
+                right, right_slope = x, slope
+        ax, ay = bx, by
+    return left, right, left_slope, right_slope
+
+
+@kernel
+def _add_edge(
+    edge: float, blur: float, weight: float, grey: float, low: int, high: int, steps: Singles
+) -> None:
+    """Add an edge right of which a share begins, blurred by a tent."""
+    begin = int(min(max(edge - blur - 0.5, low), high))
+    end = int(min(max(edge + blur + 1.5, low + 1.0), high))
+    sharpness, before = 1.0 / blur, 0.0
+    for column in range(begin, end):
+        away = min(max((column + 0.5 - edge) * sharpness, -1.0), 1.0)
+        after = weight * (0.5 + away - 0.5 * away * abs(away))
+        steps[0, column] += after - before
+        steps[1, column] += grey * (after - before)
+        before = after
+
+
+@kernel
+def _cover(steps: Singles, low: int, high: int, bias: float, pixels: Pixels) -> None:
+    """Put the sums of a cuboid over a row of the frame, and leave zeros in `steps`."""
+    zero, one, more = Single(0.0), Single(1.0), Single(bias)
+    share, glow = zero, zero
+    for column in range(low, high):
+        share += steps[0, column]
+        glow += steps[1, column]
+        steps[0, column] = zero
+        steps[1, column] = zero
+        grey = Single(pixels[column]) * (one - min(share, one)) + glow / max(share, one)
+        pixels[column] = np.uint8(np.int32(min(max(grey + more, zero), Single(255.0))))

@@ -1,0 +1,313 @@
+"""Paints the ground of a track as a grey picture: road, border lines, dashes, start line, field.
+
+Everything is drawn from signed distances, so that edges fall between texels where they belong.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+from drsim.sensing.ground_texture import grain_tile
+from drsim.track.appearance import Look
+from drsim.track.polyline import without_repeats
+from drsim.track.track import Track
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+_FINE = 4
+"""Samples along each side of a texel where the start line is painted."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the texels of a ground picture lie.
+
+    Attributes:
+        x_m: World x of the left edge of column 0.
+        y_m: World y of the lower edge of row 0; rows go up with y.
+        texel_m: Side of a texel.
+        columns: Texels along x.
+        rows: Texels along y.
+    """
+
+    x_m: float
+    y_m: float
+    texel_m: float
+    columns: int
+    rows: int
+
+
+def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
+    """Greys of the ground, 0..255. Shape (rows, columns)."""
+    # The picture belongs to the world: it must not change when the track is driven the other way.
+    center = track.center[::-1] if track.reverse else track.center
+    side = _side_of_road(track, look, grid)
+    marks = np.zeros((grid.rows, grid.columns), np.uint8)
+    _stamp_dashes(
+        _texels(without_repeats(center), grid),
+        look.dash_width_m / grid.texel_m,
+        look.dash_length_m / grid.texel_m,
+        look.dash_pitch_m / grid.texel_m,
+        look.dash_start_m / grid.texel_m,
+        marks,
+    )
+    line_near_m, line_far_m = 0.0, look.border_width_m
+    if look.border_side == "out":
+        line_near_m, line_far_m = -look.border_width_m, 0.0
+    paints = (look.road, look.line, look.kerb, look.field, look.dash, look.kerb_light or look.kerb)
+    greys = np.array([paint.grey for paint in paints], np.float32)
+    grains = np.array([paint.grain for paint in paints], np.float32)
+    ground = np.empty((grid.rows, grid.columns), np.uint8)
+    _mix(
+        side,
+        marks,
+        _stripes_of_kerb(track, look, grid, side),
+        grain_tile(track.name, grid.texel_m),
+        line_near_m / grid.texel_m,
+        line_far_m / grid.texel_m,
+        look.kerb_width_m / grid.texel_m,
+        greys,
+        grains,
+        ground,
+    )
+    if look.start_depth_m > 0.0:
+        _paint_start(track, look, grid, ground)
+    return ground
+
+
+def _texels(points: Floats, grid: Grid) -> Floats:
+    """World points in texels: (0.0, 0.0) is the centre of the texel at row 0, column 0."""
+    return np.ascontiguousarray((points - (grid.x_m, grid.y_m)) / grid.texel_m - 0.5)
+
+
+def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
+    """Distance to the nearest border in texels: positive on the road, cut off past the lines."""
+    inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
+    crossed = np.zeros((grid.rows, grid.columns), np.bool_)
+    if track.closed:
+        _cross_ring(inner, crossed)
+        _cross_ring(outer, crossed)
+    else:
+        _cross_ring(np.concatenate([outer, inner[::-1]]), crossed)
+    reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
+    side = np.full((grid.rows, grid.columns), reach, np.float32)
+    _stamp_distance(inner, track.closed, reach, side)
+    _stamp_distance(outer, track.closed, reach, side)
+    _sign_off_road(crossed, side)
+    return side
+
+
+@kernel
+def _cross_ring(ring: Floats, crossed: NDArray[np.bool_]) -> None:
+    """Flip, in every row, the first texel to the right of each crossing of a ring."""
+    rows, columns = crossed.shape
+    for i in range(len(ring)):
+        ax, ay = ring[i - 1]
+        bx, by = ring[i]
+        low, high = min(ay, by), max(ay, by)
+        for row in range(max(math.ceil(low), 0), min(math.ceil(high), rows)):
+            column = max(math.ceil(ax + (row - ay) / (by - ay) * (bx - ax)), 0)
+            if column < columns:
+                crossed[row, column] = not crossed[row, column]
+
+
+@kernel
+def _sign_off_road(crossed: NDArray[np.bool_], side: Singles) -> None:
+    """Make the distance negative wherever an even number of ring crossings lies to the left."""
+    rows, columns = crossed.shape
+    for row in range(rows):
+        on_road = False
+        for column in range(columns):
+            on_road ^= crossed[row, column]
+            if not on_road:
+                side[row, column] = -side[row, column]
+
+
+@kernel
+def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles) -> None:
+    """Lower each texel's distance to that of a polyline, where it is less than `reach` texels.
+
+    An open line ends squarely: nothing beyond its ends counts as near.
+    """
+    rows, columns = distance.shape
+    last = len(line) - 1
+    for i in range(1, len(line)):
+        ax, ay = line[i - 1]
+        dx, dy = line[i, 0] - ax, line[i, 1] - ay
+        square = max(dx * dx + dy * dy, 1e-12)
+        for row in range(
+            max(math.ceil(min(ay, ay + dy) - reach), 0),
+            min(math.floor(max(ay, ay + dy) + reach) + 1, rows),
+        ):
+            for column in range(
+                max(math.ceil(min(ax, ax + dx) - reach), 0),
+                min(math.floor(max(ax, ax + dx) + reach) + 1, columns),
+            ):
+                px, py = column - ax, row - ay
+                along = (px * dx + py * dy) / square
+                if not closed and ((i == 1 and along < 0.0) or (i == last and along > 1.0)):
+                    continue
+                along = min(max(along, 0.0), 1.0)
+                away = math.hypot(px - along * dx, py - along * dy)
+                if away < distance[row, column]:
+                    distance[row, column] = away
+
+
+@kernel
+def _stamp_dashes(
+    line: Floats, width: float, length: float, pitch: float, start: float, marks: Bytes
+) -> None:
+    """Cover a polyline with dashes counted by arc length; all figures in texels, cover 0..255."""
+    rows, columns = marks.shape
+    reach = 0.5 * width + 1.0
+    passed = -start
+    for i in range(1, len(line)):
+        ax, ay = line[i - 1]
+        dx, dy = line[i, 0] - ax, line[i, 1] - ay
+        step = math.hypot(dx, dy)
+        if step == 0.0:
+            continue
+        dx, dy = dx / step, dy / step
+        for row in range(
+            max(math.ceil(min(ay, ay + dy * step) - reach), 0),
+            min(math.floor(max(ay, ay + dy * step) + reach) + 1, rows),
+        ):
+            for column in range(
+                max(math.ceil(min(ax, ax + dx * step) - reach), 0),
+                min(math.floor(max(ax, ax + dx * step) + reach) + 1, columns),
+            ):
+                px, py = column - ax, row - ay
+                along = px * dx + py * dy
+                if along < 0.0 or along > step:
+                    continue
+                across = abs(px * dy - py * dx)
+                beyond = (passed + along) % pitch
+                # Distance to the nearest end of a dash, positive within the dash.
+                within = max(min(beyond, length - beyond), beyond - pitch)
+                cover = min(max(0.5 + 0.5 * width - across, 0.0), 1.0)
+                cover *= min(max(0.5 + within, 0.0), 1.0)
+                marks[row, column] = max(marks[row, column], np.uint8(255.0 * cover))
+        passed += step
+
+
+def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Bytes:
+    """How much of each texel of the kerb the light stripes cover, 0..255; 0 beside the kerb."""
+    stripes = np.zeros((grid.rows, grid.columns), np.uint8)
+    if look.kerb_light and look.kerb_width_m > 0.0:
+        reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
+        for line in (track.inner, track.outer):
+            border = _texels(without_repeats(line[::-1] if track.reverse else line), grid)
+            length = float(np.hypot(*np.diff(border, axis=0).T).sum())
+            pairs = max(round(0.5 * length * grid.texel_m / look.kerb_stripe_m), 1)
+            _stamp_stripes(border, reach, 0.5 * length / pairs, side, stripes)
+    return stripes
+
+
+@kernel
+def _stamp_stripes(
+    line: Floats, reach: float, stripe: float, side: Singles, stripes: Bytes
+) -> None:
+    """Mark light stripes off the road, counted by arc length; all figures in texels.
+
+    A texel belongs to the segment from which it has its distance in `side`.
+    """
+    rows, columns = stripes.shape
+    passed = 0.0
+    for i in range(1, len(line)):
+        ax, ay = line[i - 1]
+        dx, dy = line[i, 0] - ax, line[i, 1] - ay
+        square = max(dx * dx + dy * dy, 1e-12)
+        step = math.sqrt(square)
+        for row in range(
+            max(math.ceil(min(ay, ay + dy) - reach), 0),
+            min(math.floor(max(ay, ay + dy) + reach) + 1, rows),
+        ):
+            for column in range(
+                max(math.ceil(min(ax, ax + dx) - reach), 0),
+                min(math.floor(max(ax, ax + dx) + reach) + 1, columns),
+            ):
+                px, py = column - ax, row - ay
+                along = min(max((px * dx + py * dy) / square, 0.0), 1.0)
+                away = math.hypot(px - along * dx, py - along * dy)
+                if side[row, column] < 0.0 and away < 0.01 - side[row, column]:
+                    beyond = (passed + along * step) % (2.0 * stripe)
+                    within = max(min(beyond, stripe - beyond), beyond - 2.0 * stripe)
+                    stripes[row, column] = np.uint8(255.0 * min(max(0.5 + within, 0.0), 1.0))
+        passed += step
+
+
+@kernel
+def _mix(
+    side: Singles,
+    marks: Bytes,
+    stripes: Bytes,
+    grain: Singles,
+    line_near: float,
+    line_far: float,
+    kerb: float,
+    greys: Singles,
+    grains: Singles,
+    ground: Bytes,
+) -> None:
+    """Blend the paints by how much of a texel each one covers.
+
+    Order of the paints: road, line, kerb, field, dash, light stripes of the kerb.
+    """
+    half = np.float32(0.5)
+    none, full = np.float32(0.0), np.float32(1.0)
+    near, far = np.float32(line_near), np.float32(line_far)
+    kerb_end = np.float32(line_near - kerb)
+    part = np.float32(1.0 / 255.0)
+    tile = grain.shape[0]
+    rows, columns = side.shape
+    for row in range(rows):
+        for column in range(columns):
+            s = side[row, column]
+            past_far = min(max(half + s - far, none), full)
+            past_near = min(max(half + s - near, none), full)
+            past_kerb = min(max(half + s - kerb_end, none), full)
+            line = past_near - past_far
+            edge = past_kerb - past_near
+            field = full - past_kerb
+            rough = grain[row % tile, column % tile]
+            kerb_grey = greys[2] + stripes[row, column] * part * (greys[5] - greys[2])
+            grey = (
+                past_far * (greys[0] + grains[0] * rough)
+                + line * (greys[1] + grains[1] * rough)
+                + edge * (kerb_grey + grains[2] * rough)
+                + field * (greys[3] + grains[3] * rough)
+            )
+            cover = marks[row, column] * part
+            grey += cover * (greys[4] + grains[4] * rough - grey)
+            ground[row, column] = np.uint8(min(max(grey + half, none), np.float32(255.0)))
+
+
+def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
+    """Paint the chequered line from border to border at waypoint 0, between the white lines."""
+    ends = _texels(np.stack([track.inner[0], track.outer[0]]), grid)
+    width = float(np.hypot(*(ends[1] - ends[0])))
+    if width == 0.0:
+        return
+    across = (ends[1] - ends[0]) / width
+    half_depth = 0.5 * look.start_depth_m / grid.texel_m
+    inset = look.border_width_m / grid.texel_m if look.border_side == "in" else 0.0
+    low = np.maximum(np.floor(ends.min(axis=0) - half_depth - 1.0).astype(int), 0)
+    high = np.ceil(ends.max(axis=0) + half_depth + 2.0).astype(int)
+    window = ground[low[1] : high[1], low[0] : high[0]]
+
+    fine = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    y = low[1] + np.add.outer(np.arange(window.shape[0]), fine)[:, None, :, None] - ends[0, 1]
+    x = low[0] + np.add.outer(np.arange(window.shape[1]), fine)[None, :, None, :] - ends[0, 0]
+    over = (x * across[0] + y * across[1] - inset) / (width - 2.0 * inset)
+    along = (y * across[0] - x * across[1] + half_depth) / (2.0 * half_depth)
+    within = (over >= 0.0) & (over < 1.0) & (along >= 0.0) & (along < 1.0)
+    squares = np.floor(over * look.start_squares[0]) + np.floor(along * look.start_squares[1])
+    shade = np.where(squares % 2 == 0, look.line.grey, look.chequer.grey)
+    cover = within.mean(axis=(2, 3))
+    seen = (within * shade).mean(axis=(2, 3)) + (1.0 - cover) * window
+    window[:] = np.rint(seen).astype(np.uint8)

@@ -1,0 +1,153 @@
+"""Domain randomisation of what cameras see: lights and colours that each episode draws anew.
+
+The picture of the ground is shared by all cars and holds greys. A car with another light looks at
+it through a palette: the greys of the painted materials become what they are in that light, and
+those between them, which belong to grain and to the edges of paint, become something in between.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.sensing.camera import Light
+from drsim.sensing.cuboids import TO_SUN
+from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint
+
+Floats = NDArray[np.float64]
+
+_USUAL_SUN = np.array([1.0, 1.0, 0.8])
+"""Colour of the sun. Source: the reference simulator's worlds, as for the lamp."""
+
+_LAMP_HEIGHT_M = 15.0
+_USUAL_LAMP = 0.225 / (0.4 + 0.01 * _LAMP_HEIGHT_M)
+"""Power of the lamp where it meets the ground below, over its attenuation."""
+
+_SUN_ON_GROUND, _LAMP_ON_GROUND = SUN * TO_SUN[2] - 0.1, 0.1
+"""Parts of sun and lamp in the usual light on the ground. Assumed: no frame shows either alone."""
+
+_ROAD, _LINE = (15.0, 110.0), (185.0, 255.0)
+"""Brightness of drawn roads and lines: in each colour a line outshines its road."""
+
+_HUE = 0.25
+"""Share by which each colour of a drawn material may differ from its brightness."""
+
+_GRAIN_ROOM = 3.0
+"""Standard deviations of grain to either side in which a material keeps its own contrast."""
+
+_LEAST_GAP = 1.5
+"""Standard deviations of grain below which two materials change together, as a concrete road and
+its field do: a palette cannot tell their texels apart."""
+
+
+class Lighting:
+    """The light in each car's world."""
+
+    def __init__(self, num_cars: int, look: Look, *, textures: bool = False) -> None:
+        """Begin with the usual light.
+
+        Args:
+            num_cars: How many cars.
+            look: The world in the usual light.
+            textures: Draw the colours of the ground too.
+        """
+        self._look = look
+        self._paints = _paints(look)
+        self._textures = textures
+        self._light = Light(
+            palettes=np.tile(np.arange(256, dtype=np.uint8), (num_cars, 1)),
+            wall_greys=np.tile(np.array(look.walls.greys, np.float32), (num_cars, 1)),
+            sky_greys=np.full(num_cars, look.sky_grey, np.float32),
+            ambient=np.full((num_cars, 3), AMBIENT, np.float32),
+            sun=np.full((num_cars, 3), SUN, np.float32),
+        )
+
+    def of(self, cars: slice) -> Light:
+        """The light of some cars, as a live view."""
+        whole = self._light
+        return Light(
+            palettes=whole.palettes[cars],
+            wall_greys=whole.wall_greys[cars],
+            sky_greys=whole.sky_greys[cars],
+            ambient=whole.ambient[cars],
+            sun=whole.sun[cars],
+        )
+
+    def draw(self, car: int, random: np.random.Generator) -> None:
+        """Draw the light of a new episode of a car.
+
+        As in the reference, the red, green and blue of sun and lamp are anything from dark to full,
+        and so are the three attenuations of the lamp; ambient light and sky stay as they are.
+
+        Args:
+            car: Which car.
+            random: Where the numbers come from.
+        """
+        sun, lamp, attenuation = random.random((3, 3))
+        sun = sun / _USUAL_SUN
+        loss = attenuation @ (1.0, _LAMP_HEIGHT_M, _LAMP_HEIGHT_M**2)
+        lamp = np.minimum(lamp / loss / _USUAL_LAMP, 1.0)
+        lit = AMBIENT + _SUN_ON_GROUND * sun + _LAMP_ON_GROUND * lamp
+        factor = lit / (AMBIENT + _SUN_ON_GROUND + _LAMP_ON_GROUND)
+        colors = np.array([paint.rgb for paint in self._paints])
+        if self._textures:
+            colors = _other_colors(self._paints, self._look, random)
+        greys = np.minimum(colors * factor, 255.0) @ LUMA
+        self._light.palettes[car] = _palette(self._paints, greys)
+        walls = self._look.walls
+        if walls.height_m > 0.0:
+            tint = np.array(walls.tint) * LUMA
+            self._light.wall_greys[car] = tint @ factor / tint.sum() * np.array(walls.greys)
+        self._light.sun[car] = SUN * sun
+
+
+def _paints(look: Look) -> list[Paint]:
+    """Materials of the ground that greys can tell apart, from dark to light."""
+    paints = [look.road, look.line, look.dash, look.field, look.chequer]
+    if look.kerb_width_m > 0.0:
+        paints += [look.kerb, look.kerb_light or look.kerb]
+    different: list[Paint] = []
+    for paint in sorted(paints, key=lambda paint: (paint.grey, -paint.grain)):
+        grain = different[-1].grain + paint.grain if different else 0.0
+        if not different or paint.grey - different[-1].grey > max(1.0, _LEAST_GAP * grain):
+            different.append(paint)
+    return different
+
+
+def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) -> Floats:
+    """Other colours of materials, 0..255. Shape (p, 3).
+
+    All keep their places in the order of brightness: at an edge the picture of the ground holds
+    the greys between two materials, which would turn up as an outline in the colour of a third.
+    """
+    road = random.uniform(*_ROAD) * random.uniform(1.0 - _HUE, 1.0 + _HUE, 3)
+    line = random.uniform(*_LINE) * random.uniform(1.0 - 0.5 * _HUE, 1.0, 3)
+    olds = np.array([paint.grey for paint in paints])
+    hue = random.uniform(-_HUE, _HUE, (len(paints), 3))
+    share = np.sort(random.random(len(paints)))[:, None]
+    between = road + np.clip(share + 0.5 * hue, 0.1, 0.9) * (line - road)
+    darker = road * np.clip(share, 0.3, 0.9)
+    colors = np.where(olds[:, None] < look.road.grey, darker, between)
+    colors[olds >= look.line.grey - 1.0] = line
+    colors[np.abs(olds - look.road.grey) <= 1.0] = road
+    return colors
+
+
+def _palette(paints: list[Paint], greys: Floats) -> NDArray[np.uint8]:
+    """What becomes of the greys 0..255 when materials get other greys. Shape (256,)."""
+    olds = [paint.grey for paint in paints]
+    contrasts = [new / max(old, 1.0) for old, new in zip(olds, greys, strict=True)]
+    anchors, values = [0.0, olds[0]], [0.0, greys[0]]
+    for i in range(1, len(paints)):
+        # Around each grey, as far as its grain goes, contrast changes as brightness does.
+        below, above = (max(_GRAIN_ROOM * paint.grain, 0.5) for paint in paints[i - 1 : i + 1])
+        room = min(0.9 * (olds[i] - olds[i - 1]) / (below + above), 1.0)
+        anchors += [olds[i - 1] + room * below, olds[i] - room * above, olds[i]]
+        values += [
+            greys[i - 1] + room * below * contrasts[i - 1],
+            greys[i] - room * above * contrasts[i],
+            greys[i],
+        ]
+    anchors.append(256.0)
+    values.append(256.0 * contrasts[-1])
+    palette = np.interp(np.arange(256), anchors, values)
+    whole: NDArray[np.uint8] = np.clip(np.round(palette), 0, 255).astype(np.uint8)
+    return whole

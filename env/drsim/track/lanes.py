@@ -1,0 +1,168 @@
+"""The inner and the outer lane of a track as smooth curves, for bots that drive without physics."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.jit import kernel
+from drsim.track.track import Lane, Track
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_LANES: tuple[Lane, Lane] = ("inner", "outer")
+_TABLE_STEP_M = 0.02
+_LOOK_AHEAD_M = 0.05
+"""A bot looks towards where it will be after this distance."""
+
+_LEAST_STEP_M = 0.01
+"""Vertices of a lane nearer to each other than this would give the curve a jerk."""
+
+_FARTHEST_M = 1.0
+"""A vertex that projects farther than this from its own place fell on a neighbouring stretch."""
+
+_OVERHANG = 12
+"""Vertices by which a loop is continued on either side. What the ends of a spline do fades across
+so many to less than a thousandth of a millimetre."""
+
+
+class LanePaths:
+    """Both lanes of a track as cubic splines over the distance along the centre line.
+
+    A bot that keeps its speed along the centre line is therefore faster on the outer lane of a
+    curve than on the inner one. Source: the reference simulator.
+    """
+
+    def __init__(self, tracks: tuple[Track, Track]) -> None:
+        """Tabulate both lanes at steps of 2 cm.
+
+        Args:
+            tracks: The track as given, and reversed.
+        """
+        self._length_m = tracks[0].length_m
+        steps = int(np.ceil(self._length_m / _TABLE_STEP_M))
+        self._step_m = self._length_m / steps
+        beyond = int(np.ceil(_LOOK_AHEAD_M / self._step_m)) + 1
+        at_m = self._step_m * np.arange(steps + beyond + 1, dtype=np.float64)
+        self._xy = np.array(
+            [[_spline(*_knots(track, lane), at_m) for lane in _LANES] for track in tracks]
+        )
+
+    def poses(
+        self, backward: Ints, distance_m: Floats, share: Floats, drift: Floats
+    ) -> tuple[Floats, Floats]:
+        """Where bots are, and where they look; k bots for each of n cars.
+
+        Args:
+            backward: 1 for cars on the reversed track. Shape (n,).
+            distance_m: Distances along the centre line. They wrap: at the end of an open track a
+                bot begins again, so that none blocks the finish. Shape (n, k).
+            share: 0 on the inner lane, 1 on the outer one. Shape (n, k).
+            drift: Change of that share per metre. Shape (n, k).
+
+        Returns:
+            Centres in metres, shape (n, k, 2), and yaws in radians, shape (n, k).
+        """
+        xy, yaw_rad = np.empty((*share.shape, 2)), np.empty(share.shape)
+        here_m = distance_m % self._length_m
+        _poses(self._xy, self._step_m, backward, here_m, share, drift, xy, yaw_rad)
+        return xy, yaw_rad
+
+
+def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
+    """Vertices of a lane and where they project on the centre line, rising.
+
+    Returns:
+        Points in metres, shape (k, 2), and distances in metres, shape (k,); those of a loop are
+        continued on either side.
+    """
+    border = track.inner if lane == "inner" else track.outer
+    vertices = (track.center + border) / 2
+    row_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track.center, axis=0).T))])
+    off_m = track.locate(vertices).distance_m - row_m
+    if track.closed:
+        # A vertex beside the start may project behind the finish line, and the other way round.
+        off_m = (off_m + track.length_m / 2) % track.length_m - track.length_m / 2
+    places_m = row_m + np.where(np.abs(off_m) < _FARTHEST_M, off_m, 0.0)
+    if track.closed:
+        vertices, places_m = vertices[:-1], places_m[:-1]
+    end_m = places_m[0] + track.length_m if track.closed else np.inf
+    kept = [0]
+    for k, place_m in enumerate(places_m):
+        if places_m[kept[-1]] + _LEAST_STEP_M < place_m < end_m - _LEAST_STEP_M:
+            kept.append(k)
+    vertices, places_m = vertices[kept], places_m[kept]
+    if not track.closed:
+        return vertices, places_m
+    lap, row = np.divmod(np.arange(-_OVERHANG, len(kept) + _OVERHANG), len(kept))
+    return vertices[row], places_m[row] + lap * track.length_m
+
+
+def _spline(points: Floats, knots: Floats, at: Floats) -> Floats:
+    """A cubic spline through points, at some places beside its knots. Shape (m, 2)."""
+    gap = np.diff(knots)
+    slope = _slopes(points, gap)
+    k = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(gap) - 1)
+    h = gap[k][:, None]
+    t = (at - knots[k])[:, None] / h
+    p, q, u, v = points[k], points[k + 1], slope[k] * h, slope[k + 1] * h
+    bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
+    curve: Floats = ((twist * t + bend) * t + u) * t + p
+    return curve
+
+
+def _slopes(points: Floats, gap: Floats) -> Floats:
+    """Slopes at the knots that make the second derivative continuous; secants at both ends.
+
+    With gaps a before and b after a knot, the condition there is
+    b * slope_before + 2 (a + b) * slope + a * slope_after = 3 (b * secant_before + a * secant),
+    solved by elimination: each row holds three unknowns only.
+    """
+    secant = np.diff(points, axis=0) / gap[:, None]
+    slope = secant[[0, *range(len(gap))]]
+    a, b = gap[:-1], gap[1:]
+    diagonal = 2 * (a + b)
+    right = 3 * (b[:, None] * secant[:-1] + a[:, None] * secant[1:])
+    right[:1] -= b[:1, None] * slope[:1]
+    for k in range(1, len(a)):
+        factor = b[k] / diagonal[k - 1]
+        diagonal[k] -= factor * a[k - 1]
+        right[k] -= factor * right[k - 1]
+    for k in reversed(range(len(a))):
+        slope[k + 1] = (right[k] - a[k] * slope[k + 2]) / diagonal[k]
+    return slope
+
+
+@kernel
+def _poses(
+    lanes: Floats,
+    step_m: float,
+    backward: Ints,
+    distance_m: Floats,
+    share: Floats,
+    drift: Floats,
+    xy: Floats,
+    yaw_rad: Floats,
+) -> None:
+    for i in range(share.shape[0]):
+        inner, outer = lanes[backward[i], 0], lanes[backward[i], 1]
+        for k in range(share.shape[1]):
+            x, y = _between(inner, outer, distance_m[i, k] / step_m, share[i, k])
+            ahead_m = distance_m[i, k] + _LOOK_AHEAD_M
+            aside = share[i, k] + _LOOK_AHEAD_M * drift[i, k]
+            ahead_x, ahead_y = _between(inner, outer, ahead_m / step_m, aside)
+            xy[i, k, 0], xy[i, k, 1] = x, y
+            yaw_rad[i, k] = math.atan2(ahead_y - y, ahead_x - x)
+
+
+@kernel
+def _between(inner: Floats, outer: Floats, place: float, share: float) -> tuple[float, float]:
+    """A point between two tabulated lanes, at a place in steps of the tables."""
+    row = int(place)
+    part = place - row
+    a, b = (1.0 - part) * (1.0 - share), part * (1.0 - share)
+    c, d = (1.0 - part) * share, part * share
+    x = a * inner[row, 0] + b * inner[row + 1, 0] + c * outer[row, 0] + d * outer[row + 1, 0]
+    y = a * inner[row, 1] + b * inner[row + 1, 1] + c * outer[row, 1] + d * outer[row + 1, 1]
+    return x, y

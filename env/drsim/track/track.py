@@ -1,0 +1,230 @@
+"""Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.track import polyline
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Lane = Literal["center", "inner", "outer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Where m points lie relative to a track. Source: the reference simulator's definitions.
+
+    Attributes:
+        distance_m: Distance along the centre line from waypoint 0 to the centre-line point nearest
+            to the point, 0 .. track length. The whole line is searched. Shape (m,).
+        center_xy: That nearest centre-line point. Shape (m, 2).
+        from_center_m: Distance of the point from it. Shape (m,).
+        previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
+        next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
+            index is the waypoint that repeats waypoint 0. Where another waypoint repeats the one
+            before, it is the first of the two that lies ahead and the second that lies behind.
+            Shape (m,).
+        nearest: The one of the two that is nearer by straight distance. Shape (m,).
+        track_width_m: Distance between the projections of the nearest centre-line point on the two
+            borders. Shape (m,).
+        left_of_center: Whether the point lies left of the centre line as seen in the driving
+            direction: which of those two border points is nearer decides. Shape (m,).
+    """
+
+    distance_m: Floats
+    center_xy: Floats
+    from_center_m: Floats
+    previous: Ints
+    next: Ints
+    nearest: Ints
+    track_width_m: Floats
+    left_of_center: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A road between two borders, in driving order.
+
+    `drsim.track.worlds.load_track` makes checked ones.
+
+    Attributes:
+        name: World name.
+        center: Centre line in metres, a row for each waypoint, in their numbering. On a closed
+            track the last row repeats the first one. Any row may repeat the one before, as in 59
+            routes of the reference simulator: it counts as a waypoint. Shape (n, 2).
+        inner: Border on the inside of the loop, row by row beside `center`. Shape (n, 2).
+        outer: Border on the outside of the loop. Shape (n, 2).
+        closed: Whether the track is a loop.
+        reverse: Whether it is driven against the order of its definition.
+        turned: The same road the other way round, for a track that was made by turning that one.
+            All that must be equal in both directions, to the last bit, is computed there.
+    """
+
+    name: str
+    center: Floats
+    inner: Floats
+    outer: Floats
+    closed: bool
+    reverse: bool = False
+    turned: "Track | None" = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: every car of a simulation shares them."""
+        for line in (self.center, self.inner, self.outer):
+            line.flags.writeable = False
+
+    def __deepcopy__(self, _: dict[int, Any]) -> "Track":
+        """Itself: nothing can change it."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Its fields; what follows from them is worked out again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the arrays read-only in a copy, too."""
+        self.__dict__.update(state)
+        self.__post_init__()
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of the centre line."""
+        return float(self._as_given._center_segments[6, -1])
+
+    @cached_property
+    def is_ccw(self) -> bool:
+        """Whether it is driven counter-clockwise; an open track, in the order of its definition."""
+        if not self.closed:
+            return not self.reverse
+        if self.turned is not None:
+            return not self.turned.is_ccw
+        x, y = (self.center - self.center[0]).T
+        return bool(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0)
+
+    @cached_property
+    def waypoints(self) -> list[tuple[float, float]]:
+        """Rows of the centre line as plain numbers, the closing one included. Do not alter."""
+        return [(x, y) for x, y in self.center.tolist()]
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Least x, least y, greatest x and greatest y of the road in metres."""
+        borders = np.concatenate([self.inner, self.outer])
+        x_min, y_min = borders.min(axis=0).tolist()
+        x_max, y_max = borders.max(axis=0).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def reversed(self) -> "Track":
+        """The same road, driven the other way."""
+        if self.turned is not None:
+            return replace(self.turned, name=self.name, reverse=not self.reverse)
+        return Track(
+            name=self.name,
+            center=np.ascontiguousarray(self.center[::-1]),
+            inner=np.ascontiguousarray(self.inner[::-1]),
+            outer=np.ascontiguousarray(self.outer[::-1]),
+            closed=self.closed,
+            reverse=not self.reverse,
+            turned=self,
+        )
+
+    def locate(self, xy: Floats) -> Location:
+        """Where points lie along and across the track.
+
+        Args:
+            xy: Points in metres. Shape (m, 2).
+        """
+        road = self._as_given
+        return Location(
+            *polyline.locate(
+                np.ascontiguousarray(xy, dtype=np.float64),
+                road._center_segments,
+                road._inner_segments,
+                road._outer_segments,
+                *road._vertices,
+                self.closed,
+                self.is_ccw,
+                self.turned is not None,
+            )
+        )
+
+    def on_road(self, xy: Floats) -> Bools:
+        """Whether points lie strictly between the borders; a point exactly on one does not.
+
+        Args:
+            xy: Points in metres. Shape (..., 2).
+
+        Returns:
+            One answer a point. Shape (...).
+        """
+        points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
+        return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
+
+    def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
+        """Poses on a lane that look along it.
+
+        Args:
+            distance_m: Distances along the centre line from waypoint 0. They wrap on a closed
+                track and end at the ends of an open one. Shape (m,).
+            lane: The centre line, or the line midway between it and a border, at its point
+                nearest to the one on the centre line.
+
+        Returns:
+            x and y in metres and yaw in radians, each towards the next vertex of the lane.
+            Shape (m, 3).
+        """
+        part = np.asarray(distance_m, dtype=np.float64) / self.length_m
+        part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)
+        poses = _poses_on(self._center_segments, part * self.length_m)
+        if lane == "center":
+            return poses
+        line = self._lanes[lane]
+        return _poses_on(line, polyline.project(np.ascontiguousarray(poses[:, :2]), line))
+
+    @property
+    def _as_given(self) -> "Track":
+        """The track that was turned to make this one, or this one."""
+        return self if self.turned is None else self.turned
+
+    @cached_property
+    def _vertices(self) -> tuple[Ints, Ints]:
+        return polyline.vertices(self.center)
+
+    @cached_property
+    def _center_segments(self) -> Floats:
+        return polyline.segments(self.center)
+
+    @cached_property
+    def _inner_segments(self) -> Floats:
+        return polyline.segments(self.inner)
+
+    @cached_property
+    def _outer_segments(self) -> Floats:
+        return polyline.segments(self.outer)
+
+    @cached_property
+    def _lanes(self) -> dict[Lane, Floats]:
+        return {
+            "inner": polyline.segments((self.center + self.inner) / 2),
+            "outer": polyline.segments((self.center + self.outer) / 2),
+        }
+
+    @cached_property
+    def _rings(self) -> tuple[Floats, Floats]:
+        """The ring round the road and the ring round its hole, which an open track has not."""
+        if self.closed:
+            return self.outer.copy(), self.inner.copy()  # writable ones: else compiled once more
+        return np.concatenate([self.outer, self.inner[::-1], self.outer[:1]]), np.empty((0, 2))
+
+
+def _poses_on(line: Floats, along_m: Floats) -> Floats:
+    """Poses on a polyline, each looking towards its next vertex. Shape (m, 3)."""
+    k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
+    start, end = line[0:2, k], line[2:4, k]
+    share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
+    return np.stack([*(start + share * (end - start)), line[7, k]], axis=1)

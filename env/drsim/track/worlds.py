@@ -1,0 +1,259 @@
+"""The worlds by name: our own definitions, and route files that the user brings."""
+
+import difflib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from drsim.errors import TrackError
+from drsim.track.appearance import look_of
+from drsim.track.polyline import vertices
+from drsim.track.route_files import read_route
+from drsim.track.spline import ClosedSpline
+from drsim.track.track import Track
+
+Direction = Literal["clockwise", "counterclockwise", "open"]
+
+_DEFINITIONS = Path(__file__).parent / "assets" / "worlds"
+
+_LONGEST_NAME = 1_000
+"""Characters of a world's name or path; files cannot have much longer ones."""
+
+_ROUTE_FILES = (".npy", ".csv")
+"""Route files that need nothing but their name, in the order in which they win."""
+
+_SAME_ROUTE = {
+    "reinvent_carpet": "reinvent_base",
+    "reinvent_concrete": "reinvent_base",
+    "reinvent_wood": "reinvent_base",
+}
+"""Worlds that differ from another one in their looks only. Source: the reference simulator."""
+
+_CLOCKWISE = {"_cw": True, "_ccw": False}
+"""Endings of a world name that choose the driving direction. Source: the reference simulator."""
+
+
+class Width(NamedTuple):
+    """Width of a road at its waypoints, metres."""
+
+    mean: float
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class WorldInfo:
+    """What there is to know about a world before driving in it.
+
+    Attributes:
+        name: Its name, without folder and ending where those were given.
+        length_m: Length of the centre line.
+        width_m: Width of the road.
+        direction: Which way round it is driven; "open" if it is no loop.
+        waypoints: How many there are; on a loop the last one repeats the first.
+        repeated: Numbers of those that repeat the one before.
+        spacing_m: Mean distance between waypoints, but for those.
+        line_family: "in" when the white line belongs to the road, "out" when it lies beyond.
+        source: "own" for a definition of ours, else the path of the route file.
+        difficulty: "easy", "medium" or "hard"; None for a route file, which does not say.
+        about: One line about a track of ours; empty for a route file.
+    """
+
+    name: str
+    length_m: float
+    width_m: Width
+    direction: Direction
+    waypoints: int
+    repeated: list[int]
+    spacing_m: float
+    line_family: Literal["in", "out"]
+    source: str
+    difficulty: Literal["easy", "medium", "hard"] | None
+    about: str
+
+
+def load_track(world: str, tracks_dir: Path | None = None) -> Track:
+    """The track of a world.
+
+    Args:
+        world: One of these, in this order:
+
+            - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
+              up in `tracks_dir` first, and means what it means without its ending where there is
+              no such file at all;
+            - name of such a file in `tracks_dir` without its ending, or else of one of our own
+              definitions;
+            - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
+              `reinvent_base` on other ground;
+            - one of these names followed by `_cw` or `_ccw`: that world, driven clockwise or
+              counter-clockwise.
+        tracks_dir: Folder with further route files.
+
+    Returns:
+        The track. Its name is the one asked for, without folder and ending.
+
+    Raises:
+        TrackError: There is no such world, or its numbers make no track. The sentence says what
+            to do.
+    """
+    return _found(world, tracks_dir)[0]
+
+
+def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
+    """Facts about a world that `load_track` accepts.
+
+    Raises:
+        TrackError: As for `load_track`.
+    """
+    track, file = _found(world, tracks_dir)
+    own = file.parent == _DEFINITIONS
+    definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
+    width_m = track.locate(track.center).track_width_m
+    first, _ = vertices(track.center)
+    return WorldInfo(
+        name=track.name,
+        length_m=track.length_m,
+        width_m=Width(float(width_m.mean()), float(width_m.min()), float(width_m.max())),
+        direction=_direction(track),
+        waypoints=len(track.center),
+        repeated=np.setdiff1d(np.arange(len(track.center)), first).tolist(),
+        spacing_m=track.length_m / (len(first) - 1),
+        line_family=look_of(track.name).border_side,
+        source="own" if own else str(file),
+        difficulty=definition.get("difficulty"),
+        about=definition.get("about", ""),
+    )
+
+
+def known_worlds(tracks_dir: Path | None = None) -> list[str]:
+    """Names that `load_track` accepts, sorted; each can be followed by `_cw` or `_ccw` as well.
+
+    Args:
+        tracks_dir: Folder with further route files; one that does not exist holds none.
+    """
+    return sorted({*_SAME_ROUTE, *_files(tracks_dir)})
+
+
+def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
+    """A track, driven the way that is asked for; the one place that decides about directions.
+
+    Args:
+        track: Any track.
+        clockwise: Which way round the world is defined; None leaves it as it is. A world that was
+            turned round this way counts as another world, not as driven in reverse.
+        reverse: Drive against that definition. The track says so in `Track.reverse`, as reward
+            functions are told.
+
+    Raises:
+        TrackError: The track is no loop, which runs neither way round.
+    """
+    if clockwise is not None:
+        if not track.closed:
+            raise TrackError(
+                f"{track.name} is no loop, so it runs neither clockwise nor counter-clockwise. "
+                "Leave the direction away, or drive it in reverse."
+            )
+        if track.is_ccw == clockwise:
+            track = replace(track.reversed(), reverse=track.reverse)
+    return track.reversed() if reverse else track
+
+
+def _direction(track: Track) -> Direction:
+    if not track.closed:
+        return "open"
+    return "counterclockwise" if track.is_ccw else "clockwise"
+
+
+def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
+    """The track of a world, and the file that defines it."""
+    if len(world) > _LONGEST_NAME:
+        raise TrackError(
+            f"No world has a name of {len(world):,} characters ('{world[:40]}...'). Use a name "
+            f"or path of at most {_LONGEST_NAME}."
+        )
+    files = _files(tracks_dir)
+    known = {*files, *_SAME_ROUTE}
+    if Path(world).suffix in _ROUTE_FILES:
+        file = Path(world)
+        # Asking the listing, not the file system: what is no path must not lead out of the folder.
+        if tracks_dir is not None and world in _listed(tracks_dir):
+            file = tracks_dir / world
+        if _base(file.stem) not in known or str(file) != file.name or file.exists():
+            return read_route(file), file
+        world = file.stem  # people write reinvent_base.npy and mean reinvent_base
+    if world in files:
+        return _read(files[world]), files[world]
+    if world in _SAME_ROUTE:
+        track, file = _found(_SAME_ROUTE[world], tracks_dir)
+        return replace(track, name=world), file
+    base = _base(world)
+    if base == world or base not in known:
+        raise TrackError(_unknown(world, tracks_dir))
+    track, file = _found(base, tracks_dir)
+    clockwise = _CLOCKWISE[world.removeprefix(base)]
+    return replace(directed(track, clockwise=clockwise), name=world), file
+
+
+def _base(world: str) -> str:
+    """Name of a world without the ending that chooses its driving direction."""
+    base, underscore, ending = world.rpartition("_")
+    return base if underscore + ending in _CLOCKWISE else world
+
+
+def _files(tracks_dir: Path | None) -> dict[str, Path]:
+    """The file that defines each world, by name; the racer's win over ours."""
+    folders = [(_DEFINITIONS, ".json")]
+    if tracks_dir is not None:
+        folders = [*((tracks_dir, suffix) for suffix in _ROUTE_FILES), *folders]
+    return {
+        name.removesuffix(suffix): folder / name
+        for folder, suffix in reversed(folders)
+        for name in _listed(folder)
+        if name.endswith(suffix)
+    }
+
+
+def _listed(folder: Path) -> set[str]:
+    return {file.name for file in folder.glob("*")}
+
+
+def _unknown(world: str, tracks_dir: Path | None) -> str:
+    known = known_worlds(tracks_dir)
+    by_lower = {name.lower(): name for name in known}
+    close = difflib.get_close_matches(world.lower(), by_lower, n=5, cutoff=0.5)
+    names = [by_lower[name] for name in close] or known[:5]
+    hint = "the closest names are" if close else "known are for instance"
+    where = f"put {world}.npy into {tracks_dir}" if tracks_dir else f"give the path to {world}.npy"
+    return f"No world is called '{world}'; {hint} {', '.join(names)}. Use one of them, or {where}."
+
+
+def _read(file: Path) -> Track:
+    read: Callable[[Path], Track] = _build if file.suffix == ".json" else read_route
+    return read(file)
+
+
+def _build(file: Path) -> Track:
+    """The track of one of our own definitions.
+
+    Waypoints stand at even distances along a closed spline, except for a few that are shifted
+    along it: racers write waypoint numbers into their reward functions, and the route they know
+    is uneven there.
+    """
+    definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
+    distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
+    for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():
+        distance_m[int(waypoint)] += shift_m
+    center, direction = spline.at(distance_m)
+    to_left = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * definition["width_m"] / 2
+    center, left, right = (
+        np.concatenate([line, line[:1]]) for line in (center, center + to_left, center - to_left)
+    )
+    track = Track(file.stem, center, left, right, closed=True)
+    if track.is_ccw:  # then the inside of the loop lies to the left, as built
+        return track
+    return Track(file.stem, center, right, left, closed=True)
