@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from opengl_scene import choose_opengl, shrunk
 from PIL import Image
 
+from drsim.car.camera_mount import FRONT
 from drsim.race.solids import SHAPES
-from drsim.sensing.camera import FRONT, render
+from drsim.sensing.camera import render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.sensing.camera import FRONT, CameraModel
+from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""What every package may use: errors, problems, files, locks, logs; nothing about DeepRacer."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The command line: the programs, their commands, what they print and ask."""

@@ -161,7 +161,7 @@ def _quiet(wanted: bool) -> None:
 
 def _load(command: Command) -> Any:
     module, _, name = command.target.partition(":")
-    target = getattr(import_module(f"drcli.commands.{module}"), name)
+    target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
     if isinstance(target, typer.Typer):
         target.rich_markup_mode = None
         group = get_group(target)

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Models: list, upload, download, continue from another one, repair."""

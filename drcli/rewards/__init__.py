@@ -1,1 +1,1 @@
-"""TODO."""
+"""What dr-reward shows of a reward function: checks, pictures, comparisons."""

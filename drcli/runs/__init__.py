@@ -1,1 +1,1 @@
-"""Runs: start, watch, stop and describe the processes of a training or an evaluation."""
+"""Runs: plan, launch, supervise, record, report and stop a training or an evaluation."""

@@ -1,1 +1,1 @@
-"""What lies in the bucket and how it gets there."""
+"""The bucket: keys, checkpoints, rollouts, and the embedded S3 server."""

@@ -1,1 +1,1 @@
-"""Tracks as a racer handles them: listing, looking, adding, fetching."""
+"""Tracks as a racer handles them: list, show, add, fetch."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The worker processes: simulation, trainer, evaluator; and how a race is built from files."""

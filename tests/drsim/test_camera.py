@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drsim.sensing.camera import FRONT, CameraModel, lens_pose, render
+from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import Look, Paint, Walls
 from drsim.track.track import Track

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.race.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
-from drsim.sensing.camera import FRONT, CameraModel, Light, lens_pose, render
+from drsim.sensing.camera import Light, lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint, Walls
 from drsim.track.track import Track

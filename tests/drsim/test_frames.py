@@ -5,8 +5,9 @@ import threading
 import numpy as np
 import pytest
 
+from drsim.car.camera_mount import FRONT
 from drsim.race.solids import SHAPES, Solids
-from drsim.sensing.camera import FRONT, lens_pose, render
+from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.frames import FrameRenderer
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene, build_scene

@@ -13,7 +13,7 @@ from drsim.track.spline import ClosedSpline
 from drsim.track.track import Track
 from drsim.track.worlds import describe, load_track
 
-DEFINITIONS = sorted((Path(drsim.__file__).parent / "assets" / "worlds").glob("*.json"))
+DEFINITIONS = sorted((Path(drsim.__file__).parent / "track" / "definitions").glob("*.json"))
 OWN = [file.stem for file in DEFINITIONS]
 
 DESIGNED = [name for name in OWN if name != "reinvent_base"]

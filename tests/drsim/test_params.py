@@ -7,12 +7,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from drsim.car.camera_mount import FRONT
 from drsim.episode.params import Situation, params_of
 from drsim.episode.simulation import Simulation
 from drsim.race.objects import Objects
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
-from drsim.sensing.camera import FRONT
 from drsim.sensing.scene import build_scene
 from drsim.track.worlds import load_track
 

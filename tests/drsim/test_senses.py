@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.car.realism import Realism
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.sensing.camera import EYES_APART_M, FRONT
 from drsim.sensing.scene import build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track

@@ -30,8 +30,8 @@ def test_the_wheel_holds_the_simulation_its_data_and_the_examples(wheel):
 
     assert {
         "drsim/episode/simulation.py",
-        "drsim/assets/car.xml",
-        "drsim/assets/worlds/reinvent_base.json",
+        "drsim/car/car.xml",
+        "drsim/track/definitions/reinvent_base.json",
         "drsim/py.typed",
         "drcli/py.typed",
         "drcli/_defaults/reward_function.py",

@@ -81,7 +81,7 @@ def init(
     """
     from drcli.base.problems import FindingsError
     from drcli.cli import console, prompts
-    from drcli.cli.app.setup_questions import with_answers
+    from drcli.cli.setup_questions import with_answers
     from drcli.config.folder_files import write
     from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
 

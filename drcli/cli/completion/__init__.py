@@ -1,1 +1,1 @@
-"""TODO."""
+"""Tab completion for bash, zsh and fish."""

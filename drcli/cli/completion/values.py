@@ -124,7 +124,7 @@ def clouds(place: Place) -> Iterator[str]:
 
 def setting_names(place: Place) -> Iterator[str]:
     """Every DR_ name. Taken from the text of the declarations: to load them would take longer."""
-    folder = Path(__file__).parents[1] / "settings"
+    folder = Path(__file__).parents[2] / "config" / "groups"
     texts = (path.read_text("utf-8") for path in sorted(folder.glob("*.py")))
     yield from sorted(name for text in texts for name in _SETTING.findall(text))
 

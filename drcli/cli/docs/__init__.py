@@ -1,1 +1,1 @@
-"""TODO."""
+"""Writes the generated pages of the documentation."""

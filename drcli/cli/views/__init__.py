@@ -1,1 +1,1 @@
-"""TODO."""
+"""How results look on a terminal."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The car: MuJoCo model, actions, camera mount, sim-to-real differences."""

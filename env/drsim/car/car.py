@@ -10,8 +10,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from drsim.car.camera_mount import FRONT
 from drsim.jit import kernel
-from drsim.sensing.camera import FRONT
 
 Floats = NDArray[np.float64]
 Cars = NDArray[np.int64]
@@ -19,7 +19,7 @@ Cars = NDArray[np.int64]
 CONTROL_HZ = 15
 """Decisions per simulated second: one per camera frame of the reference simulator."""
 
-MODEL_FILE = Path(__file__).parent / "assets" / "car.xml"
+MODEL_FILE = Path(__file__).parent / "car.xml"
 
 MAX_STEERING_DEG = 30.0
 MIN_SPEED_MPS = 0.1

@@ -1,1 +1,1 @@
-"""TODO."""
+"""How close our car drives to recorded drives of the reference simulator."""

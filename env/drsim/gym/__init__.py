@@ -1,1 +1,1 @@
-"""TODO."""
+"""Gymnasium environments."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""What shares the track with a car: obstacles, bots, other racers."""

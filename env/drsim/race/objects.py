@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.car.camera_mount import FRONT
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.jit import kernel
-from drsim.sensing.camera import FRONT
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

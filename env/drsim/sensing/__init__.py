@@ -1,1 +1,1 @@
-"""TODO."""
+"""What cars perceive: cameras and lidar."""

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.race.solids import Solids
-from drsim.sensing.camera import EYES_APART_M, FRONT, render
+from drsim.sensing.camera import render
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.sensing.camera import FRONT
+from drsim.car.camera_mount import FRONT
 from drsim.sensing.lidar import LIDAR, LidarModel
 
 Singles = NDArray[np.float32]

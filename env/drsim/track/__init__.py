@@ -1,1 +1,1 @@
-"""TODO."""
+"""Tracks: geometry, worlds by name, route files, and what a world looks like."""

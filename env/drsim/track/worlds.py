@@ -18,7 +18,7 @@ from drsim.track.track import Track
 
 Direction = Literal["clockwise", "counterclockwise", "open"]
 
-_DEFINITIONS = Path(__file__).parent / "assets" / "worlds"
+_DEFINITIONS = Path(__file__).parent / "definitions"
 
 _LONGEST_NAME = 1_000
 """Characters of a world's name or path; files cannot have much longer ones."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Pictures for people: spectator cameras, track maps."""

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.car.camera_mount import CameraModel
 from drsim.race.solids import BOX_COLUMNS, SHAPES, Shape, Solids
-from drsim.sensing.camera import CameraModel, render
+from drsim.sensing.camera import render
 from drsim.sensing.scene import build_scene
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track

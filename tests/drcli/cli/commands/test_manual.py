@@ -11,7 +11,7 @@ from drcli.cli.docs.manual_texts import EXIT_CODES
 from drcli.cli.docs.reference import REFERENCE, SCRIPTS, missing
 from drcli.cli.table import program_names
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture(scope="module")

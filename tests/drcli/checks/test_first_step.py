@@ -6,7 +6,7 @@ import pytest
 
 from drcli.checks.first_step import idle_conditions
 
-DEFAULTS = Path(__file__).resolve().parents[2] / "defaults"
+DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
 
 def told(*body: str) -> list[tuple[str, bool]]:

@@ -1,7 +1,8 @@
 """The questions of `dr init`."""
 
 import pytest
-from drcli.cli.app.setup_questions import with_answers
+
+from drcli.cli.setup_questions import with_answers
 
 
 def never(sentence: str) -> None:

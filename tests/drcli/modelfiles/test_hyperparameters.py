@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drcli.base.errors import SettingsError
 from drcli.modelfiles.hyperparameters import REFERENCE_KEYS, Hyperparameters
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = (ROOT / "defaults" / "hyperparameters.json").read_bytes()
 
 

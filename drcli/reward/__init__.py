@@ -1,1 +1,0 @@
-"""Tries reward functions on a drive of scripted drivers: checks, pictures and comparisons."""

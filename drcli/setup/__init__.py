@@ -1,1 +1,0 @@
-"""Sets up: writes working folders, activates them, completes command lines."""

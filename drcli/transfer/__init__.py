@@ -1,1 +1,0 @@
-"""Moves models and files between buckets: uploads, downloads, what lies where."""

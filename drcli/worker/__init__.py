@@ -1,1 +1,0 @@
-"""The two worker loops, each run as a process of its own."""
