@@ -1,199 +1,237 @@
-"""Who may import whom: the table of docs/architecture.md, enforced."""
+"""Who may import whom: the floors of docs/architecture.md, enforced for every module."""
 
 import ast
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-HEAVY = {"torch", "mujoco", "boto3", "botocore", "moto", "numba", "gymnasium"}
+FLOORS = {
+    "drsim": (
+        {"errors", "jit"},
+        {"track"},
+        {"car"},
+        {"race"},
+        {"sensing"},
+        {"episode"},
+        {"viewing", "fidelity"},
+        {"gym", "replay"},
+        {"__init__"},
+    ),
+    "drcli": (
+        {"__init__", "base", "learn"},
+        {"config", "tracks"},
+        {"exchange"},
+        {"store"},
+        {"modelfiles"},
+        {"models", "workers"},
+        {"checks"},
+        {"rewards"},
+        {"runs"},
+        {"cli"},
+    ),
+}
+"""Packages and root modules of each tree, the lowest first.
+
+A module imports from its own package and from lower floors only.
+"""
+
+SIMULATION = {"drsim", "mujoco", "numba", "gymnasium"}
+LEARNING = {"torch"}
+STORAGE = {"boto3", "botocore", "moto"}
 SCREEN = {"typer", "rich", "click"}
-SETTINGS = {"pydantic", "dotenv"}
 
 FORBIDDEN = {
-    "drsim": {"drcli", "torch", "boto3", *SCREEN, *SETTINGS},
-    "drcli.learn": {"drsim", "boto3", "mujoco", *SCREEN, *SETTINGS},
-    "drcli.store": {"drsim", "torch", "mujoco", *SCREEN},
-    "drcli.worker": {"boto3", *SCREEN},
-    "drcli.runs": {"drsim", "numpy", *HEAVY, *SCREEN},
-    "drcli.tracks": {"torch", "mujoco", "boto3", *SCREEN},
-    "drcli.completing": {"drsim", "numpy", *HEAVY, *SCREEN},
-    "drcli.setup": {"drsim", "numpy", *HEAVY, *SCREEN},
-    "drcli.reward": {"torch", "mujoco", "boto3", *SCREEN},
-    "drcli.transfer": {"drsim", "numpy", *HEAVY, *SCREEN},
-    "drcli.commands": {"drsim", "numpy", *HEAVY},
-    "drcli.settings": {"drsim", "numpy", *HEAVY, *SCREEN},
-    "drcli.validate": {"drsim", "numpy", *HEAVY, *SCREEN},
+    "drsim": {"drcli", *LEARNING, *STORAGE, *SCREEN, "pydantic", "dotenv"},
+    "drcli.base": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
+    "drcli.learn": {*SIMULATION, *STORAGE, *SCREEN, "pydantic", "dotenv"},
+    "drcli.config": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.tracks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.exchange": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN},
+    "drcli.store": {*SIMULATION, *LEARNING, *SCREEN},
+    "drcli.modelfiles": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.models": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.workers": {*STORAGE, *SCREEN},
+    "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
 }
-"""Packages from outside that a package of ours must not import."""
+"""Packages from outside, and drsim, that a package must not import."""
 
-OURS = {
-    "drsim": {"drsim"},
-    "drcli.learn": {"drcli.learn"},
-    "drcli.store": {
-        "drcli.store",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.base.json_record",
-        "drcli.base.notices",
-        "drcli.config.secret_environment",
-    },
-    "drcli.worker": {
-        "drcli.worker",
-        "drcli.learn",
-        "drcli.store",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.exchange.job",
-        "drcli.base.log_files",
-        "drcli.modelfiles.hyperparameters",
-        "drcli.modelfiles.model_metadata",
-        "drcli.config.worlds",
-        "drcli.checks.report",
-        "drcli.base.signal_guard",
-        "drsim",
-    },
-    "drcli.tracks": {
-        "drcli.tracks",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.__version__",
-        "drsim",
-    },
-    "drcli.runs": {
-        "drcli.runs",
-        "drcli.store",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.config.env_file",
-        "drcli.base.problems",
-        "drcli.exchange.job",
-        "drcli.base.log_files",
-        "drcli.base.json_record",
-        "drcli.modelfiles.hyperparameters",
-        "drcli.modelfiles.model_metadata",
-        "drcli.base.atomic_file",
-        "drcli.validate",
-        "drcli.base.notices",
-    },
-    "drcli.reward": {
-        "drcli.reward",
-        "drcli.workers.build_race",
-        "drcli.modelfiles.custom_files",
-        "drcli.store.keys",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.base.problems",
-        "drcli.checks.first_step",
-        "drcli.base.atomic_file",
-        "drcli.base.signal_guard",
-        "drcli.config.secret_environment",
-        "drsim",
-    },
-    "drcli.validate": {
-        "drcli.validate",
-        "drcli.runs",
-        "drcli.store",
-        "drcli.config.settings",
-        "drcli.base.errors",
-        "drcli.base.problems",
-        "drcli.checks.first_step",
-        "drcli.exchange.job",
-        "drcli.modelfiles.hyperparameters",
-        "drcli.modelfiles.model_metadata",
-        "drcli.base.text_file",
-        "drcli.config.effects",
-        "drcli.config.inspection",
-        "drcli.config.worlds",
-    },
-}
-"""Modules of ours that a package may import."""
-
-LAZY = {"drcli.store": {"boto3", "botocore", "moto", "mypy_boto3_s3"}}
+LAZY = {"drcli.store": STORAGE | {"mypy_boto3_s3"}}
 """What a package may import inside functions only, because it takes long to load."""
 
-PROGRAMS = {"moto_server.py"}
+PROGRAMS = {"drcli.store.server.moto_server"}
 """Modules that are only run, as processes of their own."""
 
 
-def modules() -> list[Path]:
-    return sorted([*(ROOT / "drcli").rglob("*.py"), *(ROOT / "env" / "drsim").rglob("*.py")])
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of ours by its dotted name; a package by its own."""
+    found = {}
+    for top in (ROOT / "drcli", ROOT / "env" / "drsim"):
+        for path in sorted(top.rglob("*.py")):
+            parts = path.relative_to(top.parent).with_suffix("").parts
+            name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            found[name] = path
+    return found
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_module_imports_only_what_its_package_may(path):
-    package = _package(path)
-    outside = {name.split(".")[0] for name in _imports(path)} & FORBIDDEN.get(package, set())
-    ours = {name for name in _imports(path) if name.split(".")[0] in ("drcli", "drsim")}
-    allowed = OURS.get(package)
+every_module = pytest.mark.parametrize("name", modules())
 
-    wrong = outside | {
-        name
-        for name in ours
-        if allowed is not None and not any(_within(name, permitted) for permitted in allowed)
+
+@every_module
+def test_a_module_imports_from_lower_floors_only(name):
+    here = floor(name)
+
+    wrong = {
+        other
+        for other in ours(name)
+        if other.split(".")[0] == name.split(".")[0]
+        and room(other) != room(name)
+        and floor(other) >= here
     }
 
-    assert not wrong, f"{package} must not import {sorted(wrong)}"
+    assert not wrong, f"{name} is on floor {here} and must not import {sorted(wrong)}"
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_module_loads_slow_libraries_only_inside_functions(path):
-    slow = set() if path.name in PROGRAMS else LAZY.get(_package(path), set())
+@every_module
+def test_a_module_imports_only_the_libraries_that_its_package_may(name):
+    forbidden = FORBIDDEN.get(package(name), FORBIDDEN["drsim"] if name[:5] == "drsim" else set())
 
-    top = {name.split(".")[0] for name in _imports(path, top_level_only=True)}
+    wrong = {imported.split(".")[0] for imported in imports(name)} & forbidden
+
+    assert not wrong, f"{name} must not import {sorted(wrong)}"
+
+
+@every_module
+def test_a_module_loads_slow_libraries_only_inside_functions(name):
+    slow = set() if name in PROGRAMS else LAZY.get(package(name), set())
+
+    top = {imported.split(".")[0] for imported in imports(name, top_level_only=True)}
 
     assert not top & slow
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
-def test_everything_public_says_what_it_is_for(path):
-    tree = ast.parse(path.read_text("utf-8"))
-    bare = [] if ast.get_docstring(tree) else [path.name]
+def test_no_modules_import_each_other_in_a_circle():
+    waiting = {name: set(ours(name)) - {name} for name in modules()}
+    while free := {name for name, needs in waiting.items() if not needs}:
+        waiting = {name: needs - free for name, needs in waiting.items() if name not in free}
+
+    assert not waiting, f"In or above circles: {sorted(waiting)}"
+
+
+def test_every_package_stands_on_a_floor():
+    for name in modules():
+        assert floor(name) >= 0, f"{name}: add its package to FLOORS"
+
+
+def test_few_modules_stand_in_the_root_of_a_tree():
+    assert len(list((ROOT / "drcli").glob("*.py"))) <= 3
+    assert {path.stem for path in (ROOT / "env" / "drsim").glob("*.py")} == {
+        "__init__",
+        "errors",
+        "jit",
+        "replay",
+    }
+
+
+@pytest.mark.parametrize("tree", ["drcli", "drsim"])
+def test_a_module_name_occurs_once(tree):
+    """But for the files in cli/commands, each of which is named after its command."""
+    names = Counter(
+        name.rpartition(".")[2]
+        for name, path in modules().items()
+        if name.split(".")[0] == tree
+        and not name.startswith("drcli.cli.commands.")
+        and path.name != "__init__.py"
+    )
+
+    assert not {name for name, times in names.items() if times > 1}
+
+
+@every_module
+def test_only_the_command_line_prints(name):
+    if package(name) == "drcli.cli":
+        pytest.skip("this is the command line")
+    tree = ast.parse(modules()[name].read_text("utf-8"))
+
+    calls = [
+        node.lineno
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "print"
+    ]
+
+    assert not calls
+
+
+@every_module
+def test_everything_public_says_what_it_is_for(name):
+    tree = ast.parse(modules()[name].read_text("utf-8"))
+    bare = [] if ast.get_docstring(tree) else [name]
     for node in tree.body:
-        bare += _undocumented(node)
+        bare += undocumented(node)
 
     assert not bare
 
 
 def test_nothing_is_called_env_and_no_folder_of_ours_hides_it():
     assert not (ROOT / "env" / "__init__.py").exists()
-    for path in modules():
-        assert "env" not in {name.split(".")[0] for name in _imports(path)}, path
+    for name in modules():
+        assert "env" not in {imported.split(".")[0] for imported in imports(name)}, name
 
 
-def _undocumented(node: ast.stmt) -> list[str]:
+def package(name: str) -> str:
+    """The package that a module belongs to, as in FORBIDDEN."""
+    return "drsim" if name.split(".")[0] == "drsim" else ".".join(name.split(".")[:2])
+
+
+def room(name: str) -> str:
+    """The package or root module of a tree that a module belongs to, as in FLOORS."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def floor(name: str) -> int:
+    """The floor of a module; -1 where FLOORS does not name it."""
+    floors = FLOORS[name.split(".")[0]]
+    return next((i for i, rooms in enumerate(floors) if room(name) in rooms), -1)
+
+
+def ours(name: str) -> set[str]:
+    """The modules of ours that a module imports."""
+    return imports(name) & modules().keys()
+
+
+def imports(name: str, *, top_level_only: bool = False) -> set[str]:
+    """Names of modules that a module imports; `from a import b` may mean the module a.b."""
+    return set(_imports(modules()[name], top_level_only=top_level_only))
+
+
+def _imports(path: Path, *, top_level_only: bool) -> Iterator[str]:
+    tree = ast.parse(path.read_text("utf-8"))
+    for node in tree.body if top_level_only else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in modules() else node.module
+
+
+def undocumented(node: ast.stmt) -> list[str]:
+    """Public names without a docstring."""
     if not isinstance(node, ast.FunctionDef | ast.ClassDef) or node.name.startswith("_"):
         return []
     bare = [] if ast.get_docstring(node) else [node.name]
     if isinstance(node, ast.ClassDef):
         methods = [item for item in node.body if isinstance(item, ast.FunctionDef)]
-        bare += [f"{node.name}.{name}" for m in methods for name in _undocumented(m)]
+        bare += [f"{node.name}.{name}" for m in methods for name in undocumented(m)]
     return bare
-
-
-def _package(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    if parts[0] == "env":
-        return "drsim"
-    return ".".join(parts[:2])
-
-
-def _within(name: str, package: str) -> bool:
-    return name == package or name.startswith(package + ".")
-
-
-def _imports(path: Path, *, top_level_only: bool = False) -> set[str]:
-    """Names of modules that a file imports; `from a import b` may mean the module a.b."""
-    tree = ast.parse(path.read_text("utf-8"))
-    found: set[str] = set()
-    for node in tree.body if top_level_only else ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            packages = ("drcli", "drcli.store", "drcli.learn", "drcli.worker", "drcli.runs")
-            if node.module in packages:
-                found |= {f"{node.module}.{alias.name}" for alias in node.names}
-            else:
-                found.add(node.module)
-    return found

@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
+from drcli.checks.check_report import Violation
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
-from drcli.checks.report import Violation
 from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.sandbox.inputs import try_inputs
 from drcli.checks.storage_rules import review_fit, review_prefix, review_pretrained

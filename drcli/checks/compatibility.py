@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import gcd
 
-from drcli.checks.report import Severity, Violation
+from drcli.checks.check_report import Severity, Violation
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from drcli.checks.report import Report, Violation
+from drcli.checks.check_report import Report, Violation
 from drcli.config.effects import NAMED_BY_CHECK
 from drcli.config.inspection import Check, check_settings
 
@@ -40,7 +40,7 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     """Try all rules on a folder whose settings are right."""
-    from drcli.checks.working_folder import validate  # settings are checked without what it loads
+    from drcli.checks.validate import validate  # settings are checked without what it loads
 
     rules = validate(Path(check.directory))
     return replace(

@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterator
 
-from drcli.checks.report import Severity, Violation
+from drcli.checks.check_report import Severity, Violation
 from drcli.checks.reward_rules import Source
 
 FUNCTION = "reward_function"

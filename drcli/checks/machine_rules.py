@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 
-from drcli.checks.report import Violation
+from drcli.checks.check_report import Violation
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
-from drcli.checks.report import Violation
+from drcli.checks.check_report import Violation
 from drcli.checks.translation import from_error, from_findings, key_of
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import InputFile

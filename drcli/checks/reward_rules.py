@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.base.text_file import decode
+from drcli.checks.check_report import Violation
 from drcli.checks.first_step import idle_conditions
-from drcli.checks.report import Violation
 from drcli.checks.translation import from_error
 from drcli.modelfiles.custom_files import InputFile
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Finding
-from drcli.checks.report import Violation
+from drcli.checks.check_report import Violation
 from drcli.checks.translation import from_error, from_findings, from_sentence, key_of
 from drcli.config.settings import Settings, catalogue, load_settings
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
-from drcli.checks.report import Violation
+from drcli.checks.check_report import Violation
 from drcli.checks.translation import from_error, from_findings, from_sentence
 from drcli.config.settings import Settings
 from drcli.modelfiles.network_shape import Design, refuse_misfit

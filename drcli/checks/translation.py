@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.problems import Finding, FindingsError
-from drcli.checks.report import Severity, Violation
+from drcli.checks.check_report import Severity, Violation
 
 RuleOf = Callable[[Finding], str]
 """Which rule a finding belongs to."""

@@ -23,7 +23,7 @@ class Command:
 
     Attributes:
         name: As in `dr NAME` and `dr-NAME`.
-        target: `module:object` below `drcli.commands`: a function, or a Typer group.
+        target: `module:object` below `drcli.cli.commands`: a function, or a Typer group.
         section: Heading in `dr --help`.
         help: One line there.
         takes_any: Whether options are taken as they come: those of the reference for what is not

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drcli.cli import console
 from drcli.cli.log_tail import Tail
-from drcli.cli.views import iterations, training
+from drcli.cli.views import iterations, training_view
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -81,7 +81,7 @@ def live(*, verbose: bool) -> Iterator[Show]:
 
     with Live(console=console.err, auto_refresh=False) as screen:
         yield lambda report: screen.update(
-            training.live(report, time.time(), verbose=verbose), refresh=True
+            training_view.live(report, time.time(), verbose=verbose), refresh=True
         )
 
 

@@ -49,7 +49,7 @@ def built_in() -> list[str]:
     """Tracks that come with the simulation; none where it is not installed."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
-    folders = [Path(package, "assets", "worlds") for package in packages]
+    folders = [Path(package, "track", "definitions") for package in packages]
     found = [name for folder in folders for name in _stems(folder, (".json",))]
     return sorted({*found, *SAME_ROUTE}) if found else []
 

@@ -24,9 +24,9 @@ from drcli.base.errors import (
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
-from drcli.runs.evaluation_record import EvaluationRecord
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.runs.run_logs import log_file

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.models.repair_model import look_after
-from drcli.runs.evaluation_record import claim, sweep
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket

@@ -12,10 +12,11 @@ from drcli.base import notices
 from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.before_start import Plans, examine
-from drcli.checks.report import by_severity, refuse
+from drcli.checks.check_report import by_severity, refuse
 from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
@@ -24,7 +25,6 @@ from drcli.models.repair_model import mend_all
 from drcli.models.run_metadata import read_note, take_note, write_note
 from drcli.runs.goal_sentence import ending
 from drcli.runs.run_logs import begin_logs
-from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore

@@ -1,8 +1,8 @@
 """What there is to say about a run, as plain data for people and programs alike."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
+from drcli.exchange.run_record import State
 from drcli.store.history import IterationRecord
 
 __all__ = [
@@ -14,9 +14,6 @@ __all__ = [
     "TrialReport",
     "WorkerReport",
 ]
-
-State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
-"""Where a run is in its life. "lost" means that its supervisor is gone without a word."""
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from drcli.base.process_identity import exists
 from drcli.config.settings import Settings
-from drcli.runs.evaluation_record import running_evaluations
+from drcli.exchange.evaluation_record import running_evaluations
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import RunRecord, run_folder
 
 
 @dataclass(frozen=True)

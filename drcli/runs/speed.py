@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.config.settings import Settings
-from drcli.runs.run_record import RunRecord, run_folder
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs.running_workers import Process
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing

@@ -5,9 +5,9 @@ from pathlib import Path
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import Settings
-from drcli.runs.report import CheckpointReport, RunReport, State, WorkerReport
+from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
+from drcli.runs.report import CheckpointReport, RunReport, WorkerReport
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import LIVE_STATES, RunRecord, run_folder
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.history import IterationRecord

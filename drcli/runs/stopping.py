@@ -12,8 +12,8 @@ from typing import Literal
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
 from drcli.config.settings import Settings
-from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.run_record import RunRecord
+from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
+from drcli.exchange.run_record import RunRecord
 from drcli.store.connect import stop_default_storage, stop_storage
 
 TRAINING_PATIENCE_S = 30.0

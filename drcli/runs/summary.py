@@ -11,8 +11,8 @@ from typing import Literal
 
 from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import running_evaluations
 from drcli.runs.addresses import addresses
-from drcli.runs.evaluation_record import running_evaluations
 from drcli.runs.stopping import running_trainings
 from drcli.store import keys
 from drcli.store.connect import known_endpoint

@@ -13,13 +13,12 @@ from drcli.base import log_files
 from drcli.base.errors import DrError, OwnershipLost, StorageError
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.exchange.job import Job, LastWords
+from drcli.exchange.run_record import RunRecord, State, WorkerRecord
 from drcli.runs.launching import start_process
 from drcli.runs.lease_renewal import LOOK_S, Renewal
 from drcli.runs.log_upload import LogUpload
 from drcli.runs.periodic import Periodic, within
-from drcli.runs.report import State
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import RunRecord, WorkerRecord
 from drcli.runs.worker_processes import Child, dismiss
 from drcli.store import lease
 from drcli.store.bucket import Bucket

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from drcli.base.errors import WorkerDied
 from drcli.base.process_identity import is_alive, started_s
 from drcli.config.settings import Settings
+from drcli.exchange.run_record import RunRecord, run_folder, storage_of
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.report import RunReport
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import RunRecord, run_folder, storage_of
 from drcli.runs.status import inspect
 
 if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick

@@ -1,6 +1,7 @@
 """Takes a model prefix for a start, gives it back, and refuses one that somebody else trains on.
 
-What the lease is and how it is read: `drcli.store.ownership`. How it is kept: `drcli.runs.lease_renewal`.
+What the lease is and how it is read: `drcli.store.ownership`. How it is kept:
+`drcli.runs.lease_renewal`.
 """
 
 import os

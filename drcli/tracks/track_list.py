@@ -48,7 +48,7 @@ def _state(folder: Path) -> list[list[str | int]]:
     """Names, sizes and times of all files that define tracks, our version, and how it measures."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
-    folders = [folder, *(Path(package) / "assets" / "worlds" for package in packages)]
+    folders = [folder, *(Path(package) / "track" / "definitions" for package in packages)]
     files = sorted(path for place in folders for path in place.glob("*"))
     state: list[list[str | int]] = [[__version__, _MEASURED]]
     for path in files:

@@ -16,13 +16,13 @@ from safetensors.numpy import save
 from drcli.base.errors import DrError
 from drcli.base.fingerprint import Fingerprint
 from drcli.config.settings import Settings, load_settings
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.models.download import DownloadOptions, download, plan_download
 from drcli.models.model_list import list_models
 from drcli.models.upload import UploadOptions, plan_upload, upload
 from drcli.runs.evaluation_plan import prepare_evaluation
 from drcli.runs.increment import plan_increment
 from drcli.runs.plan import RunPlan, StartOptions, prepare
-from drcli.runs.run_record import RunRecord, run_folder
 from drcli.runs.status import inspect
 from drcli.store import keys, lease
 from drcli.store.bucket import Watch, put_json
@@ -84,8 +84,8 @@ class World:
         self.here = here
         self.there = ProbedBucket("uploads")
         places = (
-            *("runs.plan", "runs.increment", "runs.evaluation_plan", "worker.process"),
-            *("transfer.upload", "transfer.download", "transfer.places"),
+            *("runs.plan", "runs.increment", "runs.evaluation_plan", "workers.worker_process"),
+            *("models.upload", "models.download", "models.transfer_buckets"),
         )
         for module in places:
             patch.setattr(f"drcli.{module}.open_bucket", lambda *_, **__: self.here)

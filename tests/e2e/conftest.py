@@ -27,7 +27,7 @@ PREFIX = "model"
 
 FORKING = """
 import gc, json, os, sys
-import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.working_folder
+import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
 from drcli.cli.app import main
 from drcli.cli.lazy import load
 from drcli.cli.table import COMMANDS

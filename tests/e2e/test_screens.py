@@ -21,7 +21,7 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.runs.run_record import RunRecord, WorkerRecord
+from drcli.exchange.run_record import RunRecord, WorkerRecord
 from drcli.store import keys
 
 pytestmark = pytest.mark.slow
@@ -63,13 +63,13 @@ ALL = f"COMMANDS = {COMMANDS!r}{SHOW}"
 QUICK = f"COMMANDS = { {k: v for k, v in COMMANDS.items() if k != SLOW}!r}{SHOW}"
 
 ASKED = """
-from drcli import console
+from drcli.cli import console
 print("live:", console.is_live(), flush=True)
 """
 
 LIVE = """
 from pathlib import Path
-from drcli.commands import watching
+from drcli.cli import watch_training as watching
 from drcli.config.settings import load_settings
 from drcli.runs.status import inspect
 from dataclasses import replace

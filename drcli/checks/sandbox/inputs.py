@@ -9,7 +9,7 @@ import sys
 import time
 from threading import Event
 
-from drcli.checks.report import Violation, find_tried, forget_tried
+from drcli.checks.check_report import Violation, find_tried, forget_tried
 from drcli.checks.reward_timeout import WHY, is_stuck, stuck_place
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile

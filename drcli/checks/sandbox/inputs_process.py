@@ -1,8 +1,8 @@
 """Tries a racer's inputs before anything starts: does the world load, does the reward work on it?
 
-Run by the launcher as `python -m drcli.checks.sandbox.inputs_process [FILE NAME]`: FILE is a copy of the reward
-function, NAME is what its author calls it; without them only worlds and races are loaded. Needs no
-torch and no bucket, so it is quick.
+Run by the launcher as `python -m drcli.checks.sandbox.inputs_process [FILE NAME]`: FILE is a copy
+of the reward function, NAME is what its author calls it; without them only worlds and races are
+loaded. Needs no torch and no bucket, so it is quick.
 """
 
 import os
@@ -19,7 +19,7 @@ import numpy as np
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
-from drcli.checks.report import Violation, leave_tried
+from drcli.checks.check_report import Violation, leave_tried
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.workers.build_race import load_race, load_world

@@ -1,7 +1,7 @@
 """The process that a racer's reward function is called in: it may end, hang or crash that.
 
-Run as `python -m drcli.checks.sandbox.reward_process FOLDER`. FOLDER holds the order; the statement is written
-there last, so that a missing one tells that it came to that.
+Run as `python -m drcli.checks.sandbox.reward_process FOLDER`. FOLDER holds the order; the statement
+is written there last, so that a missing one tells that it came to that.
 """
 
 import faulthandler

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli.increment import announce, finish
+from drcli.cli.increment_dialog import announce, finish
 from drcli.cli.options import AsJson, Delimiter, Force
 from drcli.cli.working_folder import settings, working_folder
 
@@ -28,7 +28,7 @@ def increment_training(
     Example: dr-increment-training -f
     """
     from drcli.cli import console, prompts
-    from drcli.cli.views import training
+    from drcli.cli.views import training_view
     from drcli.runs.increment import make_increment, plan_increment
 
     loaded, folder = settings(), working_folder()
@@ -39,5 +39,5 @@ def increment_training(
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
     make_increment(planned, loaded, folder)
-    console.emit(step, training.increment(step), as_json=as_json)
+    console.emit(step, training_view.increment(step), as_json=as_json)
     finish(step.file, step.backup, ("dr-start-training", "train the new model"))

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli.increment import announce, finish
+from drcli.cli.increment_dialog import announce, finish
 from drcli.cli.options import AsJson, Delimiter, Force
 from drcli.cli.working_folder import settings, working_folder
 

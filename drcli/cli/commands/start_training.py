@@ -70,7 +70,7 @@ def start_training(
     """
     from drcli.cli import console, watch_training
     from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.cli.views import training as views
+    from drcli.cli.views import training_view as views
     from drcli.runs import plan, training
     from drcli.runs.run_logs import log_file
     from drcli.runs.status import inspect
@@ -142,7 +142,7 @@ def _end(report: "RunReport", *, as_json: bool) -> int:
         Its exit code; a training that left without one counts as a dead worker.
     """
     from drcli.cli import console
-    from drcli.cli.views import training as views
+    from drcli.cli.views import training_view as views
 
     if as_json:
         console.emit(report, "", as_json=True)

@@ -13,13 +13,13 @@ def status(as_json: AsJson = False) -> None:
     """
     from drcli.base.errors import WorkerDied
     from drcli.cli import console
-    from drcli.cli.views import training
+    from drcli.cli.views import training_view
     from drcli.runs.status import inspect
 
     report = inspect(settings(), working_folder())
     for sentence in report.damaged:
         console.warn(sentence)
-    console.emit(report, training.run(report), as_json=as_json)
+    console.emit(report, training_view.run(report), as_json=as_json)
     if report.state == "lost" or report.dead:
         raise WorkerDied(
             report.message or f"Dead: {', '.join(report.dead)}.",

@@ -27,7 +27,7 @@ def validate(
 
     Example: dr-validate --console-compatible
     """
-    from drcli.checks import working_folder as everything
+    from drcli.checks import validate as everything
     from drcli.cli import console
     from drcli.cli.views import problems_view
 

@@ -32,7 +32,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "config.inspection:Values": ("config show",),
     "checks.config_check:FullCheck": ("config check",),
     "config.editing:Edit": ("config set",),
-    "checks.report:Report": ("validate",),
+    "checks.check_report:Report": ("validate",),
     "cli.commands.update:Checked": ("update", "update-env", "reload"),
     "runs.addresses:Addresses": ("url",),
     "cli.completion.install:Installed": ("completion install",),

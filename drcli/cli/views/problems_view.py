@@ -8,7 +8,7 @@ from rich.text import Text
 from drcli.cli.views.layout import indented
 
 if TYPE_CHECKING:
-    from drcli.checks.report import Report, Violation
+    from drcli.checks.check_report import Report, Violation
 
 BELOW_RULE = 8
 """Columns before what is wrong, below its rule."""

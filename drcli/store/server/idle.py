@@ -1,7 +1,8 @@
 """Ends the embedded server once nobody has used it for a while; the next command starts it again.
 
-Started beside the server, as `python -m drcli.store.server.idle FOLDER PORT PID`, in a process of its own:
-whoever started the server may be gone long before. It loads little and sleeps nearly always.
+Started beside the server, as `python -m drcli.store.server.idle FOLDER PORT PID`, in a process of
+its own: whoever started the server may be gone long before. It loads little and sleeps nearly
+always.
 
 Whether somebody uses the server is seen in two ways. Commands and workers of ours hold a lock on a
 file beside the buckets for as long as they live (`in_use`), so that a training is safe that only

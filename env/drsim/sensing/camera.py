@@ -1,7 +1,7 @@
 """The computed camera: where a car's lens is and what it sees of a scene, as grey frames.
 
-No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the sky,
-then `drsim.sensing.cuboids` draws what stands on the ground.
+No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the
+sky, then `drsim.sensing.cuboids` draws what stands on the ground.
 """
 
 import math

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.report import Report, Violation
+from drcli.checks.check_report import Report, Violation
 from drcli.checks.sandbox import inputs_process
-from drcli.checks.working_folder import validate
+from drcli.checks.validate import validate
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
@@ -98,6 +98,6 @@ def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
         path.write_bytes(reward.data)
         return inputs_process.try_inputs(job.settings, (path, reward.origin))
 
-    monkeypatch.setattr("drcli.checks.working_folder.open_bucket", lambda *_, **__: made.bucket)
+    monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_inputs)
     return made

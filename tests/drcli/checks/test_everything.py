@@ -11,10 +11,10 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import rules
 from drcli.checks.sandbox import inputs_process
-from drcli.checks.working_folder import validate
+from drcli.checks.validate import validate
 from drcli.config.settings import load_settings
+from drcli.exchange.run_record import RunRecord
 from drcli.runs.plan import StartOptions, prepare
-from drcli.runs.run_record import RunRecord
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -95,7 +95,7 @@ def test_a_model_to_start_from_is_looked_for_even_if_the_new_one_is_wrong(folder
 
 
 def test_with_a_broken_bucket_all_other_rules_are_tried(folder, monkeypatch):
-    monkeypatch.setattr("drcli.checks.working_folder.open_bucket", broken)
+    monkeypatch.setattr("drcli.checks.validate.open_bucket", broken)
     folder.hyperparameters(lr=1)
     folder.settings(DR_WORLD_NAME="nowhere")
 
@@ -107,7 +107,7 @@ def test_with_a_broken_bucket_all_other_rules_are_tried(folder, monkeypatch):
 
 
 def test_a_file_that_may_lie_in_a_bucket_that_is_broken_is_not_called_missing(folder, monkeypatch):
-    monkeypatch.setattr("drcli.checks.working_folder.open_bucket", broken)
+    monkeypatch.setattr("drcli.checks.validate.open_bucket", broken)
     folder.remove("hyperparameters.json")
 
     report = folder.report()
@@ -249,7 +249,7 @@ def test_files_that_the_bucket_does_not_give_are_told_with_its_own_remedy(folder
         raise StorageError("The server is busy.", remedy="Try again.")
 
     folder.remove("reward_function.py")
-    monkeypatch.setattr("drcli.checks.working_folder.probe", lambda bucket: [])
+    monkeypatch.setattr("drcli.checks.validate.probe", lambda bucket: [])
     monkeypatch.setattr(folder.bucket, "get", fail)
 
     told = [(item.rule, item.message, item.remedy) for item in folder.report().errors]

@@ -13,7 +13,7 @@ from threading import Event
 import pytest
 
 from drcli.checks.before_start import examine
-from drcli.checks.report import find_tried
+from drcli.checks.check_report import find_tried
 from drcli.checks.sandbox.inputs import try_inputs
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
@@ -123,7 +123,8 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_text(DEAF)
     script = (
-        "import sys, drsim.episode.deadline, drsim.episode.reward, drcli.checks.sandbox.inputs_process as trial\n"
+        "import sys, drsim.episode.deadline, drsim.episode.reward\n"
+        "import drcli.checks.sandbox.inputs_process as trial\n"
         "from pathlib import Path\n"
         "drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05\n"
         "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from drcli.cli.views import evaluation_view, iterations, training
+from drcli.cli.views import evaluation_view, iterations, training_view
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -20,19 +20,19 @@ def screen(rendered):
 
 
 def test_the_live_display_of_a_training_under_way(make_report):
-    shown = screen(training.live(make_report("running", 9), NOW_S))
+    shown = screen(training_view.live(make_report("running", 9), NOW_S))
 
     assert shown == UNDER_WAY
 
 
 def test_the_live_display_before_the_first_iteration(make_report):
-    shown = screen(training.live(make_report("running"), NOW_S))
+    shown = screen(training_view.live(make_report("running"), NOW_S))
 
     assert shown == BEFORE_THE_FIRST
 
 
 def test_the_verbose_display_has_a_line_for_each_worker_and_for_the_time(make_report):
-    lines = screen(training.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
+    lines = screen(training_view.live(make_report("running", 9), NOW_S, verbose=True)).splitlines()
 
     assert lines[2:5] == [
         "trainer: waits for rollouts of iteration 9",
@@ -50,7 +50,7 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
         make_report("finished", 300),
     ]
 
-    screens = [screen(training.live(look, NOW_S, verbose=verbose)) for look in looks]
+    screens = [screen(training_view.live(look, NOW_S, verbose=verbose)) for look in looks]
 
     heights = {len(shown.split("\n")) for shown in screens}
     assert len(heights) == 1
@@ -59,20 +59,20 @@ def test_the_height_of_the_live_display_never_changes(make_report, verbose):
 
 
 def test_a_display_that_has_ended_no_longer_speaks_of_ctrl_c(make_report):
-    shown = screen(training.live(make_report("finished", 9), NOW_S))
+    shown = screen(training_view.live(make_report("finished", 9), NOW_S))
 
     assert "Ctrl-C" not in shown
     assert shown.startswith("finished")
 
 
 def test_status_of_a_training_under_way(make_report):
-    shown = screen(training.run(make_report("running", 9)))
+    shown = screen(training_view.run(make_report("running", 9)))
 
     assert shown == STATUS
 
 
 def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_report):
-    lines = screen(training.run(make_report("finished", 9))).splitlines()
+    lines = screen(training_view.run(make_report("finished", 9))).splitlines()
 
     assert lines[0] == "Run 0: finished  s3://bucket/model  on reinvent_base"
     assert lines[1] == "All 3 evaluation laps are complete."
@@ -82,7 +82,7 @@ def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_r
 def test_status_of_a_failed_training_tells_what_to_do(make_report):
     report = make_report("failed", 1, message="The loss is NaN.", remedy="Lower lr.", exit_code=6)
 
-    lines = screen(training.run(report)).splitlines()
+    lines = screen(training_view.run(report)).splitlines()
 
     assert lines[1:3] == ["The loss is NaN.", "  Try: Lower lr."]
 
@@ -91,7 +91,7 @@ def test_a_dead_worker_catches_the_eye(make_report):
     report = make_report("running")
     dead = report.workers[1].__class__("sim-0", 7, False, 2, "drives iteration 0", "x.log")
 
-    shown = screen(training.run(make_report("running", workers=[dead])))
+    shown = screen(training_view.run(make_report("running", workers=[dead])))
 
     assert "sim-0 (DEAD, process 7, restarted 2 x): drives iteration 0" in shown
 
@@ -221,8 +221,8 @@ def test_a_collapse_is_told_in_every_display(make_report):
     told = "Warning: completion fell from 98 % to 41 %; best is 37"
     collapsed = make_report("running", 9, warning=told.removeprefix("Warning: "))
 
-    assert told in screen(training.run(collapsed))
-    assert told in screen(training.live(collapsed, NOW_S))
+    assert told in screen(training_view.run(collapsed))
+    assert told in screen(training_view.live(collapsed, NOW_S))
 
 
 @pytest.mark.parametrize("columns", [1, 10, 24, 40])

@@ -88,8 +88,8 @@ def test_names_belong_in_the_file_in_which_our_examples_have_them(file):
 
 
 def test_every_setting_that_is_used_is_read_by_some_module():
-    modules = [path for path in (ROOT / "drcli").rglob("*.py") if path.parent.name != "settings"]
-    modules += [ROOT / "drcli" / "settings" / name for name in ("loading.py", "model.py")]
+    modules = [p for p in (ROOT / "drcli").rglob("*.py") if "config" not in p.parts]
+    modules += [ROOT / "drcli" / "config" / name for name in ("loading.py", "model.py")]
     code = "\n".join(path.read_text("utf-8") for path in modules)
 
     used = [setting for setting in catalogue().values() if setting.effect == "used"]

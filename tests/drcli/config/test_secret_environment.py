@@ -40,7 +40,7 @@ OPEN = {
 LOOKS = """
 import json, os, sys
 from pathlib import Path
-from drcli import withheld
+from drcli.config import secret_environment as withheld
 from drcli.exchange.job import Job
 job = Job.received()
 with withheld.lent():
@@ -120,7 +120,8 @@ def test_keys_that_expire_are_renewed_with_the_secrets_at_hand(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
 def test_a_process_that_has_secrets_can_hide_them_from_others_even_of_root():
     script = (
-        "from drcli import withheld; import ctypes, os, subprocess; withheld.hide_process();"
+        "from drcli.config import secret_environment as withheld; import ctypes, os, subprocess;"
+        "withheld.hide_process();"
         "print(ctypes.CDLL(None).prctl(3, 0, 0, 0, 0), flush=True);"  # PR_GET_DUMPABLE
         "subprocess.run(['sh', '-c', 'echo $GITHUB_TOKEN $HOME; cat /proc/$PPID/environ'])"
     )
@@ -140,7 +141,7 @@ def test_a_process_that_has_secrets_can_hide_them_from_others_even_of_root():
 
 SIGNALS = """
 import os, signal, subprocess, sys
-from drcli import signalguard
+from drcli.base import signal_guard as signalguard
 signalguard.install()
 try:
     %s

@@ -41,8 +41,14 @@ class Mover:
         monkeypatch.setattr(
             "drcli.models.transfer_buckets.open_running_bucket", lambda *_: self.here
         )
-        for module in ("upload", "download", "places", "naming", "custom_files"):
-            monkeypatch.setattr(f"drcli.transfer.{module}.open_bucket", lambda *_, **__: self.here)
+        for module in (
+            "upload",
+            "download",
+            "transfer_buckets",
+            "upload_prefix",
+            "copy_custom_files",
+        ):
+            monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: self.here)
 
     def use(self, there: MemoryBucket) -> None:
         """Take another bucket for uploads."""

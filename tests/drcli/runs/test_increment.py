@@ -8,8 +8,8 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs.increment import make_increment, plan_increment
-from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import lease
 
 

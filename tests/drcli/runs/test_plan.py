@@ -10,9 +10,9 @@ import psutil
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs import plan, training
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import keys, lease
 
 THEIRS = {"session": "theirs", "host": "elsewhere", "pid": 1}

@@ -7,8 +7,8 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from drcli.runs import run_record
-from drcli.runs.run_record import RunRecord, run_folder, storage_of
+from drcli.exchange import run_record
+from drcli.exchange.run_record import RunRecord, run_folder, storage_of
 from drcli.runs.status import inspect
 
 

@@ -15,10 +15,10 @@ import pytest
 
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job, LastWords
+from drcli.exchange.run_record import RunRecord
 from drcli.runs import supervisor
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.run_logs import log_file
-from drcli.runs.run_record import RunRecord
 from drcli.runs.supervisor import Supervisor
 from drcli.store import keys, lease
 from drcli.store.memory_bucket import MemoryBucket

@@ -17,8 +17,8 @@ print(is_running(int(sys.argv[1]), sys.argv[2]))
 ENDING = """
 import sys
 import drcli.workers.worker_process
-from drcli import signalguard
-from drcli.store import process
+from drcli.base import signal_guard as signalguard
+from drcli.store.server import server_process as process
 
 signalguard.install()
 process.end(int(sys.argv[1]), sys.argv[2])

@@ -100,7 +100,7 @@ def test_our_own_prints_have_no_limit_and_come_after_what_was_left_out(clock, tm
 
 WRITER = """
 import ctypes, faulthandler, os, sys, time
-from drcli.worker import output
+from drcli.workers import output
 
 output.LOOK_S = 0.01
 output.install({max_bytes})
@@ -143,7 +143,7 @@ def test_no_line_is_lost_or_cut_by_rotation_whoever_writes_it_and_however_it_end
 
 ENDLESS = """
 import os, time
-from drcli.worker import output
+from drcli.workers import output
 
 output.LOOK_S = 0.01
 output.install(200_000)

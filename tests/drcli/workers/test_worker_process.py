@@ -23,7 +23,7 @@ def reward_function(params):
 CALLING = """
 import drsim.episode.deadline
 from pathlib import Path
-from drcli.worker import process
+from drcli.workers import worker_process as process
 from drsim.episode.reward import checked_reward, load_reward_function
 
 def main(job, lifeline):
@@ -34,7 +34,7 @@ process.run("sim-0", main)
 """
 
 FAILING = """
-from drcli.worker import process
+from drcli.workers import worker_process as process
 
 def main(job, lifeline):
     raise %s("why")

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.report import Report, Skipped, Violation
+from drcli.checks.check_report import Report, Skipped, Violation
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
@@ -160,31 +160,31 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = [f"a-folder/a-file-with-a-long-name-{k}.data-00000-of-00001" for k in range(3)]
     source = {"source": URL, "checkpoint": "8_Step-4000.ckpt", "copied": files}
     plan = {"source_url": URL, "target_url": URL, "used": 0, "chosen": SimpleNamespace(line="c")}
-    answer("transfer.upload.plan_upload", SimpleNamespace(**plan))
+    answer("models.upload.plan_upload", SimpleNamespace(**plan))
     answer(
         "transfer.upload.upload",
         UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
     )
     options = SimpleNamespace(prefix="model")
-    answer("transfer.download.plan_download", SimpleNamespace(**plan, options=options))
-    answer("transfer.download.download", DownloadReport(**source, target=URL, custom_files=files))
+    answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
+    answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
     custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
-    answer("transfer.custom_files.upload_custom_files", custom)
-    answer("transfer.custom_files.download_custom_files", custom)
+    answer("models.copy_custom_files.upload_custom_files", custom)
+    answer("models.copy_custom_files.download_custom_files", custom)
     upload_step = UploadIncrement(f"{folder}/run.env", f"{folder}/run.env.bak", MODEL, MODEL)
-    answer("transfer.naming.plan_upload_increment", SimpleNamespace(step=upload_step))
-    answer("transfer.naming.make_upload_increment", None)
+    answer("models.upload_prefix.plan_upload_increment", SimpleNamespace(step=upload_step))
+    answer("models.upload_prefix.make_upload_increment", None)
     weights = Pretrained(MODEL, "best", "8_Step-4000.ckpt", 1.0, "0")
     step = Increment("run.env", "run.env.bak", "bucket", MODEL, MODEL, weights, wipes=False)
     answer("runs.increment.plan_increment", SimpleNamespace(step=step))
     answer("runs.increment.make_increment", None)
     score = CheckpointEntry("8_Step-4000.ckpt", 87.54321)
     model = ModelEntry(MODEL, 4, score, score, 99, 123_456_789, "2026-01-02T03:04:05", True)
-    answer("transfer.places.bucket_to_look_at", SimpleNamespace(name="bucket"))
-    answer("transfer.listing.list_models", ModelList("bucket", "", [model]))
+    answer("models.transfer_buckets.bucket_to_look_at", SimpleNamespace(name="bucket"))
+    answer("models.model_list.list_models", ModelList("bucket", "", [model]))
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
-    answer("runs.processes.trainers", [worker])
-    answer("runs.processes.simulations", [worker])
+    answer("runs.running_workers.trainers", [worker])
+    answer("runs.running_workers.simulations", [worker])
     answer("runs.speed.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)
     answer("runs.stopping.stop_all", StopReport([stopped], server=True))
@@ -201,18 +201,18 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         },
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
-    answer("tracks.listing.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
-    answer("tracks.folder.add_track", facts)
-    answer("tracks.fetch.fetch_track", facts)
+    answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
+    answer("tracks.tracks_folder.add_track", facts)
+    answer("tracks.community.fetch_track", facts)
     where = "custom_files/reward_function.py line 12"
     broken = Violation("V-21", "error", where, "It is wrong. " * 9, "Write it as it shall be. " * 5)
     skipped = Skipped(
         ("V-10", "V-11"), "The bucket cannot be reached while the settings are wrong."
     )
-    answer("validate.everything.validate", Report("", False, (broken,), (broken,), (skipped,)))
-    answer("reward.check.check", _reward_report())
-    answer("reward.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
-    answer("reward.compare.compare", _comparison())
+    answer("checks.validate.validate", Report("", False, (broken,), (broken,), (skipped,)))
+    answer("rewards.check.check", _reward_report())
+    answer("rewards.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
+    answer("rewards.compare.compare", _comparison())
 
 
 def _settings():

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
-from drcli.runs.run_record import RunRecord, run_folder
+from drcli.exchange.run_record import RunRecord, run_folder
 
 
 def ended(folder: Path, *arguments: str, closed: str) -> tuple[int, str]:

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from drcli.base.errors import WorkerDied
+from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job
 from drcli.runs.evaluation_plan import EvaluationPlan
-from drcli.runs.evaluation_record import EvaluationRecord
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import psutil
 import pytest
 
 from drcli.cli.commands import reference_logs
-from drcli.runs.evaluation_record import EvaluationRecord
-from drcli.runs.run_record import RunRecord, WorkerRecord
+from drcli.exchange.evaluation_record import EvaluationRecord
+from drcli.exchange.run_record import RunRecord, WorkerRecord
 from drcli.runs.speed import SpeedReport
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.report import Violation, refuse
+from drcli.checks.check_report import Violation, refuse
 
 
 def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, capsys):

@@ -9,8 +9,8 @@ import time
 import psutil
 import pytest
 
-from drcli.runs.evaluation_record import EvaluationRecord
-from drcli.runs.run_record import RunRecord
+from drcli.exchange.evaluation_record import EvaluationRecord
+from drcli.exchange.run_record import RunRecord
 
 OBEDIENT = "import time; print('ready', flush=True); time.sleep(60)"
 STUBBORN = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + OBEDIENT

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from drcli.base.errors import StorageError
 from drcli.cli.views import everyday
+from drcli.exchange.run_record import RunRecord
 from drcli.runs import summary
-from drcli.runs.run_record import RunRecord
 from drcli.runs.summary import BucketState, Running, Summary
 from drcli.store.endpoint import Endpoint
 

@@ -23,8 +23,8 @@ class EvaluationRecord:
         world: DR_WORLD_NAME.
         checkpoint: What drives.
         pid: The process that waits for its end and is to be told to stop.
-        pid_started: When that process began (`drcli.base.process_identity.started_s`): process numbers are
-            used again.
+        pid_started: When that process began, as `process_identity.started_s` gives it: process
+            numbers are used again.
         worker_pid: The process that drives.
         started_at: Unix seconds.
     """

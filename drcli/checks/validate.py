@@ -10,11 +10,11 @@ from pathlib import Path
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Finding
 from drcli.checks.before_start import FILE_RULES, Examined, Plans, examine
+from drcli.checks.check_report import Report, Skipped, Violation, by_severity, of_severity
 from drcli.checks.compatibility import as_console, review_actions, review_balance, review_names
 from drcli.checks.console_rules import review_style
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
-from drcli.checks.report import Report, Skipped, Violation, by_severity, of_severity
 from drcli.checks.reward_rules import read_source, review_source
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.storage_rules import probe, review_rivals
@@ -22,8 +22,8 @@ from drcli.checks.translation import from_error
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.exchange.job import Job
+from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import InputFile, find
-from drcli.runs.run_record import RunRecord, run_folder
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket

@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from drcli.base.process_identity import exists, is_alive, started_s
-from drcli.runs.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.runs.run_record import RunRecord, WorkerRecord, run_folder
+from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
+from drcli.exchange.run_record import RunRecord, WorkerRecord, run_folder
 from drcli.runs.status import inspect
 from drcli.runs.stopping import running_trainings, stop_runs
 

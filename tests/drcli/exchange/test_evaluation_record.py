@@ -6,7 +6,7 @@ import time
 import psutil
 import pytest
 
-from drcli.runs.evaluation_record import EvaluationRecord, claim, running_evaluations, sweep
+from drcli.exchange.evaluation_record import EvaluationRecord, claim, running_evaluations, sweep
 
 
 @pytest.fixture

@@ -2,14 +2,17 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import Misfit, built
 from drcli.base.process_identity import is_alive
 from drcli.config.settings import Settings
-from drcli.runs.report import State
 
 _FILE = "run.json"
+
+State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
+"""Where a run is in its life. "lost": its supervisor ended without saying why."""
 
 _STORAGE = (
     *("cloud", "bucket", "remote_minio_url", "profile", "aws_app_region"),
@@ -40,8 +43,8 @@ class RunRecord:
         world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
         pid: The supervisor.
-        pid_started: When that process began (`drcli.base.process_identity.started_s`): process numbers are
-            used again.
+        pid_started: When that process began, as `process_identity.started_s` gives it: process
+            numbers are used again.
         started_at: Unix seconds.
         ended_at: Unix seconds, or None.
         exit_code: Of the supervisor, when it has ended.
