@@ -12,14 +12,14 @@ from drsim.car.realism import Disturbances, Realism
 from drsim.episode.episode import EpisodeRules, Episodes, Status
 from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import Placing
-from drsim.episode.privileged import features
+from drsim.episode.privileged_features import features
 from drsim.episode.progress import JUMP_M, fraction_at, without_jump
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic
+from drsim.sensing.observations import Randomize, Senses
 from drsim.sensing.scene import Scene, build_scene
-from drsim.sensing.senses import Randomize, Senses
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Location, Track
 

@@ -11,7 +11,7 @@ from drcli.learn.policy import ActorCritic
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.episode.episode import EpisodeRules
-from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.sensing.sensors import Sensors

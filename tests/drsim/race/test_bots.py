@@ -15,7 +15,7 @@ from drsim.track.lanes import LanePaths
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
-ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 REINVENT = load_track("reinvent_base")
 EVERYBODY = np.ones(1, np.bool_)
 STEP_S = 1.0 / CONTROL_HZ
