@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 import torch
 
+from drcli.exchange.trace import STEP_S
 from drcli.learn.acting import SideBySide
 from drcli.learn.network_spec import PolicySpec
 from drcli.learn.observation import Observation
 from drcli.learn.policy import ActorCritic
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drsim.car.actions import ContinuousActions, DiscreteActions
+from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules
-from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.sensing.sensors import Sensors
@@ -172,3 +174,7 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
         value = model(Observation(together, nothing, nothing)).value
 
     np.testing.assert_allclose(value.numpy(), episode.values, rtol=1e-4, atol=1e-5)
+
+
+def test_a_step_of_a_trace_is_one_of_the_simulation():
+    assert STEP_S == 1.0 / CONTROL_HZ

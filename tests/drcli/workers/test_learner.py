@@ -16,7 +16,7 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_race import sensors_of_model
 from drcli.workers.learner import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
 from drcli.workers.restore import restore_optimizer
-from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")

@@ -336,7 +336,7 @@ def test_without_pygame_a_window_is_refused_with_the_remedy(oval, monkeypatch):
 
 
 def test_the_extra_for_rendering_brings_what_windows_and_videos_need():
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8"))
 
     needed = " ".join(project["project"]["optional-dependencies"]["rendering"])
 

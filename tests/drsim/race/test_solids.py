@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.race.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
+from drsim.race.solids import SHAPES, Box, Shape, Solids
 
 POST = Shape("post", (Box((0.5, 0.0), (0.2, 0.1), 0.1, 0.9, (10.0, 20.0, 30.0)),), (0.2, 0.1))
 
@@ -57,10 +57,11 @@ def test_a_turned_shape_carries_its_parts_around_the_point_that_its_pose_names()
     solids.move(np.array([0]), np.array([[[3.0, 4.0]]]), np.array([[np.pi / 2]]))
 
     row = solids.boxes[0, 0]
-    assert row.shape == (BOX_COLUMNS,)
     # Half a metre ahead of (3, 4) when looking to +y, and seen from there turned by 90 degrees.
-    assert row[:4] == pytest.approx([3.0, 4.5, 0.0, 1.0], abs=1e-6)
-    assert row[4:] == pytest.approx([0.1, 0.05, 0.1, 0.9, 10.0, 20.0, 30.0])
+    *place, half_length, half_width, low, high, color = row.tolist()
+    assert place == pytest.approx([3.0, 4.5, 0.0, 1.0], abs=1e-6)
+    assert [half_length, half_width, low, high] == pytest.approx([0.1, 0.05, 0.1, 0.9])
+    assert color == [10.0, 20.0, 30.0]
 
 
 def test_every_car_has_its_own_places():
@@ -71,8 +72,10 @@ def test_every_car_has_its_own_places():
     solids.move(np.array([0, 2]), xy, np.zeros((2, 2)))
 
     np.testing.assert_array_equal(solids.boxes[1], before[1])
-    np.testing.assert_allclose(solids.boxes[[0, 2], :, :2], xy + np.array([0.5, 0.0]))
-    np.testing.assert_array_equal(solids.boxes[:, :, 4:], before[:, :, 4:])
+    moved = np.stack([solids.boxes[axis][[0, 2]] for axis in ("x", "y")], axis=-1)
+    np.testing.assert_allclose(moved, xy + np.array([0.5, 0.0]))
+    for name in ("half_length", "half_width", "low", "high", "color"):
+        np.testing.assert_array_equal(solids.boxes[name], before[name])
 
 
 def test_paint_colours_whole_objects_of_one_car_but_not_their_tyres():
@@ -82,7 +85,7 @@ def test_paint_colours_whole_objects_of_one_car_but_not_their_tyres():
     solids.paint(np.array([1]), np.array([[[1.0, 2.0, 3.0], [200.0, 100.0, 50.0]]]))
 
     np.testing.assert_array_equal(solids.boxes[0], before[0])
-    colors = solids.boxes[1, :, 8:].tolist()
+    colors = solids.boxes["color"][1].tolist()
     assert colors[0] == [1.0, 2.0, 3.0]
     assert colors[1:5] == [[25.5] * 3] * 4
     assert colors[5:] == [[200.0, 100.0, 50.0]] * 2
@@ -100,4 +103,4 @@ def test_no_shapes_make_no_boxes():
 
     solids.move(np.arange(4), np.zeros((4, 0, 2)), np.zeros((4, 0)))
 
-    assert solids.boxes.shape == (4, 0, BOX_COLUMNS)
+    assert solids.boxes.shape == (4, 0)

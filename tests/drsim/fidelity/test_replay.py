@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.car.car import CarBatch, CarParameters
-from drsim.fidelity.fidelity import compare
+from drsim.fidelity.motion import compare
 from drsim.fidelity.recordings import RecordingError, load_recordings
-from drsim.fidelity.rederive import rederive
+from drsim.fidelity.track_columns import rederive
 from drsim.replay import main, summary
 from drsim.track.worlds import load_track
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 COLUMNS = [
     *("episode", "steps", "X", "Y", "yaw", "steer", "throttle", "action", "reward", "done"),

@@ -9,7 +9,7 @@ import shapely
 from drsim.errors import TrackError
 from drsim.track.worlds import describe, directed, known_worlds, load_track
 
-ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 
 needs_routes = pytest.mark.skipif(
     not ROUTES.is_dir(), reason="there is no folder of reference routes beside the repository"

@@ -7,18 +7,16 @@ import pytest
 import shapely
 from shapely import affinity
 
-from drsim.race.solids import BOX_COLUMNS, SHAPES, Solids
+from drsim.race.solids import CUBOID, SHAPES, Solids
 from drsim.sensing.lidar import LIDAR, LidarModel, scan
 
 ROOM_M = np.array([-2.0, 3.0, -1.5, 1.5], np.float32)
 FORWARD = LidarModel(yaw_rad=0.0)
-NO_BOXES = np.empty((1, 0, BOX_COLUMNS), np.float32)
+NO_BOXES = np.empty((1, 0), CUBOID)
 
 
 def scan_one(boxes=NO_BOXES, xy=(0.0, 0.0), yaw_rad=0.0, wall_height_m=0.0, lidar=LIDAR):
-    out = np.empty((1, lidar.samples), np.float32)
-    scan(ROOM_M, wall_height_m, boxes, np.array([xy]), np.array([yaw_rad]), out, lidar)
-    return out[0]
+    return scan(ROOM_M, wall_height_m, boxes, np.array([xy]), np.array([yaw_rad]), lidar)[0]
 
 
 def boxes_at(*poses, shape="box_obstacle"):
@@ -152,9 +150,8 @@ def test_a_batch_measures_what_each_car_measures_alone():
     random = np.random.default_rng(0)
     boxes = np.concatenate([boxes_at(*random.uniform(-1.5, 1.5, (6, 3))) for _ in range(8)])
     xy, yaw_rad = random.uniform(-1, 1, (8, 2)), random.uniform(-3, 3, 8)
-    out = np.empty((8, 64), np.float32)
 
-    scan(ROOM_M, 1.0, boxes, xy, yaw_rad, out)
+    out = scan(ROOM_M, 1.0, boxes, xy, yaw_rad)
 
     alone = [scan_one(boxes[i : i + 1], xy[i], yaw_rad[i], wall_height_m=1.0) for i in range(8)]
     np.testing.assert_array_equal(out, alone)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drsim.car.camera_mount import FRONT, CameraModel
-from drsim.race.solids import BOX_COLUMNS, SHAPES, Box, Shape, Solids
+from drsim.race.solids import CUBOID, SHAPES, Box, Shape, Solids
 from drsim.sensing.camera import Light, lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint, Walls
@@ -46,7 +46,7 @@ def axes(yaw_deg: float = 0.0, down_deg: float = 0.0, roll_deg: float = 0.0) -> 
 
 
 def placed(*things: tuple[Shape, float, float, float]) -> np.ndarray:
-    """Cuboids of shapes at x, y and yaw in degrees. Shape (1, m, BOX_COLUMNS)."""
+    """Cuboids of shapes at x, y and yaw in degrees. Shape (1, m)."""
     solids = Solids(1, [shape for shape, *_ in things])
     poses = np.array([pose for _, *pose in things]).reshape(1, -1, 3)
     solids.move(np.array([0]), poses[:, :, :2], np.radians(poses[:, :, 2]))
@@ -77,7 +77,7 @@ def brute_force(
     depth_1 = np.full(left.shape, camera.focal_px)
     ways = np.stack([depth_1, left, up], axis=-1) / camera.focal_px @ mat.T + 1e-12
     nearest, greys = np.full(left.shape, np.inf), np.zeros(left.shape)
-    for x_m, y_m, cos, sin, half_x, half_y, low, high, *color in boxes[0].astype(float):
+    for x_m, y_m, cos, sin, half_x, half_y, low, high, color in boxes[0].tolist():
         frame = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         start, way = (pos - (x_m, y_m, 0.0)) @ frame, ways @ frame
         one = (np.array([-half_x, -half_y, low]) - start) / way
@@ -242,7 +242,7 @@ def test_a_box_behind_the_lens_is_not_drawn(scene):
 @pytest.mark.parametrize("where", [np.nan, np.inf, -np.inf, 1e30])
 def test_a_box_that_is_nowhere_is_not_drawn(scene, where):
     boxes = placed((BOX, 1.0, 0.0, 0.0))
-    boxes[0, 0, 1] = where
+    boxes["y"][0, 0] = where
     before = seen(scene, EYE, axes(), None)
 
     after = seen(scene, EYE, axes(), boxes)
@@ -295,6 +295,6 @@ def test_boxes_or_light_for_other_lenses_are_refused(scene):
     )
 
     with pytest.raises(ValueError, match="boxes for 3 lenses, but 2"):
-        render(scene, pos, mat, out, boxes=np.zeros((3, 1, BOX_COLUMNS), np.float32))
+        render(scene, pos, mat, out, boxes=np.zeros((3, 1), CUBOID))
     with pytest.raises(ValueError, match="light for 1 lenses, but 2"):
         render(scene, pos, mat, out, light=light)

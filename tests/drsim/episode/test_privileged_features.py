@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.race.race import ObstacleRules, Race

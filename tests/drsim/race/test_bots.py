@@ -11,11 +11,11 @@ from drsim.car.car import CONTROL_HZ
 from drsim.race.bots import Bots
 from drsim.race.race import BotRules, Race
 from drsim.race.traffic import Traffic
-from drsim.track.lanes import LanePaths
+from drsim.track.lanes import LanePaths, LanePlaces
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
-ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 REINVENT = load_track("reinvent_base")
 EVERYBODY = np.ones(1, np.bool_)
 STEP_S = 1.0 / CONTROL_HZ
@@ -47,9 +47,8 @@ def both(track: Track) -> tuple[Track, Track]:
 def on_lanes(paths: LanePaths, at_m: np.ndarray, share: float, backward: int = 0):
     """Points and directions of a lane, shapes (m, 2) and (m,)."""
     shape = (1, len(at_m))
-    xy, yaw_rad = paths.poses(
-        np.array([backward]), at_m[None], np.full(shape, share), np.zeros(shape)
-    )
+    places = LanePlaces(at_m[None], np.full(shape, share), np.zeros(shape))
+    xy, yaw_rad = paths.poses(np.array([backward]), places)
     return xy[0], yaw_rad[0]
 
 
@@ -263,9 +262,9 @@ def test_a_halt_stops_all_bots_of_a_car_for_the_penalty_and_no_others() -> None:
     bots.halt(np.array([True, False]))
     moved = []
     for _ in range(32):
-        before_m = bots.distance_m.copy()
+        before_m = bots.places.distance_m.copy()
         bots.advance(everybody)
-        moved.append((bots.distance_m > before_m).all(axis=1))
+        moved.append((bots.places.distance_m > before_m).all(axis=1))
 
     first, second = np.array(moved).T
     assert first.tolist() == [False] * 30 + [True] * 2, "2 s are 30 steps"
@@ -279,12 +278,12 @@ def test_a_second_halt_during_the_first_changes_nothing() -> None:
     for _ in range(10):
         bots.halt(EVERYBODY)
         bots.advance(EVERYBODY)
-    still_m = bots.distance_m.copy()
+    still_m = bots.places.distance_m.copy()
     for _ in range(6):
         bots.advance(EVERYBODY)
 
     assert still_m[0, 0] == 1.0
-    assert bots.distance_m[0, 0] == pytest.approx(1.0 + 0.2 / 15)
+    assert bots.places.distance_m[0, 0] == pytest.approx(1.0 + 0.2 / 15)
 
 
 def test_a_halt_puts_lane_changes_off_by_as_much() -> None:
@@ -299,7 +298,7 @@ def test_a_halt_puts_lane_changes_off_by_as_much() -> None:
         shares.append([])
         for _ in range(80):
             bots.advance(EVERYBODY)
-            shares[-1].append(bots.share[0, 0])
+            shares[-1].append(bots.places.share[0, 0])
 
     undisturbed, halted = shares
     assert halted[15:] == undisturbed[:-15]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode.episode import EpisodeRules, Episodes, Status
+from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
 
 DRIVEN = np.array([True])
 
@@ -22,11 +22,13 @@ def judge(
     crashed: bool = False,
 ):
     return episodes.judge(
-        DRIVEN,
-        np.array([fraction]),
-        np.array([moved_m]),
-        np.array([off_track]),
-        np.array([crashed]),
+        Observed(
+            driven=DRIVEN,
+            fraction=np.array([fraction]),
+            moved_m=np.array([moved_m]),
+            off_track=np.array([off_track]),
+            crashed=np.array([crashed]),
+        )
     )
 
 
@@ -39,9 +41,9 @@ def drive_lap(episodes: Episodes, start: float = 0.0):
 def test_an_episode_begins_with_step_one_and_the_progress_of_the_point_ahead():
     episodes = begun(start=0.995)
 
-    assert episodes.steps[0] == 1
-    assert episodes.progress[0] == pytest.approx(0.8)
-    assert not episodes.over[0]
+    assert episodes.state.steps[0] == 1
+    assert episodes.state.progress[0] == pytest.approx(0.8)
+    assert not episodes.state.over[0]
 
 
 def test_leaving_the_track_ends_a_training_episode():
@@ -52,7 +54,7 @@ def test_leaving_the_track_ends_a_training_episode():
     assert verdict.status[0] == Status.OFF_TRACK
     assert verdict.terminated[0]
     assert not verdict.truncated[0]
-    assert episodes.over[0]
+    assert episodes.state.over[0]
 
 
 @pytest.mark.parametrize("start", [0.0, 0.35])
@@ -63,8 +65,8 @@ def test_a_lap_ends_a_training_episode_at_exactly_one_hundred(start):
 
     assert verdict.status[0] == Status.LAP_COMPLETE
     assert verdict.terminated[0]
-    assert episodes.progress[0] == 100.0
-    assert episodes.laps[0] == 1
+    assert episodes.state.progress[0] == 100.0
+    assert episodes.state.laps[0] == 1
 
 
 def test_standing_still_for_fifteen_steps_ends_the_episode_and_not_for_fourteen():
@@ -115,7 +117,7 @@ def test_the_step_limit_truncates_and_is_called_immobilized():
     assert [v.truncated[0] for v in verdicts] == [False, False, True]
     assert not verdicts[-1].terminated[0]
     assert verdicts[-1].status[0] == Status.IMMOBILIZED
-    assert episodes.steps[0] == 4
+    assert episodes.state.steps[0] == 4
 
 
 def test_a_lap_in_the_last_allowed_step_terminates_instead():
@@ -123,7 +125,7 @@ def test_a_lap_in_the_last_allowed_step_terminates_instead():
 
     verdict = drive_lap(episodes)
 
-    assert episodes.steps[0] == 21
+    assert episodes.state.steps[0] == 21
     assert verdict.terminated[0]
     assert not verdict.truncated[0]
 
@@ -134,14 +136,14 @@ def test_forgiven_violations_cost_their_penalty_until_the_allowance_is_used():
     pauses = []
     for _ in range(2):
         verdict = judge(episodes, 0.3, off_track=True)
-        pauses.append((bool(verdict.put_back[0]), int(episodes.pause_steps[0])))
-        episodes.pause_steps[0] = 0
+        pauses.append((bool(verdict.put_back[0]), int(episodes.state.pause_steps[0])))
+        episodes.state.pause_steps[0] = 0
     last = judge(episodes, 0.3, off_track=True)
 
     assert pauses == [(True, 30), (True, 30)]
     assert last.terminated[0]
     assert not last.put_back[0]
-    assert episodes.resets[0] == 2
+    assert episodes.state.resets[0] == 2
 
 
 def test_waiting_counts_steps_and_lap_time_down_to_zero():
@@ -151,9 +153,9 @@ def test_waiting_counts_steps_and_lap_time_down_to_zero():
     for _ in range(3):
         episodes.wait(DRIVEN)
 
-    assert episodes.pause_steps[0] == 0
-    assert episodes.steps[0] == 5
-    assert episodes.lap_steps[0] == 4
+    assert episodes.state.pause_steps[0] == 0
+    assert episodes.state.steps[0] == 5
+    assert episodes.state.lap_steps[0] == 4
 
 
 def test_patience_restarts_after_a_forgiven_violation():
@@ -170,18 +172,19 @@ def test_a_continuous_race_counts_laps_and_restarts_progress():
     episodes = begun(EpisodeRules.evaluation(laps=2))
 
     first = drive_lap(episodes)
-    lap_steps = int(episodes.lap_steps[0])
+    laps = int(episodes.state.laps[0])
+    lap_steps = int(episodes.state.lap_steps[0])
     second = judge(episodes, 0.01)
-    fresh = (float(episodes.progress[0]), int(episodes.lap_steps[0]))
+    fresh = (float(episodes.state.progress[0]), int(episodes.state.lap_steps[0]))
     last = drive_lap(episodes)
 
-    assert first.lap_done[0]
+    assert laps == 1
     assert first.status[0] == Status.IN_PROGRESS
     assert lap_steps == 20
     assert second.status[0] == Status.IN_PROGRESS
     assert fresh == (pytest.approx(1.0), 1)
     assert last.status[0] == Status.LAP_COMPLETE
-    assert episodes.laps[0] == 2
+    assert episodes.state.laps[0] == 2
 
 
 def test_cars_are_judged_each_by_its_own_counters():
@@ -190,12 +193,18 @@ def test_cars_are_judged_each_by_its_own_counters():
     driven = np.array([True, True, False])
 
     verdict = episodes.judge(
-        driven, np.full(3, 0.02), np.full(3, 0.1), np.array([False, True, True]), np.zeros(3, bool)
+        Observed(
+            driven=driven,
+            fraction=np.full(3, 0.02),
+            moved_m=np.full(3, 0.1),
+            off_track=np.array([False, True, True]),
+            crashed=np.zeros(3, bool),
+        )
     )
 
     assert verdict.terminated.tolist() == [False, True, False]
-    assert episodes.over.tolist() == [False, True, True]
-    assert episodes.steps.tolist() == [2, 2, 0]
+    assert episodes.state.over.tolist() == [False, True, True]
+    assert episodes.state.steps.tolist() == [2, 2, 0]
 
 
 def test_statuses_carry_the_words_of_traces():
@@ -217,15 +226,14 @@ def test_a_car_put_back_across_the_finish_line_finishes_its_lap_by_driving_only(
     episodes = Episodes(1, EpisodeRules.evaluation(laps=2, max_resets=5))
     car = np.array([0])
     episodes.begin(car, np.array([0.0]), np.array([0.01]))
-    episodes.progress[:] = 99.9
+    episodes.state.progress[:] = 99.9
 
     episodes.put_back(car, np.array([0.002]))
-    shown = float(episodes.progress[0])
-    verdict = judge(episodes, 0.003)
+    shown = float(episodes.state.progress[0])
+    judge(episodes, 0.003)
 
     assert shown < 100.0
-    assert verdict.lap_done.tolist() == [True]
-    assert episodes.laps.tolist() == [1]
+    assert episodes.state.laps.tolist() == [1]
 
 
 def test_a_crash_is_named_before_leaving_the_track_and_a_lap_before_both():
@@ -236,7 +244,7 @@ def test_a_crash_is_named_before_leaving_the_track_and_a_lap_before_both():
 
     assert judge(crashed, 0.01, off_track=True, crashed=True).status[0] == Status.CRASHED
     assert judge(finished, 0.001, off_track=True, crashed=True).status[0] == Status.LAP_COMPLETE
-    assert (crashed.crashes[0], finished.crashes[0]) == (1, 0)
+    assert (crashed.state.crashes[0], finished.state.crashes[0]) == (1, 0)
 
 
 def test_a_forgiven_crash_costs_the_collision_penalty_and_is_counted():
@@ -246,5 +254,5 @@ def test_a_forgiven_crash_costs_the_collision_penalty_and_is_counted():
 
     assert verdict.put_back[0]
     assert not verdict.terminated[0]
-    assert episodes.pause_steps[0] == 45
-    assert (episodes.resets[0], episodes.crashes[0]) == (1, 1)
+    assert episodes.state.pause_steps[0] == 45
+    assert (episodes.state.resets[0], episodes.state.crashes[0]) == (1, 1)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drsim.car.car import CarBatch
 from drsim.car.realism import Disturbances
-from drsim.race.solids import BOX_COLUMNS, Solids
+from drsim.race.solids import CUBOID, Solids
 from drsim.race.traffic import Traffic
 from drsim.sensing.frames import FrameRenderer
 from drsim.sensing.lidar import LIDAR, scan
@@ -114,19 +114,15 @@ class Senses:
         self._renderer.close()
 
     def _scan(self, cars: Ints, bodies: CarBatch) -> None:
-        boxes = (
-            np.empty((len(cars), 0, BOX_COLUMNS), np.float32)
-            if self._solids is None
-            else self._solids.boxes[cars]
-        )
-        rays = np.empty((len(cars), LIDAR.samples), np.float32)
-        scan(
+        boxes = np.empty((len(cars), 0), CUBOID)
+        if self._solids is not None:
+            boxes = self._solids.boxes[cars]
+        rays = scan(
             self._scene.walls_m,
             self._scene.wall_height_m,
             boxes,
             bodies.origin_xy[cars],
             bodies.yaw_rad[cars],
-            rays,
             self._sensors.lidar_model,
         )
         self.scans[cars] = self._sensors.process(rays)

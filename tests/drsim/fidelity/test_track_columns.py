@@ -8,10 +8,10 @@ import pytest
 
 from drsim.episode.progress import advance_progress
 from drsim.fidelity.recordings import load_recordings
-from drsim.fidelity.rederive import all_wheels_on, rederive
+from drsim.fidelity.track_columns import all_wheels_on, rederive
 from drsim.track.worlds import load_track
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 RUNS = [("drfc-time-trial", "reinvent_base"), ("simapp6-continuous", "reInvent2019_wide_cw")]
 

@@ -14,7 +14,7 @@ from drsim.track.appearance import Look, Paint, Walls
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 FLAT = Look(
     road=Paint(50.0),

@@ -13,7 +13,11 @@ from drsim.track.spline import ClosedSpline
 from drsim.track.track import Track
 from drsim.track.worlds import describe, load_track
 
-DEFINITIONS = sorted((Path(drsim.__file__).parent / "track" / "definitions").glob("*.json"))
+DEFINITIONS = [
+    file
+    for file in sorted((Path(drsim.__file__).parent / "track" / "definitions").glob("*.json"))
+    if "same_route_as" not in file.read_text(encoding="utf-8")
+]
 OWN = [file.stem for file in DEFINITIONS]
 
 DESIGNED = [name for name in OWN if name != "reinvent_base"]

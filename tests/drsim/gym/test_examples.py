@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "scripts" / "examples"
+EXAMPLES = Path(__file__).resolve().parents[3] / "scripts" / "examples"
 
 
 def run(name: str, *options: str) -> "subprocess.CompletedProcess[str]":

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from drsim.episode.deadline import STUCK, alarm
 from drsim.episode.reward import (
     REWARD_LIMIT,
     centre_line_reward,
@@ -16,6 +15,7 @@ from drsim.episode.reward import (
     checked_rewards,
     load_reward_function,
 )
+from drsim.episode.reward_deadline import STUCK, alarm
 from drsim.errors import RewardError
 
 PARAMS = {"steps": 2.0, "speed": 1.23456789, "waypoints": [(0.0, 0.0), (1.0, 0.0)]}
@@ -300,9 +300,9 @@ LOOP = """while True:
 def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
     """A process of its own that loads a reward function and calls it once, with little patience."""
     script = (
-        "import sys, drsim.episode.deadline, drsim.episode.reward\n"
+        "import sys, drsim.episode.reward_deadline, drsim.episode.reward\n"
         "from pathlib import Path\n"
-        "drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05\n"
+        "drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05\n"
         "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
         "function = drsim.episode.reward.load_reward_function(Path(sys.argv[1]))\n"
         "drsim.episode.reward.checked_reward(function, {}, 0.1)\n"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
-ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 
 WORLDS = [
     "reinvent_base",

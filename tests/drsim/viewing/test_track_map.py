@@ -1,16 +1,14 @@
 """Maps of a track: right way up, in proportion, start and direction marked."""
 
-import struct
-import zlib
+import io
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing import track_map
-from drsim.viewing.png import png_bytes
-from drsim.viewing.track_map import picture_map, text_map
+from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 
 @pytest.fixture
@@ -65,16 +63,22 @@ def test_a_picture_shows_road_field_and_start(wide):
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_a_picture_shows_the_road_exactly_where_it_is(closed):
+def test_a_picture_shows_the_road_where_it_is(closed):
     base = load_track("reinvent_base")
     end = None if closed else 60
     track = Track("part", base.center[:end], base.inner[:end], base.outer[:end], closed)
-    x, y = np.linspace(-1, 8, 331), np.linspace(6, -1, 277)
 
-    answers = track_map._on_road(track, x, y)
+    picture = picture_map(track, 400)
 
-    points = np.stack(np.meshgrid(x, y), axis=-1)
-    np.testing.assert_array_equal(answers, track.on_road(points))
+    rows, columns = picture.shape[:2]
+    low_x, low_y, high_x, high_y = track.bounds
+    pixel_m = max(high_x - low_x + 0.8, high_y - low_y + 0.8) / 400
+    x = low_x - 0.4 + pixel_m * (np.arange(columns) + 0.5)
+    y = high_y + 0.4 - pixel_m * (np.arange(rows) + 0.5)
+    on_road = track.on_road(np.stack(np.meshgrid(x, y), axis=-1))
+    field = (picture == (226, 232, 220)).all(axis=2)
+    assert np.mean(on_road & field) < 0.002  # edges, which are blurred
+    assert np.mean(~on_road & ~field) < 0.03
 
 
 @pytest.mark.parametrize("shape", [(3, 5), (3, 5, 3)])
@@ -84,14 +88,4 @@ def test_a_png_file_holds_the_picture(shape):
     data = png_bytes(picture)
 
     assert data.startswith(b"\x89PNG\r\n\x1a\n")
-    assert struct.unpack(">II", data[16:24]) == (5, 3)
-    begin = data.index(b"IDAT") + 4
-    size = struct.unpack(">I", data[begin - 8 : begin - 4])[0]
-    lines = np.frombuffer(zlib.decompress(data[begin : begin + size]), np.uint8).reshape(3, -1)
-    np.testing.assert_array_equal(lines[:, 1:].reshape(shape), picture)
-
-
-@pytest.mark.parametrize("shape", [(4,), (2, 2, 4), (0, 3)])
-def test_what_is_no_picture_is_refused(shape):
-    with pytest.raises(ValueError, match="neither grey nor RGB"):
-        png_bytes(np.zeros(shape, np.uint8))
+    np.testing.assert_array_equal(Image.open(io.BytesIO(data)), picture)

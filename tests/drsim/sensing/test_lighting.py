@@ -115,7 +115,8 @@ def test_a_world_without_walls_keeps_the_sky_at_the_edge_of_its_field():
 def test_boxes_stand_in_the_light_of_their_car(scene):
     pos, mat, boxes = views(2)
     mat[:, :, :2] *= -1.0  # turned round, to look at the side of the box that faces the sun
-    boxes[:, :, :2] = 2 * pos[:, None, :2] - boxes[:, :, :2]
+    for axis, name in enumerate(("x", "y")):
+        boxes[name] = 2 * pos[:, axis, None] - boxes[name]
     lighting = Lighting(2, look_of("reinvent_base"))
     lighting.draw(1, Drawn([[0.0] * 3, [0.0] * 3, [1.0] * 3]))  # type: ignore[arg-type]
     out = np.zeros((2, 120, 160), np.uint8)

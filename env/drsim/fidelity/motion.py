@@ -24,7 +24,9 @@ from drsim.car.car import (
     MAX_SPEED_MPS,
     MAX_STEERING_DEG,
     MIN_SPEED_MPS,
+    REAR_AXLE_BEHIND_M,
     REFERENCE_POINT_AHEAD_M,
+    WHEELBASE_M,
     CarParameters,
     Floats,
     car_model,
@@ -44,8 +46,6 @@ WARM_UP_S = 1.0
 _OFF_HORIZON_S = 0.05
 """Rows do not come at exact times; a window may be so much longer or shorter."""
 
-_WHEELBASE_M = 0.163974
-_REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M + 0.081663
 _WHEEL_RADIUS_M = 0.036
 """Of the bicycle. Source: the reference simulator's car description."""
 
@@ -200,8 +200,8 @@ def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
     steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
     way_m = wheel_rad_s * _WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)
-    turn_rad = way_m * np.tan(steering_rad) / _WHEELBASE_M
-    x, y, yaw = _ahead(drive.poses[first], -_REAR_AXLE_BEHIND_M).T
+    turn_rad = way_m * np.tan(steering_rad) / WHEELBASE_M
+    x, y, yaw = _ahead(drive.poses[first], -REAR_AXLE_BEHIND_M).T
     for k in range(int((last - first).max())):
         on = first + k < last
         row = first[on] + k
@@ -211,7 +211,7 @@ def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
         x[on] += chord_m * np.cos(middle)
         y[on] += chord_m * np.sin(middle)
         yaw[on] += turn_rad[row]
-    return _ahead(np.stack([x, y, yaw], axis=1), _REAR_AXLE_BEHIND_M)
+    return _ahead(np.stack([x, y, yaw], axis=1), REAR_AXLE_BEHIND_M)
 
 
 def _ahead(poses: Floats, distance_m: float) -> Floats:

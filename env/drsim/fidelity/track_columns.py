@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from drsim.car.car import REFERENCE_POINT_AHEAD_M, CarBatch
 from drsim.episode.progress import advance_progress
 from drsim.fidelity.recordings import Recording
-from drsim.track.track import Location, Track
+from drsim.track.polyline import Location
+from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -116,7 +116,7 @@ def test_only_the_named_cars_get_new_frames(scene, lenses):
 def test_each_car_sees_its_own_solids_in_its_own_light(scene, lenses):
     pos, mat = (np.repeat(part[3:4], CARS, axis=0) for part in lenses)
     solids = ahead_of(pos, mat, "race_car", 0.7)
-    solids.boxes[:6, :, :2] += 100.0  # none before the first six
+    solids.boxes["x"][:6] += 100.0  # none before the first six
     lighting = Lighting(CARS, look_of("reinvent_base"))
     lighting.draw(4, np.random.default_rng(0))
     lighting.draw(8, np.random.default_rng(0))

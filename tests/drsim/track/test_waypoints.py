@@ -12,7 +12,7 @@ from drsim.track.route_files import read_route
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
-ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
+ROUTES = Path(__file__).resolve().parents[4] / "shared" / "tracks"
 
 needs_routes = pytest.mark.skipif(
     not ROUTES.is_dir(), reason="there is no folder of community routes beside the repository"
