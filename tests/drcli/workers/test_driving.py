@@ -5,10 +5,9 @@ import pytest
 import torch
 
 from drcli.exchange.trace import STEP_S
-from drcli.learn.acting import SideBySide
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation
-from drcli.learn.policy import ActorCritic
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.policy import Observation, PolicySpec
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
@@ -96,7 +95,7 @@ def test_an_episode_is_the_same_beside_other_ones():
 def test_evaluations_do_not_change_a_bit_of_the_training_episodes(threads):
     """The clock decides whether a checkpoint is evaluated; equal seeds must train equally."""
     alone, beside = (
-        trained_beside(trials, SideBySide(fresh(PolicySpec(3, network=COMPACT)), threads))
+        trained_beside(trials, DataParallelPolicy(fresh(PolicySpec(3, network=COMPACT)), threads))
         for trials in (0, 5)
     )
 
@@ -113,7 +112,7 @@ def fresh(spec: PolicySpec) -> ActorCritic:
     return policy
 
 
-def trained_beside(trials: int, policy: SideBySide) -> list[Driven]:
+def trained_beside(trials: int, policy: DataParallelPolicy) -> list[Driven]:
     """Twenty training episodes, beside so many of an evaluation."""
     torch.set_num_threads(1)
     simulation = Simulation(

@@ -1,6 +1,6 @@
 import numpy as np
 
-from drcli.learn.gae import gae
+from drcli.learn.advantages import gae
 
 
 def test_gae_equals_three_steps_worked_by_hand():

@@ -8,13 +8,19 @@ import pytest
 import torch
 from safetensors.torch import save
 
+from drcli.learn.compute import Compute
 from drcli.learn.ppo import PPO
-from drcli.learn.precision import Compute
 from drcli.learn.sac import SAC
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_learner import (
+    STATE_DIMS,
+    build_learner,
+    policy_spec,
+    ppo_config,
+    sac_config,
+)
 from drcli.workers.build_race import sensors_of_model
-from drcli.workers.learner import STATE_DIMS, build_learner, policy_spec, ppo_config, sac_config
 from drcli.workers.restore import restore_optimizer
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
 
@@ -61,7 +67,7 @@ def test_an_optimizer_state_of_another_network_is_left_with_a_sentence(capsys):
 
     restore_optimizer(learner, save({"0.exp_avg": torch.zeros(1)}))
 
-    assert learner.optimizer_tensors() == {}
+    assert learner.optimizer.tensors() == {}
     said, done = capsys.readouterr().out.splitlines()
     assert "does not fit: 0.exp_avg is of shape (1,)" in said
     assert done == "Checkpoint> The optimizer starts afresh."

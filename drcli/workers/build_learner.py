@@ -1,22 +1,19 @@
-"""The network and the learner's knobs, from the run's parameter files."""
+"""Builds network and learner from model_metadata.json and hyperparameters.json."""
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
-
-from torch import Tensor, nn
-
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.policy import ActorCritic
-from drcli.learn.ppo import PPO, EpochStats, PPOConfig
-from drcli.learn.precision import Compute
-from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.sac import SAC, SACConfig
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig, SACConfig
+from drcli.learn.compute import Compute
+from drcli.learn.policy import PolicySpec
+from drcli.learn.ppo import PPO
+from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
+Learner = PPO | SAC
+
 STATE_DIMS = 22
-"""Length of `Simulation.privileged`. Told here once more, because a trainer that loaded the
+"""Length of `Simulation.privileged`. It is repeated here because a trainer that loaded the
 simulator for it would need 33 MB more memory."""
 
 
@@ -35,45 +32,10 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
 
 
 def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with, its weights still to come."""
+    """A network to drive with; its weights come from a checkpoint."""
     spec = policy_spec(metadata, parameters)
     model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
     return model.eval()
-
-
-class Learner(Protocol):
-    """What the trainer needs of an algorithm."""
-
-    @property
-    def model(self) -> nn.Module:
-        """All weights; checkpoints hold them."""
-
-    @property
-    def memory_steps(self) -> int:
-        """Steps of earlier rollouts that it still learns from."""
-
-    def remember(self, rollout: Rollout) -> None:
-        """Take up a rollout of an earlier iteration without learning from it now."""
-
-    def update(
-        self,
-        rollout: Rollout,
-        seed: int,
-        on_epoch: Callable[[EpochStats], None] = ...,
-        should_stop: Callable[[], bool] = ...,
-        steps_before: int = ...,
-    ) -> Sequence[EpochStats]:
-        """Improve the policy; see `PPO.update`."""
-
-    def optimizer_tensors(self) -> dict[str, Tensor]:
-        """The optimizer's memory, to go on with."""
-
-    def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take up the memory of another optimizer.
-
-        Raises:
-            ValueError: It belongs to another network; nothing was taken up.
-        """
 
 
 def build_learner(
@@ -87,7 +49,7 @@ def build_learner(
 
 
 def sac_config(parameters: Hyperparameters) -> SACConfig:
-    """SAC's knobs from hyperparameters.json; those left out are the learner's own."""
+    """SAC's hyperparameters; those left out are the learner's defaults."""
     p = parameters
     return SACConfig(
         batch_size=p.batch_size,
@@ -104,7 +66,7 @@ def sac_config(parameters: Hyperparameters) -> SACConfig:
 
 
 def ppo_config(parameters: Hyperparameters) -> PPOConfig:
-    """The learner's knobs from hyperparameters.json."""
+    """PPO's hyperparameters."""
     p = parameters
     return PPOConfig(
         batch_size=p.batch_size,

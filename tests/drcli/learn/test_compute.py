@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.learn import precision
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.policy import ActorCritic
-from drcli.learn.ppo import PPO, PPOConfig
-from drcli.learn.precision import Compute, choose_compute
+from drcli.learn import compute as precision
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute, choose_compute
+from drcli.learn.policy import PolicySpec
+from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 
 
