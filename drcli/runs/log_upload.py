@@ -11,10 +11,13 @@ from pathlib import Path
 from drcli.base import log_files
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError
+from drcli.base.log import get_logger
 from drcli.config.settings import Settings
 from drcli.runs.run_logs import log_file, log_kind
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+
+_logger = get_logger(__name__)
 
 INTERVAL_S = 300.0
 
@@ -186,7 +189,6 @@ class LogUpload:
         settings: Of the training.
         directory: The racer's working folder.
         names: Whose logs, the most telling first.
-        say: Told what goes wrong, from that thread.
     """
 
     def __init__(
@@ -195,7 +197,6 @@ class LogUpload:
         settings: Settings,
         directory: Path,
         names: Sequence[str],
-        say: Callable[[str], None],
     ) -> None:
         self._open_bucket = open_bucket
         self._max_bytes = settings.log_max_mb << 20
@@ -205,7 +206,6 @@ class LogUpload:
             )
             for name in names
         }
-        self._say = say
         self._copies: list[LogCopy] = []
         self._ending = threading.Event()
         self._deadline_s = math.inf
@@ -229,9 +229,10 @@ class LogUpload:
         left = sum(copy.left_bytes() for copy in self._copies)
         if left or self._thread.is_alive():
             how_much = f"{left / 1e6:,.1f} MB" if left else "The newest part"
-            self._say(
-                f"{how_much} of the logs could not be uploaded in time and is in data/logs only. "
-                "A start with --resume uploads it."
+            _logger.warning(
+                "%s of the logs could not be uploaded in time and is in data/logs only. "
+                "A start with --resume uploads it.",
+                how_much,
             )
 
     def _run(self) -> None:
@@ -249,9 +250,9 @@ class LogUpload:
             for copy in self._copies:
                 copy.update(self._is_over, hurried=self._ending.is_set())
         except DrError as error:
-            self._say(f"The logs could not be uploaded: {error}")
+            _logger.warning("The logs could not be uploaded: %s", error)
         except OSError as error:
-            self._say(f"The logs could not be read: {error}")
+            _logger.warning("The logs could not be read: %s", error)
 
     def _is_over(self) -> bool:
         return time.monotonic() > self._deadline_s

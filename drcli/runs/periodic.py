@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable
 
 from drcli.base.errors import DrError
+from drcli.base.log import get_logger
+
+_logger = get_logger(__name__)
 
 
 class Periodic:
@@ -13,18 +16,14 @@ class Periodic:
 
     Args:
         name: Of the thread.
-        what: The work. A failure is said once and does not end it: there is a next time.
+        what: The work. A failure is logged once and does not end it: there is a next time.
         every_s: Seconds between two calls.
-        say: Told what went wrong.
     """
 
-    def __init__(
-        self, name: str, what: Callable[[], None], every_s: float, say: Callable[[str], None]
-    ) -> None:
+    def __init__(self, name: str, what: Callable[[], None], every_s: float) -> None:
         self._what = what
         self._every_s = every_s
-        self._say = say
-        self._said = ""
+        self._logged = ""
         self._ended = False
         self._errands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -69,12 +68,12 @@ class Periodic:
     def _attempt(self, call: Callable[[], None]) -> None:
         try:
             call()
-            self._said = ""
+            self._logged = ""
         except Exception as error:  # a thread that dies unseen would be worse than any of them
             words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
-            if words != self._said:
-                self._said = words
-                self._say(words)
+            if words != self._logged:
+                self._logged = words
+                _logger.warning(words)
 
 
 def within(

@@ -1,16 +1,15 @@
 """Keeps a training alive: starts its workers, brings back what dies, ends it in good order."""
 
-import os
+import logging
 import signal
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 
-from drcli.base import log_files
 from drcli.base.errors import DrError, OwnershipLost, StorageError
+from drcli.base.log import get_logger
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.exchange.job import Job, LastWords
 from drcli.exchange.run_record import RunRecord, State, WorkerRecord
@@ -23,6 +22,8 @@ from drcli.runs.worker_processes import Child, dismiss
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint
+
+_logger = get_logger(__name__)
 
 POLL_S = 0.2
 """How often the supervisor looks at its processes."""
@@ -73,6 +74,11 @@ class Outcome:
     message: str
     remedy: str = ""
 
+    @property
+    def text(self) -> str:
+        """Both, for the log."""
+        return f"{self.message} {self.remedy}".strip()
+
 
 class Supervisor:
     """One run on this machine, from the first process to the last."""
@@ -107,18 +113,17 @@ class Supervisor:
         self._signal: int | None = None
         self._insisted = False
         self._silent = False
-        self._log_lock = threading.Lock()
         self._renewal = renewal
         # Each in a thread of its own: none waits for another, and the loop for none.
-        self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
-        self._lease = Periodic("lease", renewal.step, LOOK_S, self._log)
+        self._server = Periodic("server", revive_server, SERVER_CHECK_S)
+        self._lease = Periodic("lease", renewal.step, LOOK_S)
         gpus = job.settings.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
-        self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)
+        self._logs = LogUpload(open_bucket, job.settings, job.directory, names)
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -157,7 +162,7 @@ class Supervisor:
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
         child.started, child.dismissed = time.monotonic(), None
-        self._log(f"{child.name} started, process {child.process.pid}.")
+        _logger.info("%s started as process %d.", child.name, child.process.pid)
 
     def _watch(self) -> Outcome:
         """Look after everything until there is a reason to end."""
@@ -213,7 +218,7 @@ class Supervisor:
                 words.code if words and words.code == StorageError.code else 5, died, remedy
             )
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
-        self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
+        _logger.warning("%s ended %s after %.0f s; restarting it.", child.name, how, lived_s)
         if words is not None and words.silent and self._server_began < child.started:
             # A server may answer whoever asks how it is, and still be stuck with some objects.
             restarted = self._server.ask(self._restart_server)
@@ -229,11 +234,12 @@ class Supervisor:
         """Send the workers away, bring the logs home, write down how it went."""
         lost = outcome.code == OwnershipLost.code
         for child in dismiss(self._children, 0.0 if lost else LEAVE_S):
-            self._log(f"{child.name} did not leave in time and was killed.")
+            _logger.warning("%s did not exit in time and was killed.", child.name)
         self._lease.stop(wait_s=1.0)  # or it might write the lease after it was given back
         if outcome.code in (INTERRUPTED, TERMINATED):
             outcome = replace(outcome, remedy=self._way_on())
-        self._log(f"{outcome.message} {outcome.remedy}".strip())
+        good = outcome.code in (0, INTERRUPTED, TERMINATED)
+        _logger.log(logging.INFO if good else logging.ERROR, outcome.text)
         if not lost:
             self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, self._is_insisted)
             if not self._silent:
@@ -286,15 +292,4 @@ class Supervisor:
         try:
             self._record.write(self._job.folder)
         except OSError as error:  # a full disk; what is shown of the run is older then
-            self._log(f"{self._job.folder} cannot be written: {error}")
-
-    def _log(self, text: str) -> None:
-        """Write a line, from whichever thread; a full disk costs the line and nothing else."""
-        path = log_file(self._job.settings, self._job.directory, "supervisor")
-        max_bytes = self._job.settings.log_max_mb << 20
-        with self._log_lock, suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists() and path.stat().st_size > log_files.part_bytes(max_bytes):
-                os.close(log_files.rotate(path, max_bytes))
-            with path.open("a", encoding="utf-8") as log:
-                print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)
+            _logger.error("%s cannot be written: %s", self._job.folder, error)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drcli.base.errors import WorkerDied
+from drcli.base.errors import DrError, WorkerDied
 from drcli.base.process_identity import is_alive, started_s
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder, storage_of
@@ -75,7 +75,21 @@ def supervise_job(job: "Job") -> int:
     Raises:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
-    from drcli.base.atomic_file import only_writer
+    from drcli.base.log import LogFile, get_logger
+
+    path = log_file(job.settings, job.directory, "supervisor")
+    log = LogFile(path, job.settings.log_max_mb << 20)
+    try:
+        return _supervise(job)
+    except DrError as error:
+        get_logger(__name__).error("%s %s", error, error.remedy)
+        raise
+    finally:
+        log.end()
+
+
+def _supervise(job: "Job") -> int:
+    from drcli.base.file_lock import only_writer
     from drcli.runs.lease_renewal import Renewal
     from drcli.runs.plan import refuse_second_run
     from drcli.runs.supervisor import Supervisor

@@ -12,6 +12,7 @@ import torch
 from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
+from drcli.base.log import get_logger, plain
 from drcli.exchange.job import Job, LastWords
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
@@ -31,6 +32,8 @@ from drcli.workers.learner import build_learner
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
 from drcli.workers.wait_for_trainer import DOUBT_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+
+_logger = get_logger(__name__)
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of one iteration apart from those of the next."""
@@ -52,7 +55,7 @@ class Trainer:
             self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
         )
         for sentence in mend(model):
-            print(f"Model> {sentence}")
+            _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
         files = {
@@ -67,8 +70,8 @@ class Trainer:
         )
         # Each checkpoint carries what a model cannot be gone on with where it is lost.
         self._inputs = {name: data.decode("utf-8-sig") for name, data in files.items()}
-        print("Using the following hyper-parameters")
-        print(parameters.canonical_json(metadata.training_algorithm))
+        plain.info("Using the following hyper-parameters")
+        plain.info(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
         counters = {} if self._found is None else self._found.record.counters
         compute = choose_compute(
@@ -77,7 +80,7 @@ class Trainer:
             learning_threads(s),
             before=counters.get("number_format"),
         )
-        print(f"Compute> {compute.reason}")
+        _logger.info(compute.reason)
         self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
@@ -110,7 +113,7 @@ class Trainer:
             try:
                 self._scoring.score_all(self._newest())
             except StorageError as error:
-                print(f"Checkpoint> The last evaluation is not scored yet: {error}")
+                _logger.warning("The last evaluation is not scored yet: %s", error)
             raise
 
     def _train(self) -> None:
@@ -136,11 +139,11 @@ class Trainer:
             self._publish()
             return
         for damage in found.damaged:
-            print(f"Checkpoint> Passed over {damage}")
+            _logger.warning("Skipped a damaged checkpoint: %s", damage)
         forget_evaluations(self._bucket, self._prefix, after=found.record.number)
         restore_weights(self._learner, found)
         if found.optimizer is None:
-            print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
+            _logger.warning("The optimizer starts afresh: the checkpoint has no state of it.")
         else:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
@@ -152,8 +155,8 @@ class Trainer:
         self._checkpoints.point_to(record)
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
-            print(f"Checkpoint> The best checkpoint is lost: {lost} Evaluations choose another.")
-        print(f"Checkpoint> Restoring from path={record.name}")
+            _logger.warning("The best checkpoint is lost: %s Evaluations choose another.", lost)
+        plain.info("Checkpoint> Restoring from path=%s", record.name)
         self._scoring.score_all(self._newest())
         self._recall()
 
@@ -165,7 +168,9 @@ class Trainer:
             rollout = self._collector.recall(iteration) if iteration < self._number else None
             if rollout is not None:
                 self._learner.remember(rollout)
-                print(f"Training> Remembers {rollout.steps} steps of iteration {iteration}.")
+                _logger.info(
+                    "Added %d steps of iteration %d to the memory.", rollout.steps, iteration
+                )
 
     def _forget_rollouts(self, before: int) -> None:
         """Delete the rollouts that will never be learned from again.
@@ -201,7 +206,7 @@ class Trainer:
             return
         self._doubted = time.monotonic()
         if self._checkpoints.mend_pointer(self._newest()):
-            print(f"Checkpoint> The pointer to {self._newest()} was lost; it is written again.")
+            _logger.warning("The pointer to %s was lost; it is written again.", self._newest())
 
     def _newest(self) -> keys.CheckpointName:
         return keys.CheckpointName(self._number, self._steps)
@@ -282,7 +287,7 @@ class Trainer:
         """Say once when the policy has become far worse than it was."""
         fallen = health.collapse(self._history.records, self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
-            print(f"Training> Warning: {fallen}.")
+            _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
 
     def _await_evaluation(self, collected: Collected) -> None:
@@ -316,7 +321,7 @@ class Trainer:
                 "inputs": self._inputs,
             },
         )
-        print(f"Checkpoint> Saving in path=['{record.name}']")
+        plain.info("Checkpoint> Saving in path=['%s']", record.name)
         tensors = self._learner.optimizer_tensors()
         if tensors:
             self._optimizer_upload = self._uploader.submit(
@@ -350,11 +355,11 @@ class Trainer:
         self._forget_rollouts(before=self._number)
         self._activity.say("finished")
         LastWords(reason, "", 0).leave(self._job.folder, "trainer")
-        print(reason)
+        _logger.info(reason)
 
 
 def _print_epoch(stats: EpochStats) -> None:
-    print(
+    plain.info(
         reference_log.epoch_line(
             stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr
         )

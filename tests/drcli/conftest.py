@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drcli.base.log import LogFile
 from drcli.cli.app import main
 from drcli.runs.report import (
     CheckpointReport,
@@ -139,6 +140,15 @@ def dr() -> Callable[..., int]:
         return end.value.code
 
     return run
+
+
+@pytest.fixture
+def logged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], str]]:
+    """What has been written into the log of this process."""
+    path = tmp_path_factory.mktemp("log") / "test.log"
+    log = LogFile(path, 1 << 20)
+    yield path.read_text
+    log.end()
 
 
 @pytest.fixture
