@@ -3,10 +3,11 @@
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,15 +22,15 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
+from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
-from drcli.runs.launching import end_process, start_process
-from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.runs.run_logs import log_file
+from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
@@ -48,6 +49,70 @@ _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
 """What a worker may fail of besides itself, by the code that it leaves."""
+
+
+@dataclass(frozen=True)
+class TrialReport:
+    """One evaluation lap or trial.
+
+    Attributes:
+        trial: From 1.
+        progress: Percent of the lap.
+        lap_s: Simulated seconds, penalties included.
+        status: "Lap complete", "Off track", ...
+        off_track: How often the car left the track.
+        crashes: How often it hit something.
+        resets: How often it was put back.
+    """
+
+    trial: int
+    progress: float
+    lap_s: float
+    status: str
+    off_track: int
+    crashes: int
+    resets: int
+
+
+@dataclass(frozen=True)
+class EvaluationReport:
+    """The outcome of `dr-evaluate`.
+
+    Attributes:
+        prefix: Model prefix in the bucket.
+        world: Where it drove.
+        checkpoint: Which checkpoint drove.
+        trials: All trials, in order.
+        simtrace: Key of the trace in the bucket.
+        metrics: Key of the metrics in the bucket.
+        opponent: How the other model of a HEAD_TO_MODEL race fared in the same trials.
+    """
+
+    prefix: str
+    world: str
+    checkpoint: str
+    trials: list[TrialReport]
+    simtrace: str
+    metrics: str
+    opponent: "EvaluationReport | None" = None
+
+    @property
+    def completed(self) -> int:
+        """How many trials completed the lap."""
+        return sum(trial.status == "Lap complete" for trial in self.trials)
+
+    @property
+    def total_s(self) -> float | None:
+        """Simulated seconds of all trials together, None unless every lap was completed."""
+        if self.completed < len(self.trials):
+            return None
+        return sum(trial.lap_s for trial in self.trials)
+
+    @property
+    def best_lap_s(self) -> float | None:
+        """Fastest completed lap, simulated seconds."""
+        laps = [trial.lap_s for trial in self.trials if trial.status == "Lap complete"]
+        return min(laps, default=None)
 
 
 class EvaluationStopped(DrError):
@@ -108,7 +173,7 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         WorkerDied: It ended at once, or gave no sign of life.
     """
     process = start_process(
-        plan.job, "evaluation", "drcli.runs.evaluation_process", plan.stamp, *plan.checkpoints
+        plan.job, "evaluation", "drcli.runs.evaluation", plan.stamp, *plan.checkpoints
     )
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
@@ -120,12 +185,6 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     shutil.rmtree(plan.job.folder, ignore_errors=True)
     path = log_file(plan.job.settings, plan.job.directory, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
-
-
-def wait_in_background(job: Job, stamp: str, checkpoints: list[str]) -> None:
-    """What the waiting process of an evaluation in the background does."""
-    with _until_sigterm():
-        run_evaluation(EvaluationPlan(replace(job, launcher_pid=os.getpid()), checkpoints, stamp))
 
 
 def _results(folder: Path) -> list[list[dict[str, Any]]]:
@@ -258,3 +317,24 @@ def _until_sigterm() -> Iterator[None]:
         ) from None
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _wait_in_background() -> None:
+    """What the process does that waits for an evaluation in the background.
+
+    It is started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
+    """
+    job, (_, stamp, *checkpoints) = Job.received(), sys.argv
+    try:
+        with _until_sigterm():
+            here = replace(job, launcher_pid=os.getpid())
+            run_evaluation(EvaluationPlan(here, checkpoints, stamp))
+    except DrError as error:
+        path = log_file(job.settings, job.directory, "evaluation")
+        LogFile(path, job.settings.log_max_mb << 20)  # not earlier: it was the worker's own
+        get_logger(__name__).error("%s %s", error, error.remedy)
+        raise SystemExit(error.code) from None
+
+
+if __name__ == "__main__":
+    _wait_in_background()

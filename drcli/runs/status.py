@@ -1,12 +1,13 @@
-"""Describes a run: from the note on this machine and from what lies in the bucket."""
+"""What is known of a run: from its record on this machine and from the bucket."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
-from drcli.runs.report import CheckpointReport, RunReport, WorkerReport
 from drcli.runs.run_logs import log_file
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
@@ -14,6 +15,119 @@ from drcli.store.history import IterationRecord
 from drcli.store.open_running import open_running_bucket
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.scores import Score
+
+
+@dataclass(frozen=True)
+class WorkerReport:
+    """One worker process.
+
+    Attributes:
+        name: "trainer", "sim-0", "sim-1", ...
+        pid: Its process, or None before it started.
+        alive: Whether that process runs.
+        restarts: How often the supervisor has brought it back.
+        activity: What it is doing or waiting for, in a few words.
+        log: Path of its log file on this machine.
+    """
+
+    name: str
+    pid: int | None
+    alive: bool
+    restarts: int
+    activity: str
+    log: str
+
+
+@dataclass(frozen=True)
+class CheckpointReport:
+    """A checkpoint that a user may want.
+
+    Attributes:
+        name: Such as "12_Step-7824.ckpt".
+        metric: What its evaluation episodes scored on average, or None before an evaluation.
+    """
+
+    name: str
+    metric: float | None
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """Everything `dr-status` knows.
+
+    Attributes:
+        run_id: DR_RUN_ID.
+        bucket: Name of the bucket.
+        prefix: Model prefix in the bucket.
+        world: DR_WORLD_NAME.
+        state: Where the run is in its life.
+        message: Why it ended, when it has.
+        remedy: What to do about it, when it failed.
+        exit_code: Exit code of the supervisor, when it has ended.
+        started_at: Unix seconds of the start.
+        elapsed_s: Wall time of training so far.
+        pid: The supervisor.
+        workers: All worker processes.
+        history: All iterations learned, oldest first.
+        best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
+        last: The newest checkpoint.
+        warning: What is wrong with the learning curve; empty when nothing is.
+        damaged: What is damaged of the model in the bucket, a sentence each; the curve and the
+            checkpoints are then what could be rebuilt.
+    """
+
+    run_id: int
+    bucket: str
+    prefix: str
+    world: str
+    state: State
+    message: str = ""
+    remedy: str = ""
+    exit_code: int | None = None
+    started_at: float | None = None
+    elapsed_s: float = 0.0
+    pid: int | None = None
+    workers: list[WorkerReport] = field(default_factory=list)
+    history: list[IterationRecord] = field(default_factory=list)
+    best: CheckpointReport | None = None
+    last: CheckpointReport | None = None
+    warning: str = ""
+    damaged: list[str] = field(default_factory=list)
+
+    @property
+    def dead(self) -> list[str]:
+        """Workers that should run and do not."""
+        if self.state not in ("running", "starting"):
+            return []
+        return [worker.name for worker in self.workers if worker.pid and not worker.alive]
+
+
+@dataclass(frozen=True)
+class Process:
+    """A worker of something that runs.
+
+    Attributes:
+        name: "trainer", "sim-0", "sim-1", ... or "evaluation".
+        pid: Its process.
+        alive: Whether that process lives; its supervisor may be about to replace it.
+        log: Path of its log file.
+    """
+
+    name: str
+    pid: int
+    alive: bool
+    log: str
+
+
+@dataclass(frozen=True)
+class ProcessReport:
+    """What `dr-find-sagemaker` and `dr-find-robomaker` found.
+
+    Attributes:
+        processes: Those that live.
+    """
+
+    processes: list[Process] = field(default_factory=list)
 
 
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
@@ -88,6 +202,29 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
     )
 
 
+def trainers(settings: Settings, directory: Path) -> list[Process]:
+    """The trainer of this DR_RUN_ID, where a training runs."""
+    return _workers(settings, directory, "trainer")
+
+
+def simulations(settings: Settings, directory: Path) -> list[Process]:
+    """The simulation workers of this DR_RUN_ID, where a training runs, in their order."""
+    return _workers(settings, directory, "sim-")
+
+
+def evaluations(settings: Settings, directory: Path) -> list[Process]:
+    """Who drives the evaluations of this DR_RUN_ID that run, oldest first."""
+    return [
+        Process(
+            "evaluation",
+            record.worker_pid,
+            exists(record.worker_pid),
+            _log(settings, directory, record.prefix, "evaluation"),
+        )
+        for record in running_evaluations(directory, settings.run_id)
+    ]
+
+
 def _report(score: Score) -> CheckpointReport:
     return CheckpointReport(score.name, score.avg_eval_metric)
 
@@ -103,3 +240,24 @@ def _activity(bucket: Bucket, prefix: str, name: str) -> str:
     if not isinstance(note, dict) or not isinstance(note.get("activity"), str):
         return f"{bucket.name}/{key} is damaged"
     return str(note["activity"])
+
+
+def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
+    record = RunRecord.read(run_folder(settings, directory))
+    if record is None or not record.alive:
+        return []
+    return [
+        Process(
+            worker.name,
+            worker.pid,
+            exists(worker.pid),
+            _log(settings, directory, record.prefix, worker.name),
+        )
+        for worker in record.workers
+        if worker.name.startswith(kind) and worker.pid is not None
+    ]
+
+
+def _log(settings: Settings, directory: Path, prefix: str, name: str) -> str:
+    """The log of a worker, of whose model run.env may not speak any more."""
+    return str(log_file(settings.replaced(model_prefix=prefix), directory, name))

@@ -13,7 +13,8 @@ from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.exchange.run_record import RunRecord
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.runs.status import RunReport, inspect
 from drcli.store.connect import stop_default_storage, stop_storage
 
 TRAINING_PATIENCE_S = 30.0
@@ -59,6 +60,27 @@ def running_trainings(directory: Path) -> list[RunRecord]:
     folders = sorted((directory / "data" / "runs").glob("*/run.json"))
     records = (RunRecord.read(path.parent) for path in folders)
     return [record for record in records if record is not None and record.alive]
+
+
+def stop(settings: Settings, *, wait_s: float = 30.0, directory: Path | None = None) -> RunReport:
+    """Ask the supervisor to end the training, and wait until it has.
+
+    A second request while it is leaving kills the workers at once.
+    """
+    directory = (directory or Path.cwd()).absolute()
+    record = RunRecord.read(run_folder(settings, directory))
+    if record is not None and record.alive:
+        os.kill(record.pid, signal.SIGTERM)
+        deadline = time.monotonic() + wait_s
+        while is_alive(record.pid, record.pid_started) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    return inspect(settings, directory)
+
+
+def is_running(settings: Settings, directory: Path) -> bool:
+    """Whether a training of this run number is alive on this machine."""
+    record = RunRecord.read(run_folder(settings, directory))
+    return record is not None and record.alive
 
 
 def stop_the_only_training(directory: Path) -> Stopped | None:

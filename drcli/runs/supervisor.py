@@ -13,12 +13,10 @@ from drcli.base.log import get_logger
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.exchange.job import Job, LastWords
 from drcli.exchange.run_record import RunRecord, State, WorkerRecord
-from drcli.runs.launching import start_process
 from drcli.runs.lease_renewal import LOOK_S, Renewal
-from drcli.runs.log_upload import LogUpload
 from drcli.runs.periodic import Periodic, within
-from drcli.runs.run_logs import log_file
-from drcli.runs.worker_processes import Child, dismiss
+from drcli.runs.run_logs import LogUpload, log_file
+from drcli.runs.worker_processes import Child, dismiss, start_process
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint

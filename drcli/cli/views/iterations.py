@@ -8,7 +8,7 @@ from rich.text import Text
 from drcli.cli.views import sparkline
 
 if TYPE_CHECKING:
-    from drcli.runs.report import IterationRecord
+    from drcli.store.history import IterationRecord
 
 CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
 """Columns of a curve where there are enough, and where there are not."""

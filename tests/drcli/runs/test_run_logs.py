@@ -9,9 +9,8 @@ import pytest
 from drcli.base import log_files
 from drcli.base.errors import StorageError
 from drcli.config.settings import load_settings
-from drcli.runs import log_upload
-from drcli.runs.log_upload import LogCopy, LogUpload
-from drcli.runs.run_logs import begin_logs, log_file
+from drcli.runs import run_logs
+from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, log_file
 from drcli.store.memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
@@ -41,7 +40,7 @@ class Counting(MemoryBucket):
 
 @pytest.fixture(autouse=True)
 def _small_parts(monkeypatch):
-    monkeypatch.setattr(log_upload, "PART_BYTES", PART)
+    monkeypatch.setattr(run_logs, "PART_BYTES", PART)
 
 
 @pytest.fixture
@@ -300,7 +299,7 @@ def test_a_slow_network_is_given_up_between_two_parts(tmp_path, logged):
 def test_an_outage_is_said_and_the_next_upload_makes_up_for_it(
     bucket, tmp_path, monkeypatch, logged
 ):
-    monkeypatch.setattr(log_upload, "INTERVAL_S", 0.01)
+    monkeypatch.setattr(run_logs, "INTERVAL_S", 0.01)
     stage = Stage(tmp_path, lambda: bucket)
     stage.log("sim-0").write_text(lines(0, 500))
     bucket.refuses = True
