@@ -1,4 +1,4 @@
-"""Work that a supervisor does again and again beside its loop, which must never wait for it."""
+"""Work beside the supervisor's loop, which never waits for it."""
 
 import queue
 import threading
@@ -12,7 +12,7 @@ _logger = get_logger(__name__)
 
 
 class Periodic:
-    """Calls a function every so often, in a thread of its own that ends with the process.
+    """Calls a function at intervals, in a thread that ends with the process.
 
     Args:
         name: Of the thread.
@@ -33,17 +33,17 @@ class Periodic:
         self._thread.start()
 
     def stop(self, *, wait_s: float = 0.0) -> None:
-        """Call no more; a call that is under way is left to itself after so many seconds."""
+        """Call no more, and wait so long for a call that is running."""
         self._ended = True
         self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
     def ask(self, errand: Callable[[], None]) -> threading.Event:
-        """Have something else done by this thread as soon as it can.
+        """Have this thread do something else as soon as it can.
 
         Returns:
-            Set once it is done, well or not.
+            Set once it is done or has failed.
         """
         done = threading.Event()
 
@@ -69,7 +69,7 @@ class Periodic:
         try:
             call()
             self._logged = ""
-        except Exception as error:  # a thread that dies unseen would be worse than any of them
+        except Exception as error:  # whatever it is, the thread must go on
             words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
             if words != self._logged:
                 self._logged = words
@@ -79,15 +79,15 @@ class Periodic:
 def within(
     seconds: float, call: Callable[[], None], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
-    """Call a function for no longer than so many seconds; what is left undone then is left.
+    """Call a function and wait for its end, but no longer than so many seconds.
 
     Args:
         seconds: How long.
-        call: Says itself what went wrong.
-        give_up: Whether to wait no longer.
+        call: Must report its failures itself.
+        give_up: Asked again and again whether to stop waiting.
 
     Returns:
-        Whether it came to its end.
+        Whether it ended in time; otherwise it goes on in its thread.
     """
     thread = threading.Thread(target=call, daemon=True)
     thread.start()

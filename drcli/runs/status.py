@@ -1,6 +1,6 @@
 """What is known of a run: from its record on this machine and from the bucket."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base.errors import StorageError
@@ -25,7 +25,7 @@ class WorkerReport:
         name: "trainer", "sim-0", "sim-1", ...
         pid: Its process, or None before it started.
         alive: Whether that process runs.
-        restarts: How often the supervisor has brought it back.
+        restarts: How often the supervisor has restarted it.
         activity: What it is doing or waiting for, in a few words.
         log: Path of its log file on this machine.
     """
@@ -44,7 +44,7 @@ class CheckpointReport:
 
     Attributes:
         name: Such as "12_Step-7824.ckpt".
-        metric: What its evaluation episodes scored on average, or None before an evaluation.
+        metric: Average score of its evaluation episodes, or None before an evaluation.
     """
 
     name: str
@@ -60,10 +60,10 @@ class RunReport:
         bucket: Name of the bucket.
         prefix: Model prefix in the bucket.
         world: DR_WORLD_NAME.
-        state: Where the run is in its life.
-        message: Why it ended, when it has.
+        state: Whether the run is starting, running or how it ended.
+        message: Why it ended.
         remedy: What to do about it, when it failed.
-        exit_code: Exit code of the supervisor, when it has ended.
+        exit_code: Exit code of the supervisor once it has ended.
         started_at: Unix seconds of the start.
         elapsed_s: Wall time of training so far.
         pid: The supervisor.
@@ -72,8 +72,8 @@ class RunReport:
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
         warning: What is wrong with the learning curve; empty when nothing is.
-        damaged: What is damaged of the model in the bucket, a sentence each; the curve and the
-            checkpoints are then what could be rebuilt.
+        damaged: What is damaged in the bucket, a sentence each. The curve and the checkpoints are
+            reconstructed then, as far as possible.
     """
 
     run_id: int
@@ -96,7 +96,7 @@ class RunReport:
 
     @property
     def dead(self) -> list[str]:
-        """Workers that should run and do not."""
+        """Workers that should run but do not."""
         if self.state not in ("running", "starting"):
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
@@ -104,12 +104,12 @@ class RunReport:
 
 @dataclass(frozen=True)
 class Process:
-    """A worker of something that runs.
+    """A worker of a training or evaluation that runs.
 
     Attributes:
         name: "trainer", "sim-0", "sim-1", ... or "evaluation".
         pid: Its process.
-        alive: Whether that process lives; its supervisor may be about to replace it.
+        alive: Whether that process runs; its supervisor may be about to restart it.
         log: Path of its log file.
     """
 
@@ -124,20 +124,20 @@ class ProcessReport:
     """What `dr-find-sagemaker` and `dr-find-robomaker` found.
 
     Attributes:
-        processes: Those that live.
+        processes: Those that run.
     """
 
     processes: list[Process] = field(default_factory=list)
 
 
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
-    """Everything there is to say about the run of these settings."""
+    """Everything that is known of the run of these settings."""
     directory = (directory or Path.cwd()).absolute()
     folder = run_folder(settings, directory)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
     if not alive:
-        record = RunRecord.read(folder)  # a supervisor writes how it went just before it leaves
+        record = RunRecord.read(folder)  # a supervisor records the outcome just before it exits
     if record is None:
         return RunReport(
             run_id=settings.run_id,
@@ -146,7 +146,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
             world=settings.world_name,
             state="none",
         )
-    settings = record.settings(settings)  # which may have been others at the start
+    settings = record.settings(settings)  # as they were at the start
     bucket = open_running_bucket(settings, directory)
     history: list[IterationRecord] = []
     best = last = None
@@ -164,10 +164,14 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
             activities = {"trainer": f"the bucket does not answer: {error}"}
-    state: State = record.state
     if record.state in LIVE_STATES and not alive:
-        state = "lost"
-    running = state in LIVE_STATES
+        record = replace(
+            record,
+            state="lost",
+            message="The supervisor died without giving a reason; its workers exited with it.",
+            remedy="Continue with `dr-start-training --resume`.",
+        )
+    running = record.state in LIVE_STATES
     workers = [
         WorkerReport(
             name=worker.name,
@@ -184,11 +188,9 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         bucket=record.bucket,
         prefix=record.prefix,
         world=record.world,
-        state=state,
-        message=record.message
-        if state != "lost"
-        else "The supervisor is gone; its workers have left with it.",
-        remedy=record.remedy if state != "lost" else "Continue with `dr-start-training --resume`.",
+        state=record.state,
+        message=record.message,
+        remedy=record.remedy,
         exit_code=record.exit_code,
         started_at=record.started_at,
         elapsed_s=history[-1].elapsed_s if history else 0.0,
@@ -203,17 +205,17 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
 
 
 def trainers(settings: Settings, directory: Path) -> list[Process]:
-    """The trainer of this DR_RUN_ID, where a training runs."""
+    """The trainer of this DR_RUN_ID; empty where no training runs."""
     return _workers(settings, directory, "trainer")
 
 
 def simulations(settings: Settings, directory: Path) -> list[Process]:
-    """The simulation workers of this DR_RUN_ID, where a training runs, in their order."""
+    """The simulation workers of this DR_RUN_ID, in order; empty where no training runs."""
     return _workers(settings, directory, "sim-")
 
 
 def evaluations(settings: Settings, directory: Path) -> list[Process]:
-    """Who drives the evaluations of this DR_RUN_ID that run, oldest first."""
+    """The workers of the evaluations of this DR_RUN_ID that run, oldest first."""
     return [
         Process(
             "evaluation",
@@ -232,14 +234,14 @@ def _report(score: Score) -> CheckpointReport:
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
     key = keys.status(prefix, name)
     try:
-        note = get_json(bucket, key)
+        found = get_json(bucket, key)
     except ObjectMissing:
         return "starting"
     except ObjectDamaged as error:
         return str(error)
-    if not isinstance(note, dict) or not isinstance(note.get("activity"), str):
+    if not isinstance(found, dict) or not isinstance(found.get("activity"), str):
         return f"{bucket.name}/{key} is damaged"
-    return str(note["activity"])
+    return str(found["activity"])
 
 
 def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
@@ -259,5 +261,5 @@ def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
 
 
 def _log(settings: Settings, directory: Path, prefix: str, name: str) -> str:
-    """The log of a worker, of whose model run.env may not speak any more."""
+    """The log of a worker. Its model need not be the one that run.env names now."""
     return str(log_file(settings.replaced(model_prefix=prefix), directory, name))

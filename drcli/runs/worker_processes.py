@@ -13,8 +13,8 @@ from drcli.runs.run_logs import log_file
 
 TRAINER = "trainer"
 
-SIMULATION_LEAVES_S = 4.0
-"""How long the trainer is kept while simulation workers leave: it scores what they evaluated."""
+SIMULATION_EXIT_S = 4.0
+"""How long the trainer stays while simulation workers exit: it scores what they evaluated."""
 
 
 def start_process(
@@ -23,11 +23,11 @@ def start_process(
     """Start a module as a process that outlives this one, in a session of its own.
 
     Args:
-        job: What it works on; it gets it through its standard input.
+        job: What it works on. It is handed over through standard input.
         name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
-        module: What is run, as "drcli.workers.trainer".
+        module: What to run, such as "drcli.workers.trainer".
         arguments: Its command line.
-        gpus: Which it may use, as CUDA_VISIBLE_DEVICES has them; empty for those of this process.
+        gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
     """
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.settings, job.directory, name)
@@ -46,14 +46,14 @@ def start_process(
 
 
 def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
-    """Send a process away and wait until it is gone.
+    """Ask a child process to stop, and wait for its end.
 
     Args:
-        process: A child of this one; it may have ended already.
-        patience_s: How long it may take to leave before it is killed.
+        process: It may have ended already.
+        patience_s: How long it may take before it is killed.
 
     Returns:
-        Whether it left by itself.
+        Whether it exited by itself.
     """
     process.terminate()
     try:
@@ -67,7 +67,7 @@ def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
 
 @dataclass
 class Child:
-    """A worker process and what became of its predecessors."""
+    """A worker process, and how often it was restarted."""
 
     name: str
     module: str
@@ -75,22 +75,22 @@ class Child:
     gpus: str = ""
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
-    dismissed: float | None = None
+    finished: float | None = None
     restarts: int = 0
     quick_deaths: int = 0
 
     @property
     def running(self) -> bool:
-        """Whether the process is alive."""
+        """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
 
 
-def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
-    """End the workers of a run: those of the simulation first, then the trainer.
+def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:
+    """Stop the workers of a run: the simulation first, then the trainer.
 
     Args:
         children: All of them.
-        patience_s: How long they may take to leave; 0 kills them.
+        patience_s: How long they may take to exit; 0 kills them.
 
     Returns:
         Those that had to be killed.
@@ -98,9 +98,9 @@ def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
     began_s = time.monotonic()
     if patience_s > 0.0:
         simulation = [child for child in children if child.name != TRAINER]
-        _send_away(simulation)
-        _wait(simulation, began_s + min(SIMULATION_LEAVES_S, patience_s))
-        _send_away(children)
+        _terminate(simulation)
+        _wait(simulation, began_s + min(SIMULATION_EXIT_S, patience_s))
+        _terminate(children)
         _wait(children, began_s + patience_s)
     late = [child for child in children if child.running]
     for child in late:
@@ -110,7 +110,7 @@ def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
     return late
 
 
-def _send_away(children: Iterable[Child]) -> None:
+def _terminate(children: Iterable[Child]) -> None:
     for child in children:
         if child.running and child.process is not None:
             child.process.terminate()

@@ -80,7 +80,7 @@ class Trainer:
             learning_threads(s),
             before=counters.get("number_format"),
         )
-        _logger.info(compute.reason)
+        _logger.info("Learning in %s", compute.reason)
         self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
