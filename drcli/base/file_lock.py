@@ -1,4 +1,4 @@
-"""A lock between processes of one machine that the system releases when its holder dies."""
+"""Locks between processes of one machine. The system releases them when their holder dies."""
 
 import fcntl
 import os
@@ -7,34 +7,68 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
-from drcli.base.errors import StorageError
+from drcli.base.errors import DrError, SettingsError, StorageError
+
+PATIENCE_S = 30.0
+"""How long to wait for another command that writes into the folder; each takes a moment only."""
 
 
 @contextmanager
 def exclusive(path: Path, *, patience_s: float) -> Iterator[None]:
-    """Hold a lock file.
+    """Hold the lock file of the local S3 server.
 
-    The file stays behind; it is the hold on it that counts, and no crash can leave that behind.
+    The file stays: what counts is who holds it, and no crash leaves it held.
 
     Args:
         path: Lock file, made when missing.
         patience_s: How long to wait for another holder.
 
     Raises:
-        StorageError: Somebody else held it for so long.
+        StorageError: Another command held it for so long.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    with _held(descriptor, f"the local S3 server ({path})", patience_s, StorageError):
+        yield
+
+
+@contextmanager
+def only_writer(directory: Path) -> Iterator[None]:
+    """Keep other commands from rewriting files of a folder meanwhile.
+
+    The folder itself is locked, so nothing stays behind.
+
+    Args:
+        directory: The racer's working folder.
+
+    Raises:
+        SettingsError: The folder does not exist or may not be read, or another command used it for
+            `PATIENCE_S`.
+    """
+    try:
+        descriptor = os.open(directory, os.O_RDONLY)
+    except OSError as e:
+        raise SettingsError(
+            f"{directory}: cannot be read ({e.strerror or e}).",
+            remedy="Change to the folder that holds run.env.",
+        ) from e
+    with _held(descriptor, f"the folder {directory}", PATIENCE_S, SettingsError):
+        yield
+
+
+@contextmanager
+def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError]) -> Iterator[None]:
+    """Lock an open file or folder; it is closed afterwards."""
     try:
         if not wait_until(
             lambda: _take(descriptor),
             patience_s=patience_s,
+            first_s=0.01,
             last_s=0.2,
-            what=f"Waiting for another command that is busy with the local server ({path}) ...",
+            what=f"Waiting for another command that is using {what} ...",
         ):
-            raise StorageError(
-                f"Another command has been busy with the local server for {patience_s:.0f} s "
-                f"({path}).",
-                remedy="Wait for it, or end it, and start this command again.",
+            raise failure(
+                f"Another command has been using {what} for {patience_s:.0f} s.",
+                remedy="Wait until it has ended, or end it, and run this command again.",
             )
         yield
     finally:

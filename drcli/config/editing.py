@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.base.atomic_file import only_writer, rewrite
+from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.file_lock import only_writer
 from drcli.base.problems import Finding, FindingsError, shown
 from drcli.config import activation
 from drcli.config.env_file import Entry, content_of, parse_env, with_any_value

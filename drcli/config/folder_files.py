@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drcli.base.atomic_file import only_writer, remedy_for, rewrite
+from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.file_lock import only_writer
 from drcli.base.problems import Finding, FindingsError
 from drcli.config.env_file import content_of
 

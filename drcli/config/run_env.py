@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.atomic_file import only_writer, remedy_for, rewrite
+from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.file_lock import only_writer
 from drcli.config.env_file import parse_env, with_values
 from drcli.config.settings import Settings, active_run_file
 

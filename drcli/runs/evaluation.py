@@ -1,12 +1,13 @@
-"""Runs a stand-alone evaluation: one worker process, its trace and metrics, a report."""
+"""Runs an evaluation: one worker process, its trace and metrics, and a report."""
 
 import os
 import shutil
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,37 +22,101 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
+from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
-from drcli.runs.launching import end_process, start_process
-from drcli.runs.report import EvaluationReport, TrialReport
 from drcli.runs.run_logs import log_file
+from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
 if TYPE_CHECKING:
     import subprocess
 
-LEAVE_S = 0.6
-"""How long the worker may take to leave once its evaluation is to end."""
+EXIT_S = 0.6
+"""How long the worker may take to exit once its evaluation is stopped."""
 
 READY_TIMEOUT_S = 20.0
 
-LAUNCHED_LEAVE_S = 5.0
-"""How long an evaluation may take to leave that was not ready in time; it may have a worker."""
+LAUNCHED_EXIT_S = 5.0
+"""The same for an evaluation that was not ready in time; it may have a worker already."""
 
 _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
-"""What a worker may fail of besides itself, by the code that it leaves."""
+"""Failures that are not the worker's own, by exit code."""
+
+
+@dataclass(frozen=True)
+class TrialReport:
+    """One evaluation lap or trial.
+
+    Attributes:
+        trial: Counted from 1.
+        progress: Percent of the lap.
+        lap_s: Simulated seconds, penalties included.
+        status: "Lap complete", "Off track", ...
+        off_track: How often the car left the track.
+        crashes: How often it hit something.
+        resets: How often it was put back.
+    """
+
+    trial: int
+    progress: float
+    lap_s: float
+    status: str
+    off_track: int
+    crashes: int
+    resets: int
+
+
+@dataclass(frozen=True)
+class EvaluationReport:
+    """The result of `dr-evaluate`.
+
+    Attributes:
+        prefix: Model prefix in the bucket.
+        world: Where it drove.
+        checkpoint: Which checkpoint drove.
+        trials: All trials, in order.
+        simtrace: Key of the trace in the bucket.
+        metrics: Key of the metrics in the bucket.
+        opponent: The same for the other model of a HEAD_TO_MODEL race.
+    """
+
+    prefix: str
+    world: str
+    checkpoint: str
+    trials: list[TrialReport]
+    simtrace: str
+    metrics: str
+    opponent: "EvaluationReport | None" = None
+
+    @property
+    def completed(self) -> int:
+        """How many trials completed the lap."""
+        return sum(trial.status == "Lap complete" for trial in self.trials)
+
+    @property
+    def total_s(self) -> float | None:
+        """Simulated seconds of all trials together, None unless every lap was completed."""
+        if self.completed < len(self.trials):
+            return None
+        return sum(trial.lap_s for trial in self.trials)
+
+    @property
+    def best_lap_s(self) -> float | None:
+        """Fastest completed lap, simulated seconds."""
+        laps = [trial.lap_s for trial in self.trials if trial.status == "Lap complete"]
+        return min(laps, default=None)
 
 
 class EvaluationStopped(DrError):
-    """SIGTERM ended the evaluation, as `dr-stop-evaluation` does."""
+    """SIGTERM stopped the evaluation, as `dr-stop-evaluation` does."""
 
     code: ClassVar[int] = 143
     final: ClassVar[bool] = True
@@ -65,17 +130,17 @@ def evaluate(
     on_progress: Callable[[str], None] = lambda text: None,
     directory: Path | None = None,
 ) -> EvaluationReport:
-    """Drive the evaluation that the settings describe and wait for its end.
+    """Run the evaluation that the settings describe, and wait for its end.
 
     Args:
-        settings: DR_EVAL_* say how; the model prefix says what.
+        settings: Of the model and of DR_EVAL_*.
         clone: Copy the model to `<prefix>-E` first and evaluate the copy.
-        seed: What random numbers are derived from.
+        seed: Of all random numbers.
         on_progress: Told in a few words what happens.
         directory: The racer's working folder; the current one if left out.
 
     Raises:
-        SettingsError: There is no such model or checkpoint.
+        SettingsError: The model or checkpoint does not exist.
         WorkerDied: The evaluation worker failed.
         EvaluationStopped: SIGTERM came.
     """
@@ -87,10 +152,10 @@ def evaluate(
 
 
 def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
-    """Drive in a worker process and wait for its end; nothing stays of it but its results.
+    """Drive in a worker process, wait for its end, and remove all but its results.
 
     Raises:
-        SettingsError, StorageError: The worker says so.
+        SettingsError, StorageError: The reason that the worker left.
         WorkerDied: The worker failed.
     """
     folder = plan.job.folder
@@ -105,10 +170,10 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     """Start the evaluation as processes that outlive this one.
 
     Raises:
-        WorkerDied: It ended at once, or gave no sign of life.
+        WorkerDied: It ended at once or was not ready in time.
     """
     process = start_process(
-        plan.job, "evaluation", "drcli.runs.evaluation_process", plan.stamp, *plan.checkpoints
+        plan.job, "evaluation", "drcli.runs.evaluation", plan.stamp, *plan.checkpoints
     )
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
@@ -116,29 +181,23 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         if record is not None:
             return record
         time.sleep(0.02)
-    end_process(process, LAUNCHED_LEAVE_S)  # or it would drive after all, unknown to anybody
+    end_process(process, LAUNCHED_EXIT_S)  # or it would drive after all, and nobody would know
     shutil.rmtree(plan.job.folder, ignore_errors=True)
     path = log_file(plan.job.settings, plan.job.directory, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
 
-def wait_in_background(job: Job, stamp: str, checkpoints: list[str]) -> None:
-    """What the waiting process of an evaluation in the background does."""
-    with _until_sigterm():
-        run_evaluation(EvaluationPlan(replace(job, launcher_pid=os.getpid()), checkpoints, stamp))
-
-
 def _results(folder: Path) -> list[list[dict[str, Any]]]:
-    """What the worker left: the records of each racer's trials.
+    """The records of each racer's trials.
 
     Raises:
-        WorkerDied: It left something else.
+        WorkerDied: The worker left none.
     """
     found = read_json(folder / "evaluation.json")
     if not isinstance(found, list):
         raise WorkerDied(
             "The evaluation worker left no results.",
-            remedy="Run `dr-evaluate` again; `dr-logs evaluation` tells what happened.",
+            remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
         )
     return found
 
@@ -183,7 +242,7 @@ def _trials(records: list[dict[str, Any]]) -> list[TrialReport]:
 
 
 def _run(plan: EvaluationPlan) -> None:
-    """Run the worker to its end, its output going to the log."""
+    """Run the worker to its end, with a new log."""
     job = plan.job
     path = log_file(job.settings, job.directory, "evaluation")
     for part in log_files.older_parts(path):
@@ -195,7 +254,7 @@ def _run(plan: EvaluationPlan) -> None:
         job, "evaluation", "drcli.workers.evaluator", plan.stamp, *plan.checkpoints
     )
     try:
-        _note(plan, process.pid)
+        _write_record(plan, process.pid)
         code = process.wait()
     except BaseException:
         _end(plan, process)
@@ -212,8 +271,8 @@ def _run(plan: EvaluationPlan) -> None:
     raise _FAILURES.get(words.code, WorkerDied)(words.message, remedy=words.remedy)
 
 
-def _note(plan: EvaluationPlan, worker_pid: int) -> None:
-    """Say on this machine that the evaluation runs."""
+def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
+    """Record on this machine that the evaluation runs."""
     settings = plan.job.settings
     EvaluationRecord(
         run_id=settings.run_id,
@@ -230,26 +289,26 @@ def _note(plan: EvaluationPlan, worker_pid: int) -> None:
 
 
 def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
-    """Send the worker away; where it had to be killed, take back what it may have half written."""
-    if not end_process(process, LEAVE_S):
+    """Stop the worker. Where it had to be killed, delete results that may be incomplete."""
+    if not end_process(process, EXIT_S):
         with suppress(StorageError):
             bucket = open_bucket(plan.job.settings, plan.job.directory, patience_s=0.0)
             bucket.delete([plan.simtrace, plan.metrics])
 
 
 class _Terminated(BaseException):
-    """SIGTERM came. No Exception, so that nothing on the way takes it for a failure to repeat."""
+    """SIGTERM came. Not an Exception, so that no code on the way handles it as a failure."""
 
 
 @contextmanager
 def _until_sigterm() -> Iterator[None]:
-    """Let SIGTERM end what is inside as Ctrl-C would, in good order."""
+    """Let SIGTERM end what is inside, with cleanup, as Ctrl-C would."""
 
-    def leave(_number: int, _frame: FrameType | None) -> None:
+    def stop(_number: int, _frame: FrameType | None) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise _Terminated
 
-    before = signal.signal(signal.SIGTERM, leave)
+    before = signal.signal(signal.SIGTERM, stop)
     try:
         yield
     except _Terminated:
@@ -258,3 +317,24 @@ def _until_sigterm() -> Iterator[None]:
         ) from None
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _wait_in_background() -> None:
+    """What the process does that waits for an evaluation in the background.
+
+    It is started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
+    """
+    job, (_, stamp, *checkpoints) = Job.received(), sys.argv
+    try:
+        with _until_sigterm():
+            here = replace(job, launcher_pid=os.getpid())
+            run_evaluation(EvaluationPlan(here, checkpoints, stamp))
+    except DrError as error:
+        path = log_file(job.settings, job.directory, "evaluation")
+        LogFile(path, job.settings.log_max_mb << 20)  # not earlier: it was the worker's own
+        get_logger(__name__).error("%s %s", error, error.remedy)
+        raise SystemExit(error.code) from None
+
+
+if __name__ == "__main__":
+    _wait_in_background()

@@ -10,11 +10,11 @@ from drcli.store.lease import STALE_S
 from drcli.store.ownership import Lease, elapsed_s, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0
-"""How often the owner looks whose the lease is: a loser has to end within 15 seconds, of which it
-may need some to end its workers."""
+"""How often the owner checks the lease. A training that loses it has to end within 15 seconds, some
+of which its workers may need."""
 
 RENEW_S = 10.0
-"""How often it is written."""
+"""How often the owner writes it again."""
 
 _HELD_UP_S = 5.0
 """Longest time between reading the lease and writing it."""
@@ -24,10 +24,10 @@ class Renewal:
     """Renews a lease, one step at a time, until it is lost.
 
     Args:
-        bucket: Where the lease lies; with little patience, for steps come again anyway.
-        prefix: Of the model.
+        bucket: Holds the lease. It should give up soon: the next step tries again.
+        prefix: The model.
         lease: As it was taken.
-        clock: Seconds that go on while this process is stopped, for tests.
+        clock: Seconds that count on while this process is stopped, for tests.
     """
 
     def __init__(
@@ -39,13 +39,13 @@ class Renewal:
         self._clock = clock
         self._written_s = self._owned_s = clock()
         self.lost: OwnershipLost | None = None
-        """Why the training has to end; None while the prefix is its own."""
+        """Why the training has to end; None while it holds the lease."""
 
     def step(self) -> None:
-        """Look whose the lease is, and write it again where it is ours and due.
+        """Check who holds the lease, and write it again where it is ours and due.
 
         Raises:
-            StorageError: The bucket does not answer; the next step may do better.
+            StorageError: The bucket does not answer; the next step tries again.
         """
         now_s = self._clock()
         found = read_lease(self._bucket, self._prefix)
@@ -56,8 +56,8 @@ class Renewal:
         if found is None and now_s - self._owned_s > STALE_S:
             self.lost = OwnershipLost(
                 f"s3://{self._bucket.name}/{self._prefix} could not be reached for "
-                f"{now_s - self._owned_s:.0f} s, and it no longer says who is training there.",
-                remedy="Look with `dr-list-models` whether the model is still there, then go on "
+                f"{now_s - self._owned_s:.0f} s, and the lease of this training is gone.",
+                remedy="Check with `dr-list-models` that the model still exists, then continue "
                 "with `dr-start-training --resume`.",
             )
             return
@@ -65,6 +65,6 @@ class Renewal:
         if ours and now_s - self._written_s < RENEW_S:
             return
         if self._clock() - now_s > _HELD_UP_S:
-            return  # somebody may have taken it since it was read
+            return  # another training may have taken it since it was read
         write_lease(self._bucket, self._prefix, replace(self._lease, renewed=time.time()))
         self._written_s = now_s

@@ -1,4 +1,4 @@
-"""Work that a supervisor does again and again beside its loop, which must never wait for it."""
+"""Work beside the supervisor's loop, which never waits for it."""
 
 import queue
 import threading
@@ -6,25 +6,24 @@ import time
 from collections.abc import Callable
 
 from drcli.base.errors import DrError
+from drcli.base.log import get_logger
+
+_logger = get_logger(__name__)
 
 
 class Periodic:
-    """Calls a function every so often, in a thread of its own that ends with the process.
+    """Calls a function at intervals, in a thread that ends with the process.
 
     Args:
         name: Of the thread.
-        what: The work. A failure is said once and does not end it: there is a next time.
+        what: The work. A failure is logged once and does not end it: there is a next time.
         every_s: Seconds between two calls.
-        say: Told what went wrong.
     """
 
-    def __init__(
-        self, name: str, what: Callable[[], None], every_s: float, say: Callable[[str], None]
-    ) -> None:
+    def __init__(self, name: str, what: Callable[[], None], every_s: float) -> None:
         self._what = what
         self._every_s = every_s
-        self._say = say
-        self._said = ""
+        self._logged = ""
         self._ended = False
         self._errands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -34,17 +33,17 @@ class Periodic:
         self._thread.start()
 
     def stop(self, *, wait_s: float = 0.0) -> None:
-        """Call no more; a call that is under way is left to itself after so many seconds."""
+        """Call no more, and wait so long for a call that is running."""
         self._ended = True
         self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
     def ask(self, errand: Callable[[], None]) -> threading.Event:
-        """Have something else done by this thread as soon as it can.
+        """Have this thread do something else as soon as it can.
 
         Returns:
-            Set once it is done, well or not.
+            Set once it is done or has failed.
         """
         done = threading.Event()
 
@@ -69,26 +68,26 @@ class Periodic:
     def _attempt(self, call: Callable[[], None]) -> None:
         try:
             call()
-            self._said = ""
-        except Exception as error:  # a thread that dies unseen would be worse than any of them
+            self._logged = ""
+        except Exception as error:  # whatever it is, the thread must go on
             words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
-            if words != self._said:
-                self._said = words
-                self._say(words)
+            if words != self._logged:
+                self._logged = words
+                _logger.warning(words)
 
 
 def within(
     seconds: float, call: Callable[[], None], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
-    """Call a function for no longer than so many seconds; what is left undone then is left.
+    """Call a function and wait for its end, but no longer than so many seconds.
 
     Args:
         seconds: How long.
-        call: Says itself what went wrong.
-        give_up: Whether to wait no longer.
+        call: Must report its failures itself.
+        give_up: Asked again and again whether to stop waiting.
 
     Returns:
-        Whether it came to its end.
+        Whether it ended in time; otherwise it goes on in its thread.
     """
     thread = threading.Thread(target=call, daemon=True)
     thread.start()

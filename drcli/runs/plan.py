@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from drcli.base import notices
-from drcli.base.atomic_file import only_writer
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.file_lock import only_writer
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.check_report import by_severity, refuse
 from drcli.checks.storage_rules import review_prefix

@@ -1,12 +1,38 @@
-"""Log files of a run: one per process, beside each other on disk and in the bucket."""
+"""Log files of a run: where they lie on disk and in the bucket, and how they get there.
 
+Each process writes one. A thread of the supervisor uploads what is new; nothing waits for it.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.base import log_files
-from drcli.base.errors import SettingsError
+from drcli.base.atomic_file import read_json, write_json
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.log import get_logger
 from drcli.config.settings import Settings
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+
+_logger = get_logger(__name__)
 
 _FOLDERS = ("robomaker", "sagemaker")
+
+INTERVAL_S = 300.0
+
+PART_BYTES = 4 << 20
+"""Size of a part in the bucket. What is newer than the last part is uploaded again each time."""
+
+_GLANCE_S = 0.1
+"""At the end: how often the wait for the last upload is reconsidered."""
+
+_COMPARED_BYTES = 4 << 10
+"""Two logs that begin with the same bytes are the same log: they hold times and numbers."""
 
 
 def log_file(settings: Settings, directory: Path, worker: str) -> Path:
@@ -49,5 +75,257 @@ def begin_logs(settings: Settings, directory: Path) -> None:
         ) from e
 
 
+@dataclass
+class _Position:
+    """Up to where a log lies in the bucket as parts that will not change.
+
+    Attributes:
+        number: The local file, by `logfiles.current_number`; those before it are there.
+        offset: Bytes of it that are there.
+    """
+
+    number: int = 1
+    offset: int = 0
+
+
+class LogCopy:
+    """The copy of one log in the bucket.
+
+    S3 cannot append. So the copy is a row of parts, `sim-0.log.part-000001` and so on, which are
+    written once, and `sim-0.log`, which is what came after them. One after the other they are the
+    log. A later start goes on with the row, also on another machine.
+
+    Args:
+        bucket: Where to.
+        key: The object with the newest part.
+        log: The file on this machine.
+        max_bytes: How large the parts may become together; the oldest go first.
+    """
+
+    def __init__(self, bucket: Bucket, key: str, log: Path, max_bytes: int) -> None:
+        self._bucket = bucket
+        self._key = key
+        self._log = log
+        self._max_bytes = max_bytes
+        self._note = log.with_name(f"{log.name}{log_files.UPLOADED}")
+        self._position = _noted(self._note, log)
+        self._known = False
+        self._parts: list[tuple[str, int]] = []
+        self._next = 1
+        self._newest = (0, 0, 0)
+
+    def update(self, over: Callable[[], bool] = lambda: False, *, hurried: bool = False) -> None:
+        """Upload what was added.
+
+        Args:
+            over: Asked before each part whether to stop.
+            hurried: Whether time is short, so that the end of the log goes first.
+
+        Raises:
+            StorageError: The bucket cannot be used.
+        """
+        if not self._log.exists():
+            return
+        if not self._known:
+            self._look()
+        if hurried and self.left_bytes() > PART_BYTES:
+            ends = [_end_of(path) for path in (*log_files.older_parts(self._log)[-1:], self._log)]
+            self._bucket.put(self._key, b"".join(ends)[-PART_BYTES:])
+        while not over():
+            path, data = self._next_bytes()
+            if path is None:
+                continue
+            at = self._position
+            complete = path != self._log
+            if complete and not data:
+                self._position = _Position(at.number + 1)
+            elif complete or len(data) >= PART_BYTES:
+                self._position = _Position(at.number, at.offset + self._put_part(data))
+            else:
+                self._put_newest(data)
+                return
+            with suppress(OSError):  # a full disk: the next start uploads this part again
+                write_json(self._note, asdict(self._position))
+
+    def left_bytes(self) -> int:
+        """How much of the log is not in the bucket."""
+        at = self._position
+        left = -at.offset - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0)
+        for path in [*log_files.older_parts(self._log), self._log]:
+            with suppress(OSError):
+                number = None if path == self._log else log_files.number_of(path)
+                left += path.stat().st_size if number is None or number >= at.number else 0
+        return max(0, left)
+
+    def _look(self) -> None:
+        """See what an earlier start has left in the bucket."""
+        folder = self._key.rpartition("/")[0] + "/"
+        start = f"{self._key}.part-"
+        for info in self._bucket.list(folder):
+            number = info.key.removeprefix(start)
+            if info.key.startswith(start) and number.isdigit():
+                self._parts.append((info.key, info.size_bytes))
+                self._next = int(number) + 1
+        self._keep_other_machines()
+        self._known = True
+
+    def _keep_other_machines(self) -> None:
+        """Make a part of what another machine wrote last, which we would write over."""
+        try:
+            data = self._bucket.get(self._key)
+        except ObjectMissing:
+            return
+        if data and not self._is_ours(data):
+            self._put_part(data, whole=True)
+
+    def _is_ours(self, data: bytes) -> bool:
+        """Whether the newest part in the bucket comes from this log.
+
+        It goes on where the noted parts end; or it is the log's end, which was uploaded first when
+        time was short.
+        """
+        at, older = self._position, log_files.older_parts(self._log)
+        path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
+        own = _read(path, at.offset)
+        if data[:_COMPARED_BYTES] == own[: len(data)][:_COMPARED_BYTES]:
+            return True
+        ends = b"".join(_end_of(part) for part in (*older[-1:], self._log))
+        return data[-_COMPARED_BYTES:] in ends
+
+    def _next_bytes(self) -> tuple[Path | None, bytes]:
+        """The file that comes next and what is new in it; None where it has just been rotated."""
+        at = self._position
+        for part in log_files.older_parts(self._log):
+            number = log_files.number_of(part)
+            if number > at.number:  # what lay between was deleted, because the log grew too large
+                at = self._position = _Position(number)
+            if number == at.number:
+                return part, _read(part, at.offset)
+        data = _read(self._log, at.offset)
+        current = log_files.current_number(self._log)
+        if current < at.number:  # somebody has deleted the older parts
+            self._position = _Position(current)
+        return (self._log if current == at.number else None), data
+
+    def _put_part(self, data: bytes, *, whole: bool = False) -> int:
+        """Write a part that ends with a line; its size."""
+        end = len(data) if whole or len(data) < PART_BYTES else data.rfind(b"\n") + 1 or len(data)
+        key = f"{self._key}.part-{self._next:06d}"
+        self._bucket.put(key, data[:end])
+        self._parts.append((key, end))
+        self._next += 1
+        while len(self._parts) > 1 and sum(size for _, size in self._parts) > self._max_bytes:
+            self._bucket.delete([self._parts.pop(0)[0]])
+        return end
+
+    def _put_newest(self, data: bytes) -> None:
+        state = (self._position.number, self._position.offset, len(data))
+        if state != self._newest:
+            self._bucket.put(self._key, data)
+            self._newest = state
+
+
+class LogUpload:
+    """Uploads the logs of a training in a thread, over a client of its own.
+
+    Args:
+        open_bucket: Makes the client.
+        settings: Of the training.
+        directory: The racer's working folder.
+        names: Whose logs, the most telling first.
+    """
+
+    def __init__(
+        self,
+        open_bucket: Callable[[], Bucket],
+        settings: Settings,
+        directory: Path,
+        names: Sequence[str],
+    ) -> None:
+        self._open_bucket = open_bucket
+        self._max_bytes = settings.log_max_mb << 20
+        self._logs = {
+            keys.log(settings.model_prefix, log_kind(name), name): log_file(
+                settings, directory, name
+            )
+            for name in names
+        }
+        self._copies: list[LogCopy] = []
+        self._ending = threading.Event()
+        self._deadline_s = math.inf
+        self._thread = threading.Thread(target=self._run, name="log upload", daemon=True)
+
+    def start(self) -> None:
+        """Begin; the first upload comes after a while."""
+        self._thread.start()
+
+    def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
+        """Upload what is new for the last time, and say what had to stay behind.
+
+        Args:
+            patience_s: After so long the upload is given up, whatever it waits for.
+            given_up: Asked again and again whether to give up at once.
+        """
+        self._deadline_s = time.monotonic() + patience_s
+        self._ending.set()
+        while self._thread.is_alive() and not self._is_over() and not given_up():
+            self._thread.join(_GLANCE_S)
+        left = sum(copy.left_bytes() for copy in self._copies)
+        if left or self._thread.is_alive():
+            how_much = f"{left / 1e6:,.1f} MB" if left else "The newest part"
+            _logger.warning(
+                "%s of the logs could not be uploaded in time and is in data/logs only. "
+                "A start with --resume uploads it.",
+                how_much,
+            )
+
+    def _run(self) -> None:
+        while not self._ending.wait(INTERVAL_S):
+            self._upload()
+        self._upload()
+
+    def _upload(self) -> None:
+        try:
+            if not self._copies:
+                bucket = self._open_bucket()
+                self._copies = [
+                    LogCopy(bucket, key, path, self._max_bytes) for key, path in self._logs.items()
+                ]
+            for copy in self._copies:
+                copy.update(self._is_over, hurried=self._ending.is_set())
+        except DrError as error:
+            _logger.warning("The logs could not be uploaded: %s", error)
+        except OSError as error:
+            _logger.warning("The logs could not be read: %s", error)
+
+    def _is_over(self) -> bool:
+        return time.monotonic() > self._deadline_s
+
+
 def _folder(settings: Settings, directory: Path, kind: str) -> Path:
     return directory / "data" / "logs" / kind / settings.model_prefix
+
+
+def _noted(note: Path, log: Path) -> _Position:
+    """The position that an earlier start noted; the beginning where it fits no file."""
+    try:
+        position = _Position(**read_json(note))
+        current = log_files.current_number(log)
+        size = log.stat().st_size if position.number == current else math.inf
+        if 1 <= position.number <= current and 0 <= position.offset <= size:
+            return position
+    except (TypeError, OSError):
+        pass
+    return _Position()
+
+
+def _read(path: Path, offset: int) -> bytes:
+    """As much as a part may have."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        return file.read(PART_BYTES)
+
+
+def _end_of(path: Path) -> bytes:
+    """At most as much as a part may have."""
+    return _read(path, max(0, path.stat().st_size - PART_BYTES))

@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.trace import STEP_S
-from drcli.runs.running_workers import Process
+from drcli.runs.status import Process
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.history import read_history

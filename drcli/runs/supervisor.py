@@ -1,43 +1,42 @@
-"""Keeps a training alive: starts its workers, brings back what dies, ends it in good order."""
+"""Keeps a training alive: starts its workers, restarts those that die, ends the run."""
 
-import os
+import logging
 import signal
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import FrameType
 
-from drcli.base import log_files
-from drcli.base.errors import DrError, OwnershipLost, StorageError
+from drcli.base.errors import DrError, OwnershipLost, StorageError, WorkerDied
+from drcli.base.log import get_logger
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.exchange.job import Job, LastWords
 from drcli.exchange.run_record import RunRecord, State, WorkerRecord
-from drcli.runs.launching import start_process
 from drcli.runs.lease_renewal import LOOK_S, Renewal
-from drcli.runs.log_upload import LogUpload
 from drcli.runs.periodic import Periodic, within
-from drcli.runs.run_logs import log_file
-from drcli.runs.worker_processes import Child, dismiss
+from drcli.runs.run_logs import LogUpload, log_file
+from drcli.runs.worker_processes import Child, start_process, stop_workers
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint
+
+_logger = get_logger(__name__)
 
 POLL_S = 0.2
 """How often the supervisor looks at its processes."""
 
 SERVER_CHECK_S = 1.0
 
-LEAVE_S = 10.0
-"""How long the workers may take to leave after SIGTERM before they are killed."""
+EXIT_S = 10.0
+"""How long the workers may take to exit after SIGTERM before they are killed."""
 
 LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
-"""How long the bucket may take at the end: to say whether there is a checkpoint, for the last logs,
-and for giving the prefix back. Whoever ends a process gives it 30 s."""
+"""How long the bucket may take at the end: to find the newest checkpoint, for the last logs, and to
+release the lease. A process that is asked to stop has 30 s."""
 
-DISMISSED_S = 10.0
-"""How long after a worker left in good order the trainer may take to end, as it then should."""
+FINISHED_S = 10.0
+"""How long after a simulation worker finished the trainer may take to finish, too."""
 
 CRASHES: dict[int, str] = {
     signal.SIGSEGV: "a memory fault (signal SIGSEGV)",
@@ -46,20 +45,20 @@ CRASHES: dict[int, str] = {
     signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
     signal.SIGABRT: "an abort (signal SIGABRT)",
 }
-"""Signals by which a process ends through a fault of its own code, such as a reward function's."""
+"""Signals that end a process whose own code fails, such as a reward function's."""
 
 CRASH_S = 600.0
-"""A worker that crashes within this time after a restart has done so quickly: it may drive for a
-while each time until it comes to the same place."""
+"""A worker that crashes within this time after a restart died quickly: it may drive for a while
+each time until it reaches the same place."""
 
 QUICK_DEATH_S = 20.0
-"""A worker that lives shorter than this after a restart has died quickly."""
+"""A worker that dies otherwise within this time after a restart died quickly."""
 
 MAX_QUICK_DEATHS = 3
-"""Quick deaths in a row, each by a failure of the worker's own, after which the run ends."""
+"""How many quick deaths in a row, each by a failure of its own, a worker may have."""
 
 MAX_QUICK_KILLS = 25
-"""Quick deaths in a row by a signal from outside after which the run ends."""
+"""The same for signals from outside."""
 
 INTERRUPTED, TERMINATED = 130, 143
 """Exit codes after Ctrl-C and after SIGTERM."""
@@ -72,6 +71,13 @@ class Outcome:
     code: int
     message: str
     remedy: str = ""
+
+    @property
+    def state(self) -> State:
+        """The state of the run from then on."""
+        if self.code == 0:
+            return "finished"
+        return "stopped" if self.code in (INTERRUPTED, TERMINATED) else "failed"
 
 
 class Supervisor:
@@ -93,32 +99,30 @@ class Supervisor:
         Args:
             job: What to train.
             bucket: Where.
-            record: The note about the run on this machine.
+            record: Of the run, on this machine.
+            renewal: Keeps the lease of the model.
             open_bucket: Makes a client of the bucket for another thread.
-            renewal: Keeps the model prefix this training's own.
             revive_server: Starts the bucket's server where it does not answer.
-            restart_server: Starts it anew in any case, if it is this machine's own.
+            restart_server: Restarts it in any case, if it is this machine's own.
         """
         self._job = job
         self._bucket = bucket
         self._record = record
-        self._revive_server = revive_server
         self._restart_server = restart_server
         self._signal: int | None = None
-        self._insisted = False
+        self._hurried = False
         self._silent = False
-        self._log_lock = threading.Lock()
         self._renewal = renewal
-        # Each in a thread of its own: none waits for another, and the loop for none.
-        self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
-        self._lease = Periodic("lease", renewal.step, LOOK_S, self._log)
+        # Each has its own thread, so that neither they nor the loop wait for each other.
+        self._server = Periodic("server", revive_server, SERVER_CHECK_S)
+        self._lease = Periodic("lease", renewal.step, LOOK_S)
         gpus = job.settings.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
         for k in range(job.settings.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
-        self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)
+        self._logs = LogUpload(open_bucket, job.settings, job.directory, names)
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -145,22 +149,22 @@ class Supervisor:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         if self._signal is not None:
-            self._insisted = True
+            self._hurried = True
             for child in self._children:
                 if child.running and child.process is not None:
                     child.process.kill()
         self._signal = number
 
     def _start(self, child: Child) -> None:
-        LastWords.forget(self._job.folder, child.name)  # those of an earlier run explain nothing
+        LastWords.forget(self._job.folder, child.name)  # an earlier run left them
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
-        child.started, child.dismissed = time.monotonic(), None
-        self._log(f"{child.name} started, process {child.process.pid}.")
+        child.started, child.finished = time.monotonic(), None
+        _logger.info("%s started as process %d.", child.name, child.process.pid)
 
     def _watch(self) -> Outcome:
-        """Look after everything until there is a reason to end."""
+        """Watch the workers until there is a reason to end the run."""
         while True:
             if self._signal is not None:
                 name = signal.Signals(self._signal).name
@@ -171,51 +175,42 @@ class Supervisor:
                 return Outcome(lost.code, str(lost), lost.remedy)
             for child in self._children:
                 if not child.running:
-                    outcome = self._bury(child)
+                    outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
             time.sleep(POLL_S)
 
-    def _bury(self, child: Child) -> Outcome | None:
-        """Deal with a process that has ended.
+    def _handle_exit(self, child: Child) -> Outcome | None:
+        """Restart a worker that has exited, or end the run.
 
         Returns:
-            How the run ends, or None when it goes on.
+            How the run ends; None where it continues.
         """
         assert child.process is not None
         code = child.process.returncode
         words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
             code,
             log_file(self._job.settings, self._job.directory, child.name),
-            remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, or "
-            "start over with `-w`.",
+            remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
+            "or start over with `-w`.",
         )
         if code == 0 and child.name == "trainer":
             return Outcome(0, words.message if words else "Training is complete.")
         if words is not None and words.final and code != 0:
             return Outcome(words.code, words.message, words.remedy)
         if code == 0:
-            # The trainer sends the workers home before it ends itself.
-            child.dismissed = child.dismissed or time.monotonic()
-            if time.monotonic() < child.dismissed + DISMISSED_S:
+            # The trainer marks the end of the training before it exits itself.
+            child.finished = child.finished or time.monotonic()
+            if time.monotonic() < child.finished + FINISHED_S:
                 return None
 
         lived_s = time.monotonic() - child.started
-        crash = CRASHES.get(-code)
-        quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
-        child.quick_deaths = child.quick_deaths + 1 if quick else 0
-        limit = MAX_QUICK_DEATHS if code > 0 or crash is not None else MAX_QUICK_KILLS
-        if child.quick_deaths > limit:
-            reason = words.message if words else f"{crash or f'exit code {code}'}."
-            remedy = words.remedy if words else f"Read the reason with `dr-logs {child.name}`."
-            died = f"{child.name} died {child.quick_deaths} times in a row: {reason}"
-            return Outcome(
-                words.code if words and words.code == StorageError.code else 5, died, remedy
-            )
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
-        self._log(f"{child.name} ended {how} after {lived_s:.0f} s; starting it again.")
+        _logger.warning("%s ended %s after %.0f s.", child.name, how, lived_s)
+        if outcome := _died_too_often(child, code, lived_s, words):
+            return outcome
         if words is not None and words.silent and self._server_began < child.started:
-            # A server may answer whoever asks how it is, and still be stuck with some objects.
+            # A server may answer a health check and still be stuck with some objects.
             restarted = self._server.ask(self._restart_server)
             while not restarted.wait(POLL_S) and self._signal is None:
                 pass
@@ -226,26 +221,23 @@ class Supervisor:
         return None
 
     def _end(self, outcome: Outcome) -> None:
-        """Send the workers away, bring the logs home, write down how it went."""
+        """Stop the workers, upload the logs, release the lease, and record the outcome."""
         lost = outcome.code == OwnershipLost.code
-        for child in dismiss(self._children, 0.0 if lost else LEAVE_S):
-            self._log(f"{child.name} did not leave in time and was killed.")
-        self._lease.stop(wait_s=1.0)  # or it might write the lease after it was given back
-        if outcome.code in (INTERRUPTED, TERMINATED):
-            outcome = replace(outcome, remedy=self._way_on())
-        self._log(f"{outcome.message} {outcome.remedy}".strip())
+        _logger.info("Stopping; waiting for the workers to exit.")
+        for child in stop_workers(self._children, 0.0 if lost else EXIT_S):
+            _logger.warning("%s did not exit in time and was killed.", child.name)
+        self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
+        if outcome.state == "stopped":
+            outcome = replace(outcome, remedy=self._how_to_continue())
+        level = logging.ERROR if outcome.state == "failed" else logging.INFO
+        _logger.log(level, "%s %s", outcome.message, outcome.remedy)
         if not lost:
-            self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, self._is_insisted)
+            self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, self._is_hurried)
             if not self._silent:
-                within(RELEASE_PATIENCE_S, self._release, self._is_insisted)
+                within(RELEASE_PATIENCE_S, self._release, self._is_hurried)
         self._server.stop()
-        state: State = "failed"
-        if outcome.code == 0:
-            state = "finished"
-        elif outcome.code in (INTERRUPTED, TERMINATED):
-            state = "stopped"
         self._record = self._with_workers().ended(
-            state, outcome.code, outcome.message, outcome.remedy, time.time()
+            outcome.state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._write_record()
 
@@ -253,11 +245,11 @@ class Supervisor:
         with suppress(DrError):
             lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
 
-    def _is_insisted(self) -> bool:
-        return self._insisted
+    def _is_hurried(self) -> bool:
+        return self._hurried
 
-    def _way_on(self) -> str:
-        """What to do after a stop, now that the workers have left whatever they had."""
+    def _how_to_continue(self) -> str:
+        """What to do after a stop, now that the workers have saved what they had."""
         found: list[bool] = []
 
         def look() -> None:
@@ -265,9 +257,9 @@ class Supervisor:
                 newest = newest_checkpoint(self._bucket, self._job.settings.model_prefix)
                 found.append(newest is not None)
 
-        within(LOOK_PATIENCE_S, look, self._is_insisted)
-        self._silent = not found  # then nothing else is asked of the bucket, which would take long
-        learned = not found or found[0]  # where it cannot be seen now, a resume tells
+        within(LOOK_PATIENCE_S, look, self._is_hurried)
+        self._silent = not found  # then nothing more is asked of the bucket
+        learned = not found or found[0]  # where that is unknown, a resume finds out
         option = "--resume" if learned else "-w"
         return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
 
@@ -285,16 +277,23 @@ class Supervisor:
     def _write_record(self) -> None:
         try:
             self._record.write(self._job.folder)
-        except OSError as error:  # a full disk; what is shown of the run is older then
-            self._log(f"{self._job.folder} cannot be written: {error}")
+        except OSError as error:  # a full disk: `dr-status` shows an older state then
+            _logger.error("%s cannot be written: %s", self._job.folder, error)
 
-    def _log(self, text: str) -> None:
-        """Write a line, from whichever thread; a full disk costs the line and nothing else."""
-        path = log_file(self._job.settings, self._job.directory, "supervisor")
-        max_bytes = self._job.settings.log_max_mb << 20
-        with self._log_lock, suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists() and path.stat().st_size > log_files.part_bytes(max_bytes):
-                os.close(log_files.rotate(path, max_bytes))
-            with path.open("a", encoding="utf-8") as log:
-                print(time.strftime("%Y-%m-%d %H:%M:%S"), text, file=log)
+
+def _died_too_often(
+    child: Child, code: int, lived_s: float, words: LastWords | None
+) -> Outcome | None:
+    """Count a death that came soon after a restart; how the run ends after too many in a row."""
+    crash = CRASHES.get(-code)
+    quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
+    child.quick_deaths = child.quick_deaths + 1 if quick else 0
+    own_fault = code > 0 or crash is not None
+    if child.quick_deaths <= (MAX_QUICK_DEATHS if own_fault else MAX_QUICK_KILLS):
+        return None
+    died = f"{child.name} died {child.quick_deaths} times in a row:"
+    if words is None:
+        remedy = f"Read the reason with `dr-logs {child.name}`."
+        return Outcome(WorkerDied.code, f"{died} {crash or f'exit code {code}'}.", remedy)
+    exit_code = words.code if words.code == StorageError.code else WorkerDied.code
+    return Outcome(exit_code, f"{died} {words.message}", words.remedy)

@@ -1,25 +1,25 @@
-"""Starts and stops a training that was planned: its processes, from launch to end."""
+"""Starts a training that was planned: the process of its supervisor, and what that process runs."""
 
 import os
-import signal
 import time
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from drcli.base.errors import WorkerDied
-from drcli.base.process_identity import is_alive, started_s
-from drcli.config.settings import Settings
-from drcli.exchange.run_record import RunRecord, run_folder, storage_of
-from drcli.runs.launching import end_process, start_process
-from drcli.runs.report import RunReport
+from drcli.base import notices
+from drcli.base.errors import DrError, WorkerDied
+from drcli.base.file_lock import only_writer
+from drcli.base.log import LogFile, get_logger
+from drcli.base.process_identity import started_s
+from drcli.exchange.job import Job
+from drcli.exchange.run_record import RunRecord, storage_of
+from drcli.runs.lease_renewal import Renewal
+from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.run_logs import log_file
-from drcli.runs.status import inspect
-
-if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be quick
-    from drcli.exchange.job import Job
-    from drcli.runs.plan import RunPlan
-    from drcli.store.s3_bucket import S3Bucket
+from drcli.runs.supervisor import Supervisor
+from drcli.runs.worker_processes import end_process, start_process
+from drcli.store import lease
+from drcli.store.connect import ensure_storage, open_bucket, restart_storage
+from drcli.store.ownership import Ownership
+from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0
 """How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
@@ -37,7 +37,7 @@ LEAVE_S = 15.0
 and gives those ten seconds."""
 
 
-def launch(plan: "RunPlan") -> int:
+def launch(plan: RunPlan) -> int:
     """Start the supervisor as a process that outlives this one.
 
     Returns:
@@ -47,10 +47,8 @@ def launch(plan: "RunPlan") -> int:
         SettingsError: Another start was faster.
         WorkerDied: It ended at once, or gave no sign of life.
     """
-    from drcli.runs.plan import refuse_second_run
-
     settings, directory = plan.job.settings, plan.job.directory
-    process = start_process(plan.job, "supervisor", "drcli.runs.supervisor_process")
+    process = start_process(plan.job, "supervisor", "drcli.runs.training")
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
         if _is_ready(plan.job):
@@ -66,7 +64,7 @@ def launch(plan: "RunPlan") -> int:
     )
 
 
-def supervise_job(job: "Job") -> int:
+def supervise_job(job: Job) -> int:
     """What the supervising process does, in the foreground or detached.
 
     Returns:
@@ -75,23 +73,28 @@ def supervise_job(job: "Job") -> int:
     Raises:
         SettingsError: Another start has taken the run number or the prefix meanwhile.
     """
-    from drcli.base.atomic_file import only_writer
-    from drcli.runs.lease_renewal import Renewal
-    from drcli.runs.plan import refuse_second_run
-    from drcli.runs.supervisor import Supervisor
-    from drcli.store import lease
-    from drcli.store.connect import ensure_storage, open_bucket, restart_storage
-    from drcli.store.ownership import Ownership
+    path = log_file(job.settings, job.directory, "supervisor")
+    log = LogFile(path, job.settings.log_max_mb << 20)
+    try:
+        return _supervise(job)
+    except DrError as error:
+        get_logger(__name__).error("%s %s", error, error.remedy)
+        raise
+    finally:
+        log.end()
+
+
+def _supervise(job: Job) -> int:
 
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings
 
-    def impatient(patience_s: float) -> "S3Bucket":
+    def impatient(patience_s: float) -> S3Bucket:
         return open_bucket(
             settings, job.directory, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S
         )
 
-    def own(client: "S3Bucket") -> "S3Bucket":
+    def own(client: S3Bucket) -> S3Bucket:
         return client.fenced(
             Ownership(client, settings.model_prefix, job.session, taken.term).check
         )
@@ -125,28 +128,16 @@ def supervise_job(job: "Job") -> int:
     ).run()
 
 
-def stop(settings: Settings, *, wait_s: float = 30.0, directory: Path | None = None) -> RunReport:
-    """Ask the supervisor to end the training, and wait until it has.
-
-    A second request while it is leaving kills the workers at once.
-    """
-    directory = (directory or Path.cwd()).absolute()
-    record = RunRecord.read(run_folder(settings, directory))
-    if record is not None and record.alive:
-        os.kill(record.pid, signal.SIGTERM)
-        deadline = time.monotonic() + wait_s
-        while is_alive(record.pid, record.pid_started) and time.monotonic() < deadline:
-            time.sleep(0.05)
-    return inspect(settings, directory)
-
-
-def is_running(settings: Settings, directory: Path) -> bool:
-    """Whether a training of this run number is alive on this machine."""
-    record = RunRecord.read(run_folder(settings, directory))
-    return record is not None and record.alive
-
-
-def _is_ready(job: "Job") -> bool:
+def _is_ready(job: Job) -> bool:
     """Whether the supervisor of a job has said on this machine that it is there."""
     record = RunRecord.read(job.folder)
     return record is not None and record.session == job.session
+
+
+if __name__ == "__main__":  # the supervisor as a process of its own
+    logger = get_logger(__name__)
+    notices.show, notices.warn = logger.info, logger.warning
+    try:
+        raise SystemExit(supervise_job(Job.received()))
+    except DrError as error:  # it is in the log, and the launcher shows it to the user
+        raise SystemExit(error.code) from None

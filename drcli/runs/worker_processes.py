@@ -1,20 +1,73 @@
-"""The worker processes of a run, as their supervisor keeps them, and how it sends them away."""
+"""Starts and ends the processes of a run, each apart from the terminal and with its own log."""
 
 import subprocess
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from drcli.base import log_files
+from drcli.exchange.job import Job
+from drcli.runs.run_logs import log_file
+
 TRAINER = "trainer"
 
-SIMULATION_LEAVES_S = 4.0
-"""How long the trainer is kept while simulation workers leave: it scores what they evaluated."""
+SIMULATION_EXIT_S = 4.0
+"""How long the trainer stays while simulation workers exit: it scores what they evaluated."""
+
+
+def start_process(
+    job: Job, name: str, module: str, *arguments: str, gpus: str = ""
+) -> subprocess.Popen[bytes]:
+    """Start a module as a process that outlives this one, in a session of its own.
+
+    Args:
+        job: What it works on. It is handed over through standard input.
+        name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
+        module: What to run, such as "drcli.workers.trainer".
+        arguments: Its command line.
+        gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
+    """
+    chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
+    path = log_file(job.settings, job.directory, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab") as log:  # at its end, because several processes may share it
+        return job.spawn(
+            # -P: files of the working folder must not be taken for modules of that name.
+            [sys.executable, "-P", "-m", module, *arguments],
+            with_secrets=True,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env={**chosen, log_files.VARIABLE: str(path)},
+            cwd=job.directory,
+            start_new_session=True,
+        )
+
+
+def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
+    """Ask a child process to stop, and wait for its end.
+
+    Args:
+        process: It may have ended already.
+        patience_s: How long it may take before it is killed.
+
+    Returns:
+        Whether it exited by itself.
+    """
+    process.terminate()
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return False
+    return True
 
 
 @dataclass
 class Child:
-    """A worker process and what became of its predecessors."""
+    """A worker process, and how often it was restarted."""
 
     name: str
     module: str
@@ -22,22 +75,22 @@ class Child:
     gpus: str = ""
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
-    dismissed: float | None = None
+    finished: float | None = None
     restarts: int = 0
     quick_deaths: int = 0
 
     @property
     def running(self) -> bool:
-        """Whether the process is alive."""
+        """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
 
 
-def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
-    """End the workers of a run: those of the simulation first, then the trainer.
+def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:
+    """Stop the workers of a run: the simulation first, then the trainer.
 
     Args:
         children: All of them.
-        patience_s: How long they may take to leave; 0 kills them.
+        patience_s: How long they may take to exit; 0 kills them.
 
     Returns:
         Those that had to be killed.
@@ -45,9 +98,9 @@ def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
     began_s = time.monotonic()
     if patience_s > 0.0:
         simulation = [child for child in children if child.name != TRAINER]
-        _send_away(simulation)
-        _wait(simulation, began_s + min(SIMULATION_LEAVES_S, patience_s))
-        _send_away(children)
+        _terminate(simulation)
+        _wait(simulation, began_s + min(SIMULATION_EXIT_S, patience_s))
+        _terminate(children)
         _wait(children, began_s + patience_s)
     late = [child for child in children if child.running]
     for child in late:
@@ -57,7 +110,7 @@ def dismiss(children: Sequence[Child], patience_s: float) -> list[Child]:
     return late
 
 
-def _send_away(children: Iterable[Child]) -> None:
+def _terminate(children: Iterable[Child]) -> None:
     for child in children:
         if child.running and child.process is not None:
             child.process.terminate()

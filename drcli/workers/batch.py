@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drcli.base.log import get_logger
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.episode_encoding import Episodes
 from drcli.store.keys import CheckpointName
 from drcli.store.rollout_collection import RolloutReader, Waiting
 from drcli.store.rollouts import Manifest
+
+_logger = get_logger(__name__)
 
 FIRST_PATIENCE_S = 600.0
 """How long to wait for anybody before saying so again."""
@@ -94,13 +97,13 @@ class Collector:
             return None
         self._absent = everybody - manifests.keys()
         if self._absent:
-            print(f"Training> Going on without simulation worker {sorted(self._absent)}.")
+            _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))
         try:
             # Not in the order in which they arrived: equal seeds, equal minibatches.
             return self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
             # Workers that wait for the trainer look after their manifests.
-            print(f"Training> {error} Iteration {iteration} is driven again.")
+            _logger.warning("%s Iteration %d is driven again.", error, iteration)
             self._reader.reject(iteration, manifests)
             return None
 
@@ -110,7 +113,7 @@ class Collector:
             manifests = self._reader.find_manifests(iteration, range(self._workers))
             return self._read(manifests).rollout if manifests else None
         except (ObjectMissing, ObjectDamaged) as error:
-            print(f"Training> Iteration {iteration} is not remembered: {error}")
+            _logger.warning("Cannot learn from iteration %d again: %s", iteration, error)
             return None
 
     def _wait(
@@ -166,9 +169,11 @@ class Collector:
         fits[0] = True
         if fits.all():
             return played
-        print(
-            f"Training> Learning from {fits.sum()} of {len(order)} episodes: "
-            f"DR_TRAIN_MAX_STEPS_PER_ITERATION is {self._max_steps} steps."
+        _logger.warning(
+            "Learning from %d of %d episodes: DR_TRAIN_MAX_STEPS_PER_ITERATION is %d steps.",
+            fits.sum(),
+            len(order),
+            self._max_steps,
         )
         return played.chosen(np.sort(order[fits]))
 
@@ -193,4 +198,4 @@ def _name(manifest: Manifest) -> CheckpointName:
 
 
 def _say(waiting: Waiting) -> None:
-    print(f"Training> {waiting}")
+    _logger.info(waiting)

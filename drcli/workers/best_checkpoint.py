@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from drcli.base.backoff import wait_until
+from drcli.base.log import get_logger, plain
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
@@ -11,6 +12,8 @@ from drcli.store.history import History, IterationRecord
 from drcli.store.keys import CheckpointName
 from drcli.store.repair import set_aside
 from drcli.store.scores import metric_of, tie_break_of
+
+_logger = get_logger(__name__)
 
 REMEMBERED_SCORES = 3
 """How many of the newest iterations may still be waiting for their evaluation."""
@@ -116,7 +119,7 @@ class Scoring:
             self._expected.discard(iteration)
             key = keys.evaluation_result(self._prefix, iteration)
             kept = set_aside(self._bucket, self._prefix, key)
-            print(f"Checkpoint> {error} It is not scored; the damaged one is kept as {kept}.")
+            _logger.warning("%s It is not scored; the damaged one is kept as %s.", error, kept)
             return None
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
@@ -129,4 +132,6 @@ class Scoring:
         )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
-            print(f"Best checkpoint number: {best.number}, Last checkpoint number: {newest.number}")
+            plain.info(
+                "Best checkpoint number: %d, Last checkpoint number: %d", best.number, newest.number
+            )

@@ -10,7 +10,7 @@ from drcli.config.worlds import can_be_fetched, remedy
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.workers import output
+from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.car.realism import Realism
@@ -133,7 +133,7 @@ def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[Re
     path = folder / keys.REWARD_FUNCTION_FILE
     path.write_bytes(bucket.get(keys.reward_function(prefix)))
     try:
-        with output.limited_prints():
+        with print_limit.limited_prints():
             return [load_reward_function(path) for _ in range(cars)]
     except RewardError as error:
         raise reward_failure(error) from None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
 from drcli.learn.policy import Decision, Observation, Policy, decide
-from drcli.workers import output
+from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.episode.episode import Status
@@ -202,7 +202,7 @@ class Driver:
         if not free:
             return
         plans = [waiting.popleft() for _ in free]
-        with output.limited_prints():
+        with print_limit.limited_prints():
             first = self._simulation.reset(
                 np.array(free),
                 np.array([plan.start_fraction for plan in plans]),
@@ -224,7 +224,7 @@ class Driver:
         chosen = []
         for pilot, seats in self._grouped(driving):
             chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
-        with output.limited_prints():
+        with print_limit.limited_prints():
             columns = _Columns.of(self._simulation.step(steering, speed))
         for pilot, seats, observed, decision in chosen:
             _record(pilot, seats, observed, decision, (steering, speed), columns)

@@ -17,6 +17,7 @@ from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
+from drcli.base.log import plain
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
@@ -176,7 +177,7 @@ def _pilot(job: Job, bucket: Bucket, racer: Entry) -> tuple[Pilot, Sensors]:
     parameters = Hyperparameters.from_bytes(
         bucket.get(keys.hyperparameters(racer.prefix)), "hyperparameters.json"
     )
-    print(reference_log.start_lines(job.settings, metadata, parameters, "EVALUATION"))
+    plain.info(reference_log.start_lines(job.settings, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
     loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
     model.load_state_dict(load_tensors(loaded.tensors))
@@ -201,8 +202,8 @@ def _publish(
     length_m: float,
     wall_clock: tuple[float, float],
 ) -> None:
-    for episode in episodes:
-        print(log_lines(episode, length_m, wall_clock[1]))
+    lines = (log_lines(episode, length_m, wall_clock[1]) for episode in episodes)
+    plain.info("\n".join([reference_log.OWN_LINE, *lines]))
     bucket.put(racer.trace, csv_text(episodes, length_m, wall_clock).encode())
     metrics = {"metrics": [record(e, e.number + 1) for e in episodes]}
     bucket.put(racer.metrics, json.dumps(metrics).encode())

@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from drcli.base.errors import StorageError
+from drcli.base.log import get_logger
 from drcli.learn.update_stats import Stats
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.history import IterationRecord
+
+_logger = get_logger(__name__)
 
 NUMBER, STEPS = "iteration", "global_step"
 
@@ -96,7 +99,7 @@ class LearnerMetrics:
         try:
             self._bucket.put(self._key, encoded(rows))
         except StorageError as error:
-            print(f"Metrics> {self._bucket.name}/{self._key} was not written: {error}")
+            _logger.warning("%s/%s was not written: %s", self._bucket.name, self._key, error)
 
 
 def encoded(rows: Sequence[Mapping[str, float]]) -> bytes:

@@ -1,4 +1,7 @@
-"""Log lines that log-guru and other readers of the reference's logs look for, word for word."""
+"""Log lines that log-guru and other readers of the reference's logs search for, word for word.
+
+`drcli.base.log.plain` writes them, without time and level.
+"""
 
 import json
 from collections.abc import Sequence

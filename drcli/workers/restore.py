@@ -4,11 +4,14 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 
 from drcli.base.errors import SettingsError
+from drcli.base.log import get_logger
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint
 from drcli.store.evaluations import evaluated_numbers
 from drcli.workers.build_learner import Learner
+
+_logger = get_logger(__name__)
 
 
 def restore_weights(learner: Learner, found: Checkpoint) -> None:
@@ -33,8 +36,7 @@ def restore_optimizer(learner: Learner, state: bytes) -> None:
     try:
         learner.optimizer.restore(load_tensors(state))
     except ValueError as error:
-        print(f"Checkpoint> Its optimizer state does not fit: {error}")
-        print("Checkpoint> The optimizer starts afresh.")
+        _logger.warning("The optimizer starts afresh: its saved state does not fit: %s", error)
 
 
 def forget_evaluations(bucket: Bucket, prefix: str, *, after: int) -> None:

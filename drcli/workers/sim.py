@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
+from drcli.base.log import get_logger, plain
 from drcli.exchange.job import Job
 from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.compute import flush_denormals
@@ -50,6 +51,8 @@ from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
+_logger = get_logger(__name__)
+
 SHARD_STEPS = 256
 """Steps after which finished episodes travel to the bucket: about 2 MB."""
 
@@ -77,11 +80,11 @@ class SimWorker:
         metadata = ModelMetadata.from_bytes(
             self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
         )
-        print(reference_log.start_lines(s, metadata, parameters, "TRAINING"))
+        plain.info(reference_log.start_lines(s, metadata, parameters, "TRAINING"))
 
         threads = driving_threads(s)
         torch.set_num_threads(1)
-        print(f"Compute> {threads} of {cores()} cores for motion, cameras and policy.")
+        _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
         self._parameters = parameters
         self._model = build_policy(metadata, parameters)
         self._trials = _evaluation_trials(job) if worker == 0 else 0
@@ -114,7 +117,7 @@ class SimWorker:
             workers=(worker,),
         )
         for sentence in mend_metrics(own):
-            print(f"Model> {sentence}")
+            _logger.warning(sentence)
         self._metrics = TrainingMetrics(
             self._bucket,
             keys.training_metrics(s.metrics_prefix, worker),
@@ -158,7 +161,7 @@ class SimWorker:
                 self._handed_in_s,
             )
             if name is None:
-                print("Received termination signal from trainer. Goodbye.")
+                plain.info("Received termination signal from trainer. Goodbye.")
                 return
             if name.number < iteration - self._lag:
                 # The trainer went back to an older checkpoint, or rollouts are lost.
@@ -296,7 +299,7 @@ class SimWorker:
             lines = reference_log.training_lines(
                 episodes, worker, length_m, steps, iteration, wall_clock[1]
             )
-            print(lines)
+            plain.info(lines)
         self._bucket.put(key, trace.encode())
 
     def _publish_evaluation(self, name: keys.CheckpointName, episodes: list[Driven]) -> None:
@@ -324,7 +327,7 @@ class SimWorker:
         self._metrics.add(iteration, [], episodes)
         if not (self._driven_before and self._evaluated_before):  # else it is in the log already
             worker, steps = self._share.worker, self._total_steps
-            print(
+            plain.info(
                 reference_log.evaluation_lines(episodes, worker, last_episode, steps, name.number)
             )
 

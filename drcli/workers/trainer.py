@@ -13,6 +13,7 @@ import torch
 from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
+from drcli.base.log import get_logger, plain
 from drcli.exchange.job import Job, LastWords
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
@@ -35,6 +36,8 @@ from drcli.workers.restore import forget_evaluations, restore_optimizer, restore
 from drcli.workers.wait_for_trainer import DOUBT_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
+_logger = get_logger(__name__)
+
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of one iteration apart from those of the next."""
 
@@ -55,7 +58,7 @@ class Trainer:
             self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
         )
         for sentence in mend(model):
-            print(f"Model> {sentence}")
+            _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
         self._metrics = LearnerMetrics(self._bucket, self._prefix)
@@ -71,8 +74,8 @@ class Trainer:
         )
         # Each checkpoint carries what a model cannot be gone on with where it is lost.
         self._inputs = {name: data.decode("utf-8-sig") for name, data in files.items()}
-        print("Using the following hyper-parameters")
-        print(parameters.canonical_json(metadata.training_algorithm))
+        plain.info("Using the following hyper-parameters")
+        plain.info(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
         counters = {} if self._found is None else self._found.record.counters
         compute = choose_compute(
@@ -81,7 +84,7 @@ class Trainer:
             learning_threads(s),
             before=counters.get("number_format"),
         )
-        print(f"Compute> {compute.reason}")
+        _logger.info("Learning in %s", compute.reason)
         self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
@@ -114,7 +117,7 @@ class Trainer:
             try:
                 self._scoring.score_all(self._newest())
             except StorageError as error:
-                print(f"Checkpoint> The last evaluation is not scored yet: {error}")
+                _logger.warning("The last evaluation is not scored yet: %s", error)
             raise
 
     def _train(self) -> None:
@@ -140,11 +143,11 @@ class Trainer:
             self._publish()
             return
         for damage in found.damaged:
-            print(f"Checkpoint> Passed over {damage}")
+            _logger.warning("Skipped a damaged checkpoint: %s", damage)
         forget_evaluations(self._bucket, self._prefix, after=found.record.number)
         restore_weights(self._learner, found)
         if found.optimizer is None:
-            print("Checkpoint> It has no optimizer state; the optimizer starts afresh.")
+            _logger.warning("The optimizer starts afresh: the checkpoint has no state of it.")
         else:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
@@ -155,12 +158,12 @@ class Trainer:
         self._scoring.restore(self._history.records)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
-            print(f"Metrics> {problem}")
+            _logger.warning(problem)
         self._checkpoints.point_to(record)
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
-            print(f"Checkpoint> The best checkpoint is lost: {lost} Evaluations choose another.")
-        print(f"Checkpoint> Restoring from path={record.name}")
+            _logger.warning("The best checkpoint is lost: %s Evaluations choose another.", lost)
+        plain.info("Checkpoint> Restoring from path=%s", record.name)
         self._scoring.score_all(self._newest())
         self._recall()
 
@@ -172,7 +175,9 @@ class Trainer:
             rollout = self._collector.recall(iteration) if iteration < self._number else None
             if rollout is not None:
                 self._learner.remember(rollout)
-                print(f"Training> Remembers {rollout.steps} steps of iteration {iteration}.")
+                _logger.info(
+                    "Added %d steps of iteration %d to the memory.", rollout.steps, iteration
+                )
 
     def _forget_rollouts(self, before: int) -> None:
         """Delete the rollouts that will never be learned from again.
@@ -208,7 +213,7 @@ class Trainer:
             return
         self._doubted = time.monotonic()
         if self._checkpoints.mend_pointer(self._newest()):
-            print(f"Checkpoint> The pointer to {self._newest()} was lost; it is written again.")
+            _logger.warning("The pointer to %s was lost; it is written again.", self._newest())
 
     def _newest(self) -> keys.CheckpointName:
         return keys.CheckpointName(self._number, self._steps)
@@ -294,7 +299,7 @@ class Trainer:
         """Say once when the policy has become far worse than it was."""
         fallen = health.collapse(self._history.records, self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
-            print(f"Training> Warning: {fallen}.")
+            _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
 
     def _await_evaluation(self, collected: Collected) -> None:
@@ -328,7 +333,7 @@ class Trainer:
                 "inputs": self._inputs,
             },
         )
-        print(f"Checkpoint> Saving in path=['{record.name}']")
+        plain.info("Checkpoint> Saving in path=['%s']", record.name)
         tensors = self._learner.optimizer.tensors()
         if tensors:
             self._optimizer_upload = self._uploader.submit(
@@ -337,7 +342,7 @@ class Trainer:
 
     def _publish_metrics(self, row: Row) -> None:
         """Log the learner's numbers, and write them while the workers are already driving."""
-        print(line_of(row))
+        plain.info(line_of(row))
         self._metrics.add(row)
         self._uploader.submit(self._metrics.write, self._metrics.snapshot())
 
@@ -369,11 +374,11 @@ class Trainer:
         self._uploader.shutdown()  # the metrics are written
         self._activity.say("finished")
         LastWords(reason, "", 0).leave(self._job.folder, "trainer")
-        print(reason)
+        _logger.info(reason)
 
 
 def _print_epoch(stats: Stats) -> None:
-    print(reference_log.epoch_line(stats))
+    plain.info(reference_log.epoch_line(stats))
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

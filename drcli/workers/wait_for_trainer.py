@@ -4,12 +4,15 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from drcli.base.log import get_logger
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
 from drcli.store.checkpoint_record import Record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.rollouts import find_manifest
 from drcli.workers.worker_process import StopRequested
+
+_logger = get_logger(__name__)
 
 POLL_S = 0.06
 """Pause between two looks for a new checkpoint, seconds."""
@@ -127,7 +130,9 @@ class CheckpointWaiter:
                 return name
             if name is not None and self._clock() - doubted > DOUBT_S:
                 if self._is_lost(name):
-                    print(f"Simulation> Rollouts of iteration {name.number} are lost; once more.")
+                    _logger.warning(
+                        "The rollouts of iteration %d are lost; driving it again.", name.number
+                    )
                     return name
                 doubted = self._clock()
             self._say(f"waits for the trainer (checkpoint {number})")

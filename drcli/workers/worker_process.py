@@ -1,4 +1,4 @@
-"""What both kinds of worker share as processes: signals, last words, and a word on what they do."""
+"""What all workers share as processes: signals, their log, and the reason why they end."""
 
 import gc
 import json
@@ -7,10 +7,11 @@ import signal
 import socket
 import sys
 import time
-import traceback
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 
+from drcli.base import log, log_files
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
@@ -19,10 +20,12 @@ from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.ownership import Ownership
 from drcli.store.s3_bucket import S3Bucket
-from drcli.workers import output
+from drcli.workers import print_limit
 
 BUG = 1
-"""Exit code of a failure that is nobody's but ours."""
+"""Exit code of a failure that only we can correct."""
+
+_logger = log.get_logger(__name__)
 
 
 class Lifeline:
@@ -38,16 +41,16 @@ class Lifeline:
         self._signalled = True
 
     def should_stop(self) -> bool:
-        """Whether to leave at the next good moment."""
+        """Whether to end at the next good moment."""
         return self._signalled or os.getppid() != self._launcher_pid
 
 
 class StopRequested(Exception):
-    """Raised where a worker leaves because it was asked to."""
+    """Raised where a worker ends because it was asked to."""
 
 
 class Activity:
-    """Tells everybody who looks into the bucket what this worker is doing."""
+    """Publishes in the bucket what this worker is doing."""
 
     def __init__(self, bucket: Bucket, prefix: str, name: str) -> None:
         self._bucket = bucket
@@ -55,7 +58,7 @@ class Activity:
         self._last = ""
 
     def say(self, text: str) -> None:
-        """Publish a few words, if they are news."""
+        """Publish a few words where they have changed."""
         if text == self._last:
             return
         self._last = text
@@ -69,10 +72,10 @@ class Activity:
 
 
 def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:
-    """The bucket of a training, for a worker of it.
+    """The bucket of a training, for one of its workers.
 
-    Nothing can be written there once another training has taken the model over, and the patience
-    with a silent server is short once the worker was asked to leave.
+    It refuses writes once another training has taken the model over. Once the worker was asked to
+    stop, it waits for a silent server only briefly.
 
     Args:
         job: The training.
@@ -86,60 +89,59 @@ def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucke
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """Run a worker's loop as the main function of a process.
 
-    Exits 0 when the loop is done or was asked to stop, with an explained failure's own code, and
+    Exits 0 when the loop is done or was asked to stop, with the code of an explained failure, and
     with 1 for a bug, whose traceback goes to the log.
     """
     job = Job.received()
     lifeline = Lifeline(job.launcher_pid)
     LastWords.forget(job.folder, name)
-    output.install(job.settings.log_max_mb << 20)
+    print_limit.install()
     sys.excepthook = _hook(job, name)
+    if path := os.environ.get(log_files.VARIABLE):
+        log.LogFile(Path(path), job.settings.log_max_mb << 20)
     try:
         main(job, lifeline)
     except StopRequested:
-        print(f"{name}: asked to stop, leaving.")
+        _logger.info("Stopped, as requested.")
     except Exception as error:
-        words = _words(name, error)
-        words.leave(job.folder, name)
-        _log(name, error)
-        raise SystemExit(words.code) from None
+        raise SystemExit(_explain(error, job, name).code) from None
     finally:
-        output.end_limit()
+        print_limit.end_limit()
         # Else Python looks through all objects for garbage while it ends, which takes most of a
         # second of processor time that whoever stops a training waits for.
         gc.freeze()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
-    """What tells of an end that `except Exception` does not see.
+    """What explains an end that `except Exception` does not see.
 
     Where a reward function swallows everything that is raised to interrupt it, the simulation has
     this called and ends the process.
     """
 
-    def tell(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
+    def explain(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
         from drcli.workers.build_race import (
             reward_failure,  # here, because the trainer needs no drsim
         )
         from drsim.errors import RewardError
 
         known = reward_failure(error) if isinstance(error, RewardError) else error
-        _words(name, known).leave(job.folder, name)
-        _log(name, known)
+        _explain(known, job, name)
 
-    return tell
+    return explain
 
 
-def _words(name: str, error: BaseException) -> LastWords:
+def _explain(error: BaseException, job: Job, name: str) -> LastWords:
+    """Leave the reason of a failure for the supervisor and in the log."""
     if isinstance(error, DrError):
-        return LastWords.of(error)
-    words = f"{name} failed: {type(error).__name__}: {error}"
-    return LastWords(words, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
-
-
-def _log(name: str, error: BaseException) -> None:
-    output.end_limit()
-    if isinstance(error, DrError):
-        print(f"{name}: {error} {error.remedy}", flush=True)
+        words = LastWords.of(error)
     else:
-        traceback.print_exception(error, file=sys.stdout)
+        text = f"{name} failed: {type(error).__name__}: {error}"
+        words = LastWords(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
+    words.leave(job.folder, name)
+    print_limit.end_limit()
+    if isinstance(error, DrError):
+        _logger.error("%s %s", error, error.remedy)
+    else:
+        _logger.error(words.message, exc_info=error)
+    return words

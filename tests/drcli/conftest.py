@@ -7,16 +7,12 @@ from typing import Any
 
 import pytest
 
+from drcli.base.log import LogFile
 from drcli.cli.app import main
-from drcli.runs.report import (
-    CheckpointReport,
-    EvaluationReport,
-    IterationRecord,
-    RunReport,
-    TrialReport,
-    WorkerReport,
-)
+from drcli.runs.evaluation import EvaluationReport, TrialReport
+from drcli.runs.status import CheckpointReport, RunReport, WorkerReport
 from drcli.store.connect import stop_default_storage
+from drcli.store.history import IterationRecord
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -139,6 +135,15 @@ def dr() -> Callable[..., int]:
         return end.value.code
 
     return run
+
+
+@pytest.fixture
+def logged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], str]]:
+    """What has been written into the log of this process."""
+    path = tmp_path_factory.mktemp("log") / "test.log"
+    log = LogFile(path, 1 << 20)
+    yield path.read_text
+    log.end()
 
 
 @pytest.fixture

@@ -137,7 +137,7 @@ def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained, log_
     resumed = workspace.run("start-training", "--resume", "--json")
 
     assert resumed.returncode == 0, resumed.stderr
-    assert f"Passed over {newest}" in workspace.log("trainer")
+    assert f"Skipped a damaged checkpoint: {newest}" in workspace.log("trainer")
     assert len(json.loads(resumed.stdout.splitlines()[-1])["history"]) == 4
     # The third iteration was driven twice, and log-guru stops at an episode that comes again.
     assert len(log_guru(workspace.log("sim-0")).episodes) == 16

@@ -13,7 +13,7 @@ from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
-    from drcli.runs.running_workers import Process
+    from drcli.runs.status import Process
 
 TAIL_LINES = 100
 """Of a log that is there already; the reference shows the last five minutes."""
@@ -134,13 +134,13 @@ _TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 
 
 def _trainers() -> "list[Process]":
-    from drcli.runs.running_workers import trainers
+    from drcli.runs.status import trainers
 
     return trainers(settings(), working_folder())
 
 
 def _robomakers(evaluation: bool) -> "list[Process]":
-    from drcli.runs.running_workers import evaluations, simulations
+    from drcli.runs.status import evaluations, simulations
 
     look = evaluations if evaluation else simulations
     return look(settings(), working_folder())
@@ -186,7 +186,7 @@ def _follow(
 def _print(found: "list[Process]", wanted: "_Wanted", *, as_json: bool) -> None:
     """Process numbers of the workers that live; a failure where there are none."""
     from drcli.cli import console
-    from drcli.runs.running_workers import ProcessReport
+    from drcli.runs.status import ProcessReport
 
     report = ProcessReport([process for process in found if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)

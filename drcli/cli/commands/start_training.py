@@ -10,7 +10,7 @@ from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
-    from drcli.runs.report import RunReport
+    from drcli.runs.status import RunReport
 
 
 def start_training(

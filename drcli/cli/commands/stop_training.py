@@ -22,8 +22,13 @@ def stop_training(as_json: AsJson = False) -> None:
     """
     from drcli.base.errors import SettingsError, WorkerDied
     from drcli.cli import console
-    from drcli.runs.stopping import Stopped, StopReport, stop_the_only_training
-    from drcli.runs.training import is_running, stop
+    from drcli.runs.stopping import (
+        Stopped,
+        StopReport,
+        is_running,
+        stop,
+        stop_the_only_training,
+    )
 
     folder = working_folder()
     try:

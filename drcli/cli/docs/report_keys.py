@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any, get_args, get_type_hints
 
 REPORTS: Mapping[str, tuple[str, ...]] = {
-    "runs.report:RunReport": ("start-training", "status"),
+    "runs.status:RunReport": ("start-training", "status"),
     "runs.stopping:StopReport": (
         "stop-training",
         "stop-evaluation",
@@ -17,10 +17,10 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "stop-loganalysis",
     ),
     "runs.increment:Increment": ("increment-training",),
-    "runs.report:EvaluationReport": ("evaluate", "start-evaluation"),
+    "runs.evaluation:EvaluationReport": ("evaluate", "start-evaluation"),
     "cli.commands.evaluate:Started": ("start-evaluation -q",),
     "runs.summary:Summary": ("summary",),
-    "runs.running_workers:ProcessReport": ("find-sagemaker", "find-robomaker"),
+    "runs.status:ProcessReport": ("find-sagemaker", "find-robomaker"),
     "runs.speed:SpeedReport": ("get-robomaker-stats",),
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),

@@ -8,7 +8,7 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows
 
 if TYPE_CHECKING:
-    from drcli.runs.report import EvaluationReport
+    from drcli.runs.evaluation import EvaluationReport
 
 
 def evaluation(report: "EvaluationReport") -> RenderableType:

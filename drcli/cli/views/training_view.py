@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drcli.models.pretrained import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import RunPlan
-    from drcli.runs.report import RunReport
+    from drcli.runs.status import RunReport
 
 LIVE_ROWS = 6
 """Iterations in the table of the live display."""

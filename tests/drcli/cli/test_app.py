@@ -25,7 +25,7 @@ def failing(working_folder, monkeypatch):
         def is_running(*_):
             raise failure
 
-        monkeypatch.setattr("drcli.runs.training.is_running", is_running)
+        monkeypatch.setattr("drcli.runs.stopping.is_running", is_running)
 
     return fail_with
 

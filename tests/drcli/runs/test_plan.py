@@ -107,8 +107,8 @@ def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch)
         def run(self) -> int:
             return 6
 
-    monkeypatch.setattr("drcli.store.connect.open_bucket", lambda *_, **__: racer.bucket)
-    monkeypatch.setattr("drcli.runs.supervisor.Supervisor", Ends)
+    monkeypatch.setattr(training, "open_bucket", lambda *_, **__: racer.bucket)
+    monkeypatch.setattr(training, "Supervisor", Ends)
     planned = plan.prepare(racer.settings(), plan.StartOptions(), racer.folder)
 
     code = training.supervise_job(planned.job)

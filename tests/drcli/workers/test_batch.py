@@ -144,13 +144,13 @@ def test_a_stop_ends_the_wait_without_rollouts(reader):
     assert Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: True) is None
 
 
-def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, capsys):
+def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, logged):
     hand_in(bucket, 0, lengths=(4, 3, 2))
 
     got = Collector(reader, 1, 5).collect(0, ["0_Step-9.ckpt"], lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2]  # numbers 1 and 0, in the order driven
-    assert "Learning from 2 of 3 episodes" in capsys.readouterr().out
+    assert "Learning from 2 of 3 episodes" in logged()
 
 
 def test_older_rollouts_can_be_recalled(bucket, reader):
@@ -165,7 +165,7 @@ def test_older_rollouts_can_be_recalled(bucket, reader):
 
 @pytest.mark.parametrize("data", [None, b"cut"], ids=["lost", "damaged"])
 def test_an_older_iteration_with_a_bad_part_is_not_remembered_and_said(
-    bucket, reader, data, capsys
+    bucket, reader, data, logged
 ):
     hand_in(bucket, 0, iteration=4)
     part = find_manifest(bucket, PREFIX, 4, 0).parts[0].key
@@ -174,4 +174,4 @@ def test_an_older_iteration_with_a_bad_part_is_not_remembered_and_said(
         bucket.put(part, data)
 
     assert Collector(reader, 1, 1_000).recall(4) is None
-    assert "Iteration 4 is not remembered" in capsys.readouterr().out
+    assert "Cannot learn from iteration 4 again" in logged()

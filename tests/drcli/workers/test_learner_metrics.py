@@ -156,7 +156,7 @@ def test_damaged_cells_are_left_out(bucket, make_record):
     assert "mine" not in rows[0]
 
 
-def test_a_bucket_that_does_not_answer_is_a_line_in_the_log(bucket, make_record, capsys):
+def test_a_bucket_that_does_not_answer_is_a_line_in_the_log(bucket, make_record, logged):
     def refuse(key, data):
         raise StorageError("Nothing answers.", remedy="Wait.")
 
@@ -164,4 +164,4 @@ def test_a_bucket_that_does_not_answer_is_a_line_in_the_log(bucket, make_record,
 
     written(bucket, row_of(make_record(0), PPO_STATS))
 
-    assert "was not written: Nothing answers." in capsys.readouterr().out
+    assert "was not written: Nothing answers." in logged()

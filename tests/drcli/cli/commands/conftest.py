@@ -25,11 +25,11 @@ from drcli.rewards.check import (
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.lint import Remark
 from drcli.rewards.plot import PlotReport
+from drcli.runs.evaluation import EvaluationReport
 from drcli.runs.increment import Increment
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.report import EvaluationReport, RunReport
-from drcli.runs.running_workers import Process
 from drcli.runs.speed import SpeedReport
+from drcli.runs.status import Process, RunReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
@@ -111,8 +111,10 @@ def run(
     """The run of the working folder, with nothing started yet."""
     paper = PaperRun(working_folder, make_report("none", pid=None))
     monkeypatch.setattr("drcli.runs.plan.prepare", paper.prepare)
-    for name in ("launch", "supervise_job", "stop", "is_running"):
+    for name in ("launch", "supervise_job"):
         monkeypatch.setattr(f"drcli.runs.training.{name}", getattr(paper, name))
+    for name in ("stop", "is_running"):
+        monkeypatch.setattr(f"drcli.runs.stopping.{name}", getattr(paper, name))
     monkeypatch.setattr("drcli.runs.status.inspect", paper.inspect)
     monkeypatch.setattr("drcli.cli.watch_training.POLL_S", 0.0)
     return paper
@@ -183,8 +185,8 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("models.transfer_buckets.bucket_to_look_at", SimpleNamespace(name="bucket"))
     answer("models.model_list.list_models", ModelList("bucket", "", [model]))
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
-    answer("runs.running_workers.trainers", [worker])
-    answer("runs.running_workers.simulations", [worker])
+    answer("runs.status.trainers", [worker])
+    answer("runs.status.simulations", [worker])
     answer("runs.speed.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)
     answer("runs.stopping.stop_all", StopReport([stopped], server=True))

@@ -145,7 +145,7 @@ def test_stop_evaluation_ends_those_of_this_run_number_alone(dr, evaluation, cap
     assert other.poll() is None
 
 
-def test_a_process_that_does_not_leave_is_named_with_the_way_to_end_it(
+def test_a_process_that_does_not_exit_is_named_with_the_way_to_end_it(
     dr, evaluation, monkeypatch, capsys
 ):
     child = evaluation(program=STUBBORN)
@@ -155,7 +155,7 @@ def test_a_process_that_does_not_leave_is_named_with_the_way_to_end_it(
 
     said = capsys.readouterr().err
     assert code == 5
-    assert f"Process {child.pid} does not leave." in said
+    assert f"Process {child.pid} did not exit." in said
     assert f"kill -9 {child.pid}" in said
 
 

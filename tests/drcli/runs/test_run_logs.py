@@ -9,9 +9,8 @@ import pytest
 from drcli.base import log_files
 from drcli.base.errors import StorageError
 from drcli.config.settings import load_settings
-from drcli.runs import log_upload
-from drcli.runs.log_upload import LogCopy, LogUpload
-from drcli.runs.run_logs import begin_logs, log_file
+from drcli.runs import run_logs
+from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, log_file
 from drcli.store.memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
@@ -41,7 +40,7 @@ class Counting(MemoryBucket):
 
 @pytest.fixture(autouse=True)
 def _small_parts(monkeypatch):
-    monkeypatch.setattr(log_upload, "PART_BYTES", PART)
+    monkeypatch.setattr(run_logs, "PART_BYTES", PART)
 
 
 @pytest.fixture
@@ -224,17 +223,14 @@ def test_the_end_of_a_log_that_was_just_rotated_is_in_its_older_part(bucket, log
 
 
 class Stage:
-    """An upload of two logs, and what it says."""
+    """An upload of two logs."""
 
     def __init__(self, folder, open_bucket):
         (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
         (folder / "system.env").write_text("")
         self.folder = folder
         self.settings = load_settings(folder, environ={})
-        self.said: list[str] = []
-        self.upload = LogUpload(
-            open_bucket, self.settings, folder, ["trainer", "sim-0"], self.said.append
-        )
+        self.upload = LogUpload(open_bucket, self.settings, folder, ["trainer", "sim-0"])
 
     def log(self, name):
         path = log_file(self.settings, self.folder, name)
@@ -242,7 +238,7 @@ class Stage:
         return path
 
 
-def test_the_last_upload_brings_all_logs_home_and_says_nothing(bucket, tmp_path):
+def test_the_last_upload_brings_all_logs_home_and_says_nothing(bucket, tmp_path, logged):
     stage = Stage(tmp_path, lambda: bucket)
     stage.log("sim-0").write_text(lines(0, 500))
     stage.log("trainer").write_text("I learn\n")
@@ -252,10 +248,12 @@ def test_the_last_upload_brings_all_logs_home_and_says_nothing(bucket, tmp_path)
 
     assert bucket.copy_of() == lines(0, 500)
     assert bucket.get("model/logs/sagemaker/trainer.log") == b"I learn\n"
-    assert stage.said == []
+    assert logged() == ""
 
 
-def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(bucket, tmp_path):
+def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(
+    bucket, tmp_path, logged
+):
     never = threading.Event()
     stage = Stage(tmp_path, lambda: never.wait() and bucket)
     stage.log("sim-0").write_text("unheard\n")
@@ -265,11 +263,11 @@ def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(bucke
     stage.upload.finish(0.05)
 
     assert time.monotonic() - began < 10.0
-    assert "could not be uploaded in time" in stage.said[0]
+    assert "could not be uploaded in time" in logged()
     never.set()
 
 
-def test_whoever_insists_waits_for_no_upload(bucket, tmp_path):
+def test_whoever_insists_waits_for_no_upload(bucket, tmp_path, logged):
     never = threading.Event()
     stage = Stage(tmp_path, lambda: never.wait() and bucket)
     stage.log("sim-0").touch()
@@ -277,11 +275,11 @@ def test_whoever_insists_waits_for_no_upload(bucket, tmp_path):
 
     stage.upload.finish(3600.0, lambda: True)
 
-    assert "could not be uploaded in time" in stage.said[0]
+    assert "could not be uploaded in time" in logged()
     never.set()
 
 
-def test_a_slow_network_is_given_up_between_two_parts(tmp_path):
+def test_a_slow_network_is_given_up_between_two_parts(tmp_path, logged):
     class Slow(Counting):
         def put(self, key, data, *, watch=None):
             time.sleep(0.02)
@@ -295,23 +293,25 @@ def test_a_slow_network_is_given_up_between_two_parts(tmp_path):
     stage.upload.finish(0.3)
 
     assert 0 < bucket.written < 1_000_000
-    assert "MB of the logs could not be uploaded in time" in stage.said[0]
+    assert "MB of the logs could not be uploaded in time" in logged()
 
 
-def test_an_outage_is_said_and_the_next_upload_makes_up_for_it(bucket, tmp_path, monkeypatch):
-    monkeypatch.setattr(log_upload, "INTERVAL_S", 0.01)
+def test_an_outage_is_said_and_the_next_upload_makes_up_for_it(
+    bucket, tmp_path, monkeypatch, logged
+):
+    monkeypatch.setattr(run_logs, "INTERVAL_S", 0.01)
     stage = Stage(tmp_path, lambda: bucket)
     stage.log("sim-0").write_text(lines(0, 500))
     bucket.refuses = True
     stage.upload.start()
     deadline = time.monotonic() + 30
-    while not stage.said and time.monotonic() < deadline:
+    while not logged() and time.monotonic() < deadline:
         time.sleep(0.01)
 
     bucket.refuses = False
     stage.upload.finish(30.0)
 
-    assert "could not be uploaded: Nothing answers." in stage.said[0]
+    assert "could not be uploaded: Nothing answers." in logged()
     assert bucket.copy_of() == lines(0, 500)
 
 

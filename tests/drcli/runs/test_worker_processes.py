@@ -9,7 +9,7 @@ from drcli.base import log_files
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.exchange.job import Job, LastWords
 from drcli.modelfiles.custom_files import InputFile, Inputs
-from drcli.runs import evaluation, launching, training
+from drcli.runs import evaluation, training, worker_processes
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.plan import RunPlan
 from drcli.runs.run_logs import log_file
@@ -74,7 +74,7 @@ def test_a_process_that_does_not_leave_is_killed():
         assert process.stdout is not None
         process.stdout.readline()
 
-        left = training.end_process(process, 0.0)
+        left = worker_processes.end_process(process, 0.0)
 
     assert not left
     assert process.returncode == -9
@@ -111,7 +111,7 @@ def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
 def test_a_process_is_told_the_log_that_it_writes_so_that_it_can_rotate_it(job):
     say = f"import os; print(os.environ['{log_files.VARIABLE}'])"
 
-    process = launching.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
+    process = worker_processes.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
 
     assert process.wait(60) == 0
     path = log_file(job.settings, job.directory, "sim-0")

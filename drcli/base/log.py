@@ -1,0 +1,111 @@
+"""Logging of the processes of a run: one file each, every record with its time (UTC) and level.
+
+The log file is also the process's standard output and error, so that messages of C code and of
+`faulthandler` land in it too. A thread rotates it: it puts a new file in the place of all three
+descriptors between two records, so nothing is lost and no other process is needed.
+"""
+
+import logging
+import os
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from drcli.base import log_files
+
+LOOK_S = 0.1
+"""How often the size of the log is checked."""
+
+_ours = logging.Manager(logging.RootLogger(logging.INFO))
+"""Our loggers, apart from Python's own: a reward function may configure or switch off those."""
+
+
+def get_logger(name: str) -> logging.Logger:
+    """The logger of a module, which is silent until there is a `LogFile`."""
+    return _ours.getLogger(name)
+
+
+plain = get_logger("plain")
+"""Writes a message as it is. For lines that tools search for."""
+
+
+class LogFile(logging.FileHandler):
+    """Writes our records into a log file and keeps that small, until `end`.
+
+    Args:
+        path: The current file of the log, which is opened once.
+        max_bytes: How large the log may become, older parts included.
+    """
+
+    def __init__(self, path: Path, max_bytes: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        super().__init__(path, encoding="utf-8", errors="backslashreplace")
+        self.setFormatter(_Formatter())
+        self._path = path
+        self._max_bytes = max_bytes
+        self._ending = threading.Event()
+        _ours.root.addHandler(self)
+        threading.Thread(target=self._keep_small, name="log rotation", daemon=True).start()
+
+    def end(self) -> None:
+        """Write no more.
+
+        Not `close`: Python calls that for every handler where a reward function configures
+        `logging`, and this one then opens its file again.
+        """
+        self._ending.set()
+        _ours.root.removeHandler(self)
+        with suppress(OSError):  # a full disk
+            self.close()
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  the name in `logging`
+        """Do without a record that a full disk does not take; the process goes on."""
+        if not isinstance(sys.exception(), OSError):
+            super().handleError(record)
+
+    def _keep_small(self) -> None:
+        while not self._ending.wait(LOOK_S):
+            with suppress(OSError):  # the disk is full or the folder is gone; tried again later
+                self._rotate_if_large()
+
+    def _rotate_if_large(self) -> None:
+        self.acquire()
+        try:
+            if not self.stream:  # closed
+                return
+            own = self.stream.fileno()
+            if os.fstat(own).st_size < log_files.part_bytes(self._max_bytes):
+                return
+            writers = [each for each in (own, 1, 2) if _leads_to(self._path, each)]
+            if own not in writers:  # somebody else has renamed or deleted the file
+                return
+            fresh = log_files.rotate(self._path, self._max_bytes)
+            for each in writers:
+                os.dup2(fresh, each, inheritable=each != own)
+            os.close(fresh)
+        finally:
+            self.release()
+
+
+class _Formatter(logging.Formatter):
+    """2026-11-22T09:30:00.123Z INFO What happened."""
+
+    default_time_format = "%Y-%m-%dT%H:%M:%S"
+    default_msec_format = "%s.%03dZ"
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s %(levelname)s %(message)s")
+        self.converter = time.gmtime
+
+    def format(self, record: logging.LogRecord) -> str:
+        return record.getMessage() if record.name == plain.name else super().format(record)
+
+
+def _leads_to(path: Path, descriptor: int) -> bool:
+    """Whether a path leads to an open file."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except OSError:
+        return False

@@ -1,0 +1,124 @@
+"""Limits what the racer's code prints into the log of its worker."""
+
+import io
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic  # which the racer's code may replace in `time`
+from typing import TextIO
+
+from drcli.base.log import get_logger
+
+BURST_CHARACTERS = 1 << 20
+"""How much a reward function may print at once after it was quiet."""
+
+CHARACTERS_S = 64 << 10
+"""How much it may print a second in the long run: 100 and more characters at each step."""
+
+TEXT_CHARACTERS = 16 << 10
+"""Longest text of a reward function that is printed whole."""
+
+_logger = get_logger(__name__)
+
+
+class PrintLimit:
+    """How much the racer's code may still print. More is left out, and the log says how much.
+
+    Args:
+        warn: Told what is left out.
+        clock: Monotonic seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        warn: Callable[[str], None] = _logger.warning,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self.active = False
+        """Whether the racer's code runs: our own output has no limit."""
+        self._warn = warn
+        self._clock = clock
+        self._left = float(BURST_CHARACTERS)
+        self._filled_s = clock()
+        self._silent = False
+        self._omitted_prints = 0
+        self._omitted_characters = 0
+
+    def admit(self, text: str) -> str:
+        """What of a printed text goes into the log."""
+        now = self._clock()
+        self._left = min(BURST_CHARACTERS, self._left + CHARACTERS_S * (now - self._filled_s))
+        self._filled_s = now
+        if self._silent and self._left >= BURST_CHARACTERS / 2:
+            self.report()
+        admitted = text if len(text) <= TEXT_CHARACTERS else _shortened(text)
+        if not self._silent and len(admitted) > self._left:
+            self._silent = True
+            self._warn(
+                "The reward function prints too much. Its output is left out for some seconds."
+            )
+        if self._silent:
+            self._omitted_prints += text != "\n"  # print() writes the end of its line separately
+            self._omitted_characters += len(text)
+            return ""
+        self._left -= len(admitted)
+        return admitted
+
+    def report(self) -> None:
+        """Log what was left out since the last report, if anything was."""
+        if self._silent:
+            self._warn(
+                f"{self._omitted_prints:,} prints of the reward function "
+                f"({self._omitted_characters / 1e6:,.1f} MB) were left out. "
+                f"The limit is {CHARACTERS_S >> 10} KB a second."
+            )
+        self._silent, self._omitted_prints, self._omitted_characters = False, 0, 0
+
+
+class LimitedStream(io.TextIOWrapper):
+    """Standard output or error with a limit. It writes line by line.
+
+    Args:
+        inner: The stream as Python opened it.
+        limit: What it may print.
+    """
+
+    def __init__(self, inner: TextIO, limit: PrintLimit) -> None:
+        super().__init__(inner.buffer, inner.encoding, inner.errors, line_buffering=True)
+        self._limit = limit
+
+    def write(self, text: str, /) -> int:
+        """Write a text, or what the limit admits of it."""
+        super().write(self._limit.admit(text) if self._limit.active else text)
+        return len(text)
+
+
+_limit = PrintLimit()
+
+
+def install() -> None:
+    """Take over this process's standard output and error."""
+    sys.stdout = LimitedStream(sys.stdout, _limit)
+    sys.stderr = LimitedStream(sys.stderr, _limit)
+
+
+@contextmanager
+def limited_prints() -> Iterator[None]:
+    """Limit what is printed inside: the racer's code runs there."""
+    _limit.active = True
+    try:
+        yield
+    finally:
+        _limit.active = False
+
+
+def end_limit() -> None:
+    """Lift the limit and log what was left out, also where the racer's code never returned."""
+    _limit.active = False
+    _limit.report()
+
+
+def _shortened(text: str) -> str:
+    end = "\n" if text.endswith("\n") else ""
+    more = len(text) - TEXT_CHARACTERS
+    return f"{text[:TEXT_CHARACTERS]} ... ({more:,} more characters are left out){end}"
