@@ -5,13 +5,12 @@ import fcntl
 import json
 import os
 import shutil
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drcli.base import verbosity
+from drcli.base import notices
 from drcli.base.backoff import wait_until
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import Misfit, parsed
@@ -111,9 +110,7 @@ def _take(descriptor: int, directory: Path) -> None:
     """Lock the folder; whoever has to wait for that is told."""
     if _lock(descriptor):
         return
-    if not verbosity.quiet:
-        # Not through the console: a supervisor has none, and its log is what stderr is there.
-        print(f"Waiting for another command that is busy with {directory} ...", file=sys.stderr)
+    notices.show(f"Waiting for another command that is busy with {directory} ...")
     if not wait_until(lambda: _lock(descriptor), patience_s=PATIENCE_S, first_s=0.01, last_s=0.2):
         raise SettingsError(
             f"{directory}: another command has been busy with this folder for {PATIENCE_S:.0f} s.",
