@@ -61,4 +61,4 @@ def test_a_training_that_is_still_leaving_is_a_failure(dr, run, make_report, cap
     assert code == 5
     assert printed.out == ""
     assert "(process 4242) is still stopping" in printed.err
-    assert "`dr-stop-training`, a second time" in printed.err
+    assert "Run `dr-stop-training` again" in printed.err

@@ -231,7 +231,7 @@ def test_quiet_names_the_files_that_are_there_and_those_that_are_kept(dr, empty,
     replaced = capsys.readouterr().err
 
     assert "already has run.env." in refused
-    assert "What was there before is kept as run.env.bak." in replaced
+    assert "The old files are kept as run.env.bak." in replaced
 
 
 def test_force_replaces_them_and_keeps_a_copy_of_each_every_time(dr, empty, capsys):
