@@ -63,7 +63,7 @@ _FISH = """\
 # Makes the Tab key complete the dr commands in fish. Written by `dr completion`.
 function __dr_complete
     set -l found ({ask}(commandline -cp | string collect) dr 2>/dev/null)
-    if test (count $found) -gt 0
+    if test -n "$found"
         printf '%s\\n' $found
     else
         __fish_complete_path (commandline -ct)
