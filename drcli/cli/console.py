@@ -17,7 +17,6 @@ from rich.markup import escape
 from rich.segment import Segment, Segments
 from rich.text import Text
 
-from drcli.base import verbosity
 from drcli.base.errors import OutputLost
 from drcli.config import activation
 
@@ -59,6 +58,9 @@ out = fresh()
 
 err = fresh(stderr=True)
 """Hints, warnings, progress and failures."""
+
+quiet = False
+"""Whether only results, warnings and failures are printed."""
 
 _reader_has_left = False
 
@@ -113,7 +115,7 @@ def reader_has_left() -> bool:
 
 def say(text: str) -> None:
     """A word on what happens, which --quiet spares."""
-    if not verbosity.quiet:
+    if not quiet:
         err.print(text, markup=False, soft_wrap=True)
 
 
@@ -172,7 +174,7 @@ def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None
         commands: Each with its purpose.
         elsewhere: They are for another working folder or experiment than this command was.
     """
-    if verbosity.quiet:
+    if quiet:
         return
     places = {} if elsewhere else activation.places(os.environ)
     err.print("Next:")
@@ -203,7 +205,7 @@ def is_live() -> bool:
 
     Streams are asked themselves, because FORCE_COLOR makes Rich take a pipe for a terminal.
     """
-    attached = sys.stdin.isatty() and sys.stderr.isatty() and not verbosity.quiet
+    attached = sys.stdin.isatty() and sys.stderr.isatty() and not quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 

@@ -1,25 +1,23 @@
-"""Fetches the community's tracks that a start needs and that are not here."""
+"""Downloads community tracks that a start needs and that are missing."""
 
+from drcli.cli import console, prompts
 from drcli.config.settings import Settings
+from drcli.config.worlds import to_fetch
 
 
 def bring_tracks(settings: Settings) -> None:
-    """Fetch what is missing, as DR_TRACKS_FETCH says: always, or when somebody says yes.
+    """Download missing tracks, as DR_TRACKS_FETCH says: always, or after asking.
 
-    What is not fetched is refused later, together with everything else that is wrong.
+    Tracks that stay missing are reported later, with all other problems.
 
     Raises:
         Aborted: Somebody said no.
         SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    from drcli.config.worlds import to_fetch
-
     names = to_fetch(settings)
     if not names or settings.tracks_fetch == "never":
         return
-    from drcli.cli import console, prompts
-
     asks = settings.tracks_fetch == "ask"
     if asks and not prompts.may_ask():
         return

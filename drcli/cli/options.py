@@ -1,26 +1,28 @@
-"""Options that mean the same wherever they stand."""
+"""Options that several commands share."""
 
 from typing import Annotated
 
 import typer
 
 
-def _no_number(delimiter: str | None) -> str | None:
-    """Refuse what would run into the number behind it."""
+def _not_a_digit(delimiter: str | None) -> str | None:
+    """Refuse a delimiter that ends in a digit, which would look like part of the number."""
     if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
-        raise typer.BadParameter("-d takes what stands before a number, as - or _.")
+        raise typer.BadParameter("-d must end in a character that is not a digit, such as - or _.")
     return delimiter
 
 
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on the last line of stdout.")]
-Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Ask nothing.")]
-DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only say what would be done.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print a JSON object as the last line of stdout.")
+]
+Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
+DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what would be done.")]
 Delimiter = Annotated[
     str | None,
     typer.Option(
         "-d",
         "--delimiter",
-        help="What stands before the number, as - or _.",
-        callback=_no_number,
+        help="Text before the number, such as - or _.",
+        callback=_not_a_digit,
     ),
 ]

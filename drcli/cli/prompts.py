@@ -8,22 +8,22 @@ from drcli.base.errors import Aborted
 from drcli.cli import console
 
 _ANSWER_PATIENCE_S = 1.0
-"""For how long an answer may be on its way through a pipe."""
+"""Longest time to wait for an answer in a pipe."""
 
 
-ASKS_NOTHING = "-f (or --yes) asks nothing."
+ASKS_NOTHING = "Add -f (or --yes) to answer yes."
 
 
 def agree(question: str, *, yes: bool, remedy: str = ASKS_NOTHING) -> None:
     """Ask before something is lost or replaced, unless the user has said yes already.
 
-    A question is put on a terminal only. Elsewhere an answer that already waits on standard input
-    counts, as in `echo y | dr-...`; where none does, the answer is no.
+    Waits for an answer on a terminal only. Elsewhere it takes the answer from standard input, as
+    in `echo y | dr-...`; without one, the answer is no.
 
     Args:
         question: Ends with a question mark.
-        yes: The flag that asks nothing.
-        remedy: How to be asked no more.
+        yes: Whether the user said yes with a flag.
+        remedy: How to avoid the question.
 
     Raises:
         Aborted: The answer is no.
@@ -44,9 +44,9 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
     """Ask for a word, on a terminal only; Enter takes the default.
 
     Args:
-        question: What is wanted, without a question mark.
-        default: What Enter means; empty where there is no such thing.
-        choices: The words that are allowed, in any case; anything when left out.
+        question: The question, without a question mark.
+        default: The answer when only Enter is pressed; may be empty.
+        choices: The allowed words, in any letter case; any word when left out.
     """
     offer = f" ({', '.join(choices)})" if choices else ""
     spelt = {choice.casefold(): choice for choice in choices}
@@ -58,7 +58,7 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
             return answer
         if answer.casefold() in spelt:
             return spelt[answer.casefold()]
-        console.say(f"{answer} is none of these.")
+        console.say(f"'{answer}' is not one of these.")
 
 
 def may_ask() -> bool:
@@ -67,7 +67,7 @@ def may_ask() -> bool:
 
 
 def _waiting_line() -> str:
-    """A line that waits on standard input; empty when none comes, as in an open, silent pipe."""
+    """A line from standard input; empty when none comes, as from a pipe that stays silent."""
     lines: list[str] = []
     reader = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
     reader.start()

@@ -1,6 +1,6 @@
-"""Every command by name, with the function behind it; nothing is loaded before it is called.
+"""Every command by name, with the function behind it.
 
-The names of the reference are all here: scripts written for it find each of them.
+All names of DeepRacer-for-Cloud are here, so that scripts written for it find each of them.
 """
 
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from typing import Literal
 Section = Literal[
     "Train",
     "Evaluate",
-    "Look",
+    "Monitor",
     "Models",
     "Settings and files",
     "Tracks and rewards",
-    "Names of the reference",
+    "Not available yet",
 ]
 
 
@@ -23,164 +23,143 @@ class Command:
 
     Attributes:
         name: As in `dr NAME` and `dr-NAME`.
-        target: `module:object` below `drcli.cli.commands`: a function, or a Typer group.
         section: Heading in `dr --help`.
         help: One line there.
-        takes_any: Whether options are taken as they come: those of the reference for what is not
-            built, or those of another program.
-        hidden: Whether it serves our own scripts only: no line in `dr --help`, no program.
+        place: `module:object` below `drcli.cli.commands`: a function, or a Typer application.
+            Where it is empty, module and function are called like the command.
+        takes_any: Whether the command accepts any option: those of DeepRacer-for-Cloud for what
+            is not available, or those of another program.
+        hidden: Whether only our own scripts use it: no line in `dr --help`, no program.
     """
 
     name: str
-    target: str
     section: Section
     help: str
+    place: str = ""
     takes_any: bool = False
     hidden: bool = False
 
+    @property
+    def target(self) -> str:
+        """The place, also where it follows from the name."""
+        name = self.name.replace("-", "_")
+        return self.place or f"{name}:{name}"
+
+
+def _unavailable(name: str, what: str) -> Command:
+    place = f"not_built:{name.replace('-', '_')}"
+    return Command(name, "Not available yet", what, place, takes_any=True)
+
 
 COMMANDS: tuple[Command, ...] = (
+    Command("start-training", "Train", "Train the model that run.env describes."),
+    Command("stop-training", "Train", "Stop the training; what was learned is kept."),
+    Command("increment-training", "Train", "Start a new model from this one's weights."),
+    Command("stop-all", "Train", "Stop everything that was started in this folder."),
+    Command("evaluate", "Evaluate", "Drive evaluation laps and report the result."),
     Command(
-        "start-training", "start_training:start_training", "Train", "Train the model of run.env."
+        "start-evaluation",
+        "Evaluate",
+        "Same as evaluate (name in DeepRacer-for-Cloud).",
+        "evaluate:evaluate",
     ),
-    Command("stop-training", "stop_training:stop_training", "Train", "Stop; nothing is lost."),
+    Command("stop-evaluation", "Evaluate", "Stop a running evaluation."),
+    Command("status", "Monitor", "Show the training: state, curves, checkpoints."),
+    Command("summary", "Monitor", "Show settings, bucket and runs on one page."),
+    Command("logs", "Monitor", "Show a worker's log."),
     Command(
-        "increment-training",
-        "increment_training:increment_training",
-        "Train",
-        "Go on from this model's weights under a new name.",
+        "logs-sagemaker", "Monitor", "Follow the trainer's log.", "reference_logs:logs_sagemaker"
     ),
-    Command("stop-all", "stop_all:stop_all", "Train", "Stop everything started in this folder."),
-    Command("evaluate", "evaluate:evaluate", "Evaluate", "Drive evaluation laps and report them."),
-    Command(
-        "start-evaluation", "evaluate:evaluate", "Evaluate", "The reference's name of evaluate."
-    ),
-    Command("stop-evaluation", "stop_evaluation:stop_evaluation", "Evaluate", "End an evaluation."),
-    Command("status", "status:status", "Look", "How the training goes: curves, checkpoints."),
-    Command("summary", "summary:summary", "Look", "Settings, bucket and runs on one page."),
-    Command("logs", "logs:logs", "Look", "What a worker has to say."),
-    Command("logs-sagemaker", "reference_logs:logs_sagemaker", "Look", "Follow the trainer's log."),
     Command(
         "logs-robomaker",
+        "Monitor",
+        "Follow the log of a simulation worker.",
         "reference_logs:logs_robomaker",
-        "Look",
-        "Follow a simulation worker's log.",
     ),
-    Command("find-sagemaker", "reference_logs:find_sagemaker", "Look", "Process of the trainer."),
+    Command(
+        "find-sagemaker",
+        "Monitor",
+        "Print the process number of the trainer.",
+        "reference_logs:find_sagemaker",
+    ),
     Command(
         "find-robomaker",
+        "Monitor",
+        "Print those of the simulation workers.",
         "reference_logs:find_robomaker",
-        "Look",
-        "Process of a simulation worker.",
     ),
     Command(
         "get-robomaker-stats",
+        "Monitor",
+        "Show how fast a simulation worker drives.",
         "reference_logs:get_robomaker_stats",
-        "Look",
-        "How fast a simulation worker drives.",
     ),
-    Command(
-        "upload-model", "upload_model:upload_model", "Models", "Copy a model to another bucket."
-    ),
-    Command(
-        "increment-upload-model",
-        "increment_upload_model:increment_upload_model",
-        "Models",
-        "Give the next upload a new name.",
-    ),
-    Command(
-        "download-model", "download_model:download_model", "Models", "Fetch a model from a bucket."
-    ),
-    Command("list-models", "list_models:list_models", "Models", "Models in a bucket."),
+    Command("upload-model", "Models", "Copy a model to another bucket."),
+    Command("increment-upload-model", "Models", "Raise the number in the next upload's name."),
+    Command("download-model", "Models", "Copy a model from another bucket."),
+    Command("list-models", "Models", "List the models in the bucket."),
     Command(
         "list-aws-models",
+        "Models",
+        "List the models in the upload bucket.",
         "list_models:list_aws_models",
-        "Models",
-        "Models in the bucket of uploads.",
     ),
-    Command(
-        "set-upload-model",
-        "set_upload_model:set_upload_model",
-        "Models",
-        "Choose the name of the next upload.",
-    ),
-    Command(
-        "upload-car-zip",
-        "not_built:upload_car_zip",
-        "Models",
-        "Archive for the car.",
-        takes_any=True,
-    ),
-    Command("init", "init:init", "Settings and files", "Write a working folder."),
-    Command("config", "config:app", "Settings and files", "Show, check and change settings."),
-    Command("validate", "validate:validate", "Settings and files", "Check everything, by rule."),
+    Command("set-upload-model", "Models", "Choose the name of the next upload."),
+    Command("init", "Settings and files", "Create a working folder."),
+    Command("config", "Settings and files", "Show, check and change settings.", "config:app"),
+    Command("validate", "Settings and files", "Check everything that a training needs."),
     Command(
         "upload-custom-files",
-        "custom_files:upload_custom_files",
         "Settings and files",
         "Copy custom_files/ to the bucket.",
+        "custom_files:upload_custom_files",
     ),
     Command(
         "download-custom-files",
-        "custom_files:download_custom_files",
         "Settings and files",
-        "Copy them back.",
+        "Copy custom_files/ from the bucket.",
+        "custom_files:download_custom_files",
     ),
-    Command("update", "update:update", "Settings and files", "Read the settings again."),
-    Command("update-env", "update:update", "Settings and files", "The same as update."),
-    Command("reload", "update:update", "Settings and files", "The same as update."),
-    Command("url", "url:url", "Settings and files", "Addresses of bucket and objects."),
+    Command("update", "Settings and files", "Check whether the settings are right."),
+    Command("update-env", "Settings and files", "Same as update.", "update:update"),
+    Command("reload", "Settings and files", "Same as update.", "update:update"),
+    Command("url", "Settings and files", "Show the addresses of bucket and model."),
     Command(
         "local-aws",
-        "local_aws:local_aws",
         "Settings and files",
-        "The aws command on our bucket.",
+        "Run the aws command on the bucket.",
         takes_any=True,
     ),
     Command(
-        "completion", "completion:app", "Settings and files", "Let the Tab key finish commands."
+        "completion", "Settings and files", "Install shell completion (Tab).", "completion:app"
     ),
+    Command("shell-env", "Settings and files", "Print the settings for activate.sh.", hidden=True),
+    Command("tracks", "Tracks and rewards", "List, show, add and fetch tracks.", "tracks:app"),
     Command(
-        "shell-env",
-        "shell_env:shell_env",
-        "Settings and files",
-        "Settings as variables of a shell.",
-        hidden=True,
+        "reward", "Tracks and rewards", "Check, plot and compare reward functions.", "reward:app"
     ),
-    Command("tracks", "tracks:app", "Tracks and rewards", "List, show, add and fetch tracks."),
-    Command("reward", "reward:app", "Tracks and rewards", "Check, plot and compare rewards."),
-    *(
-        Command(
-            name,
-            f"not_built:{name.replace('-', '_')}",
-            "Names of the reference",
-            help,
-            takes_any=True,
-        )
-        for name, help in (
-            ("start-viewer", "Pictures of the cars."),
-            ("stop-viewer", "Pictures of the cars."),
-            ("update-viewer", "Pictures of the cars."),
-            ("view-stream", "Pictures of the cars."),
-            ("start-metrics", "Curves in Grafana."),
-            ("stop-metrics", "Curves in Grafana."),
-            ("start-loganalysis", "Notebooks."),
-            ("stop-loganalysis", "Notebooks."),
-            ("logs-loganalysis", "Notebooks."),
-            ("url-loganalysis", "Notebooks."),
-            ("start-tournament", "Races of several models."),
-            ("droa-list-models", "DeepRacer on AWS."),
-            ("droa-get-model", "DeepRacer on AWS."),
-            ("droa-download-logs", "DeepRacer on AWS."),
-            ("droa-delete-model", "DeepRacer on AWS."),
-            ("droa-import-model", "DeepRacer on AWS."),
-        )
-    ),
+    _unavailable("upload-car-zip", "Archives for the physical car."),
+    _unavailable("start-viewer", "Live pictures of the cars."),
+    _unavailable("stop-viewer", "Live pictures of the cars."),
+    _unavailable("update-viewer", "Live pictures of the cars."),
+    _unavailable("view-stream", "Live pictures of the cars."),
+    _unavailable("start-metrics", "Curves in Grafana."),
+    _unavailable("stop-metrics", "Curves in Grafana."),
+    _unavailable("start-loganalysis", "Notebooks for log analysis."),
+    _unavailable("stop-loganalysis", "Notebooks for log analysis."),
+    _unavailable("logs-loganalysis", "Notebooks for log analysis."),
+    _unavailable("url-loganalysis", "Notebooks for log analysis."),
+    _unavailable("start-tournament", "Tournaments; dr evaluate races two models."),
+    _unavailable("droa-list-models", "DeepRacer on AWS."),
+    _unavailable("droa-get-model", "DeepRacer on AWS."),
+    _unavailable("droa-download-logs", "DeepRacer on AWS."),
+    _unavailable("droa-delete-model", "DeepRacer on AWS."),
+    _unavailable("droa-import-model", "DeepRacer on AWS."),
 )
 
 
 def program_names() -> dict[str, str]:
-    """Name of each installed program with the command it runs."""
+    """The name of each installed program, and the command that it runs."""
     programs = {
         name if (name := command.name).startswith("droa-") else f"dr-{name}": command.name
         for command in COMMANDS

@@ -3,16 +3,14 @@
 import os
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
-
-if TYPE_CHECKING:
-    from drcli.config.settings import Settings
+from drcli.cli import console
+from drcli.config.settings import Settings, load_settings
 
 
 def working_folder() -> Path:
-    """Where run.env lies: DR_DIR if that is set, else the current folder.
+    """The folder of run.env: DR_DIR if that is set, else the current folder.
 
     Raises:
         SettingsError: It is, or lies in, a current folder that was deleted.
@@ -40,34 +38,30 @@ def current_folder() -> Path:
         return Path.cwd()
     except FileNotFoundError:
         raise SettingsError(
-            "The current folder is gone.",
-            remedy="Change to one that is there, as with `cd ~/my-racer`, and run it again.",
+            "The current folder was deleted.",
+            remedy="Change to another folder, for example with `cd ~/my-racer`, and try again.",
         ) from None
 
 
-def settings() -> "Settings":
+def settings() -> Settings:
     """The settings of the working folder.
 
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
-    from drcli.config.settings import load_settings
-
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():
         raise SettingsError(
-            f"environment: DR_DIR={folder} holds no run.env.",
-            remedy="Correct DR_DIR, or `unset DR_DIR` and change to the folder that holds one.",
+            f"environment: DR_DIR={folder} has no run.env.",
+            remedy="Correct DR_DIR, or `unset DR_DIR` and change to the folder with your run.env.",
         )
     return load_settings(folder)
 
 
 @cache
 def _mention(folder: Path, here: Path) -> None:
-    """Say once which folder counts where somebody may expect another one."""
-    from drcli.cli import console
-
+    """Say once which folder is used, where people may expect the current one."""
     console.warn(
-        f"DR_DIR={folder} counts, not {here}, which has a run.env too. "
-        "To use that one, `unset DR_DIR` or source its bin/activate.sh."
+        f"Using DR_DIR={folder}, not {here}, which has a run.env too. "
+        "To use the current folder, `unset DR_DIR` or source its bin/activate.sh."
     )

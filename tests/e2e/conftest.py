@@ -29,7 +29,7 @@ FORKING = """
 import gc, json, os, sys
 import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
 from drcli.cli.app import main
-from drcli.cli.lazy import load
+from drcli.cli.command_line import load
 from drcli.cli.table import COMMANDS
 
 for command in COMMANDS:

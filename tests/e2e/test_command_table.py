@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.main
 
-from drcli.cli.lazy import load
+from drcli.cli.command_line import application
 from drcli.cli.table import COMMANDS
 
 pytestmark = [
@@ -342,6 +343,7 @@ def test_every_command_that_reports_in_json_is_asked_for_it():
 
 
 def _reports(command: Any) -> bool:
-    loaded = load(command)
+    group: Any = typer.main.get_command(application([command.name]))
+    loaded = group.commands[command.name]
     parts = getattr(loaded, "commands", {"": loaded}).values()
     return any("--json" in parameter.opts for part in parts for parameter in part.params)

@@ -1,45 +1,47 @@
 """`dr config`: show, check and change the settings."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, get_args
 
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
+from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
-
-if TYPE_CHECKING:
-    from drcli.config.fields import FileName
+from drcli.config import editing, inspection
+from drcli.config.fields import FileName
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
 
-_HYPERPARAMETER = "It is a hyperparameter, which belongs into custom_files/hyperparameters.json."
+_HYPERPARAMETER = "It is a hyperparameter; set it in custom_files/hyperparameters.json."
 
 
 @app.command()
 def show(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Only these settings.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="Only these settings.",
+            autocompletion=candidates.setting_names,
+        ),
     ] = None,
     changed: Annotated[
-        bool, typer.Option("--changed", help="Only what differs from the defaults.")
+        bool, typer.Option("--changed", help="Only settings that differ from their defaults.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show the settings, each with the file and line it comes from.
+    """Show each setting, and the file and line it comes from.
 
-    Otherwise its place is the environment or the default. With names, each one is explained.
-    Passwords and keys are not shown.
+    A setting that no file holds comes from the environment or is the default. With names, each
+    setting is explained. Passwords and keys are not shown.
 
     Example: dr-config show --changed
     """
-    from drcli.cli import console
-    from drcli.cli.views import settings_view
-    from drcli.config.inspection import inspect_values
-
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
-    report = inspect_values(loaded, wanted, changed=changed)
+    report = inspection.inspect_values(loaded, wanted, changed=changed)
     rendered = settings_view.explained(report) if wanted else settings_view.values(report)
     console.emit(report, rendered, as_json=as_json)
 
@@ -47,20 +49,18 @@ def show(
 @app.command()
 def check(
     settings_only: Annotated[
-        bool, typer.Option("--settings", help="Leave the other rules out; takes no time.")
+        bool, typer.Option("--settings", help="Check the settings only, which is faster.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check all settings, and once they are right, run all other rules.
+    """Check all settings; when they are right, check everything else too.
 
-    Everything wrong, odd or without effect in the settings is told at once. Then come your three
-    files, the bucket and this machine, as with `dr validate`. Exits 3 when something is wrong.
+    Lists every error, warning and setting without effect. Your three files, the bucket and this
+    machine are checked next, as with `dr validate`. Exits 3 when something is wrong.
 
     Example: dr-config check --json
     """
     from drcli.checks.config_check import check_alone, with_rules
-    from drcli.cli import console
-    from drcli.cli.views import settings_view
 
     report = check_alone(working_folder())
     if report.valid and not settings_only:
@@ -71,7 +71,7 @@ def check(
         more = len(report.errors) - 1
         raise SettingsError(
             f"{report.errors[0]}" + (f" And {more} more." if more else ""),
-            remedy="Correct that, as with `dr config set NAME=VALUE`, and check again.",
+            remedy="Correct it, for example with `dr config set NAME=VALUE`, and check again.",
         )
     if not report.valid:
         raise typer.Exit(SettingsError.code)
@@ -79,26 +79,32 @@ def check(
 
 @app.command("set")
 def change(
-    values: Annotated[list[str], typer.Argument(metavar="NAME=VALUE...", help="New values.")],
+    values: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME=VALUE...", help="New values.", autocompletion=candidates.assignments
+        ),
+    ],
     file: Annotated[
         str | None,
-        typer.Option("--file", metavar="FILE", help="run.env or system.env, if not by itself."),
+        typer.Option(
+            "--file",
+            metavar="FILE",
+            help="run.env or system.env; chosen for you when left out.",
+            autocompletion=candidates.settings_files,
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Change settings in the files of this folder, or of its experiment.
 
-    A setting is changed where it stands; a new one goes to the file it belongs in. Comments, order
-    and quotes stay. Put $NAME into single quotes, or your shell fills it in. Nothing is written
-    when a value would be wrong.
+    A setting is changed in the file that holds it; a new one is added to the file it belongs to.
+    Comments, order and quotes are kept. Put $NAME in single quotes, or your shell replaces it.
+    Nothing is written when a value is wrong.
 
     Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
     """
-    from drcli.cli import console
-    from drcli.cli.views import settings_view
-    from drcli.config.editing import set_values
-
-    edit = set_values(working_folder(), _wanted(values), file=_file(file))
+    edit = editing.set_values(working_folder(), _wanted(values), file=_file(file))
     console.emit(edit, settings_view.edit(edit), as_json=as_json)
     for warning in edit.warnings:
         console.warn(warning)
@@ -110,10 +116,10 @@ def _wanted(values: list[str]) -> dict[str, str]:
     for pair in values:
         written, equals, value = pair.partition("=")
         if not equals:
-            raise typer.BadParameter(f"'{pair}' is no NAME=VALUE.")
+            raise typer.BadParameter(f"'{pair}' is not of the form NAME=VALUE.")
         name = _known(written.strip(), _names_in_files())
         if not _is_text(value):
-            raise typer.BadParameter(f"The value of {name}, {value!a}, is no UTF-8 text.")
+            raise typer.BadParameter(f"The value of {name}, {value!a}, is not UTF-8 text.")
         wanted[name] = value
     return wanted
 
@@ -124,7 +130,7 @@ def _is_text(value: str) -> bool:
 
 
 def _names_in_files() -> tuple[str, ...]:
-    """Names of the racer's own that $NAME refers to; none while the files are wrong."""
+    """The racer's own names, which $NAME refers to; none while the files are wrong."""
     try:
         return tuple(settings().extra)
     except SettingsError:
@@ -132,24 +138,20 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
-    from drcli.config.inspection import find_name, suggestion
-
-    name = find_name(written, others)
+    name = inspection.find_name(written, others)
     if name is None:
-        from drcli.modelfiles.hyperparameters import (
-            KEYS,  # takes long to load, so only where it fails
-        )
+        from drcli.modelfiles.hyperparameters import KEYS
 
-        hint = _HYPERPARAMETER if written.lower() in KEYS else suggestion(written)
-        raise typer.BadParameter(f"'{written}' is no setting. {hint}")
+        hint = _HYPERPARAMETER if written.lower() in KEYS else inspection.suggestion(written)
+        raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name
 
 
-def _file(name: str | None) -> "FileName | None":
-    if name == "run.env":
-        return "run.env"
-    if name == "system.env":
-        return "system.env"
-    if name is not None:
-        raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")
-    return None
+def _file(name: str | None) -> FileName | None:
+    if name is None:
+        return None
+    known: FileName
+    for known in get_args(FileName):
+        if name == known:
+            return known
+    raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")

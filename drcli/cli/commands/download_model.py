@@ -5,49 +5,58 @@ from typing import Annotated
 
 import typer
 
+from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force
+from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings, working_folder
 
 
 def download_model(
     source: Annotated[
         str | None,
-        typer.Option("-s", "--source", metavar="URL", help="The model, as s3://bucket/prefix."),
+        typer.Option(
+            "-s", "--source", metavar="URL", help="The model to copy: s3://bucket/prefix."
+        ),
     ] = None,
     target: Annotated[
         str | None,
-        typer.Option("-t", "--target", metavar="PREFIX", help="What to call it here."),
+        typer.Option(
+            "-t",
+            "--target",
+            metavar="PREFIX",
+            help="Its name here.",
+            autocompletion=candidates.model_prefixes,
+        ),
     ] = None,
     force: Force = False,
     wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete what lies there and is no part of it.")
+        bool,
+        typer.Option("-w", "--wipe", help="Delete files at the target that are not part of it."),
     ] = False,
     dry_run: DryRun = False,
     custom_files: Annotated[
         bool,
-        typer.Option("-c", "--custom-files", help="Copy its three files into custom_files/ too."),
+        typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/."),
     ] = False,
     local: Annotated[
-        bool, typer.Option("-L", "--local", help="The bucket is one of the local server.")
+        bool, typer.Option("-L", "--local", help="Copy from a bucket of the local server.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fetch a model from another bucket into the local one.
+    """Copy a model from another bucket to the local one.
 
-    The bucket is reached with DR_UPLOAD_S3_PROFILE, at DR_UPLOAD_S3_ENDPOINT_URL if it is not
-    Amazon. With -c the files in custom_files/ that were different stay as NAME.bak; an experiment
-    has its own custom_files/.
+    Uses the keys of DR_UPLOAD_S3_PROFILE, and DR_UPLOAD_S3_ENDPOINT_URL if the bucket is not at
+    Amazon. With -c, files in custom_files/ that differ are kept as NAME.bak; an experiment has a
+    custom_files/ of its own.
 
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
-    from drcli.cli import console, prompts
-    from drcli.cli.views import models_view
     from drcli.models.download import DownloadOptions, download, plan_download
 
     if not source:
-        raise typer.BadParameter("No source URL to download model from. Name it with -s.")
+        raise typer.BadParameter("No source URL to download model from. Give it with -s.")
     if not target:
-        raise typer.BadParameter("No target prefix defined. Exiting. Name it with -t.")
+        raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
     loaded, folder = settings(), working_folder()
     options = DownloadOptions(source, target, local, wipe, dry_run, custom_files)
     if dry_run:
@@ -56,7 +65,7 @@ def download_model(
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
         there = models_view.files(planned.used)
-        console.warn(f"At {planned.target_url} lies something already: {there}.")
+        console.warn(f"{planned.target_url} is not empty: {there}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     report = download(planned, loaded, folder, partial(console.progress, unit="bytes"))
@@ -66,7 +75,7 @@ def download_model(
         model = f"DR_LOCAL_S3_MODEL_PREFIX={name}"
         driving = [
             (f"{model} dr-evaluate", "drive it"),
-            (f"{model} dr-start-training --resume", "go on training it"),
-            (f"dr-list-models {name}", "what it holds"),
+            (f"{model} dr-start-training --resume", "continue its training"),
+            (f"dr-list-models {name}", "show its checkpoints"),
         ]
-        console.suggest(driving if report.checkpoint else [("dr-list-models", "all models")])
+        console.suggest(driving if report.checkpoint else [("dr-list-models", "list all models")])

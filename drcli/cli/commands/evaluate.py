@@ -1,28 +1,31 @@
-"""`dr evaluate`, which the reference calls `dr-start-evaluation`."""
+"""`dr evaluate`, also called `dr-start-evaluation`."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.cli import console
+from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
+from drcli.cli.views import evaluation_view
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
 
 STARTER = "start-evaluation"
-"""Under this name -q returns at once, as scripts for the reference expect."""
+"""Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
 
 
 @dataclass(frozen=True)
 class Started:
-    """An evaluation that goes on in the background.
+    """An evaluation that runs in the background.
 
     Attributes:
         prefix: Model prefix.
-        checkpoint: What drives.
-        pid: The process that waits for its end.
+        checkpoint: Name of the checkpoint that drives.
+        pid: Process that supervises it.
         simtrace: Key of its trace in the bucket, once it has ended.
         metrics: Key of its metrics.
     """
@@ -41,7 +44,7 @@ def evaluate(
         typer.Option(
             "-q",
             "--quiet",
-            help="Only the result; dr-start-evaluation -q returns at once instead.",
+            help="Print only the result. dr-start-evaluation -q runs in the background.",
         ),
     ] = False,
     clone: Annotated[
@@ -49,19 +52,16 @@ def evaluate(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Drive evaluation laps with the model and report them.
+    """Drive evaluation laps with the model and report the result.
 
-    DR_EVAL_CHECKPOINT chooses the best or the last checkpoint, the other DR_EVAL_ settings say how
-    it is driven. The model is not changed, so it may still be training.
+    DR_EVAL_CHECKPOINT chooses the best or the last checkpoint; the other DR_EVAL_ settings describe
+    the laps. The model is not changed, so it may be training at the same time.
 
-    Called as dr-start-evaluation -q, the laps are driven in the background: results come into the
-    bucket, words into the log, and dr-stop-evaluation ends it.
+    dr-start-evaluation -q drives in the background: results are written to the bucket, messages to
+    the log, and dr-stop-evaluation stops it.
 
     Example: dr-evaluate --json
     """
-    from drcli.cli import console
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.cli.views import evaluation_view
     from drcli.runs import evaluation
 
     loaded = settings()
@@ -79,16 +79,15 @@ def evaluate(
     if not quiet:
         console.suggest(
             [
-                ("dr-logs evaluation -a", "every step of it"),
-                ("dr-start-training --resume", "go on training"),
-                ("dr-status", "how the training went"),
+                ("dr-logs evaluation -a", "show its whole log"),
+                ("dr-start-training --resume", "continue training"),
+                ("dr-status", "show how the training went"),
             ]
         )
 
 
 def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
-    """Start it in the background, and say what is started in the words of the reference."""
-    from drcli.cli import console
+    """Start it in the background, with the messages of DeepRacer-for-Cloud."""
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
 

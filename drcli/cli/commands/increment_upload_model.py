@@ -1,45 +1,49 @@
 """`dr increment-upload-model`."""
 
+import shlex
 from typing import Annotated
 
 import typer
 
-from drcli.cli.increment_dialog import announce, finish
+from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Delimiter, Force
+from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings, working_folder
+from drcli.models import upload_prefix
 
 
 def increment_upload_model(
     force: Force = False,
     wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete what lies there in the upload bucket.")
+        bool,
+        typer.Option("-w", "--wipe", help="Delete everything under the new name first."),
     ] = False,
     prefix: Annotated[
-        str | None, typer.Option("-p", "--prefix", help="The next name, as it shall be.")
+        str | None,
+        typer.Option("-p", "--prefix", help="Use this name for the next upload."),
     ] = None,
     delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
     """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
 
-    Edits run.env, of which a copy stays as run.env.bak. A name without a number gets -1.
+    Changes run.env and keeps a copy as run.env.bak. A name without a number gets -1.
 
     Example: dr-increment-upload-model -f
     """
-    from drcli.cli import console, prompts
-    from drcli.cli.views import models_view
-    from drcli.models.upload_prefix import make_upload_increment, plan_upload_increment
-
     folder = working_folder()
-    planned = plan_upload_increment(
+    planned = upload_prefix.plan_upload_increment(
         settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
     )
     step = planned.step
-    announce(step.file, step.before, step.after)
+    console.say(f"Configuration file {step.file} will be updated.")
+    console.say(f"Incrementing model from {step.before} to {step.after}")
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
         console.warn(f"{models_view.files(step.wiped)} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
-    make_upload_increment(planned, folder)
+    upload_prefix.make_upload_increment(planned, folder)
     console.emit(step, models_view.upload_increment(step), as_json=as_json)
-    finish(step.file, step.backup, ("dr-upload-model", "upload the model there"))
+    console.say("Done.")
+    undo = shlex.join(["cp", str(step.backup), str(step.file)])
+    console.suggest([("dr-upload-model", "upload the model there"), (undo, "undo this change")])

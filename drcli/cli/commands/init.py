@@ -5,15 +5,17 @@ import re
 import shlex
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from drcli.base.problems import FindingsError
+from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson
+from drcli.cli.setup_questions import with_answers
 from drcli.cli.working_folder import current_folder, working_folder
-
-if TYPE_CHECKING:
-    from drcli.base.problems import FindingsError
+from drcli.config.folder_files import write
+from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -26,69 +28,76 @@ OPTIONS = {
     "DR_LOCAL_S3_PROFILE": "--profile",
     "DR_EXPERIMENT_NAME": "--experiment",
 }
-"""How the settings that can be given here are spelt on the command line."""
+"""The option for each setting that can be given here."""
 
 
 def init(
     folder: Annotated[
-        str | None, typer.Argument(help="Where; the current folder when left out.")
+        str | None, typer.Argument(help="The folder; the current one when left out.")
     ] = None,
-    world: Annotated[str | None, typer.Option("--world", help="Track to race on.")] = None,
+    world: Annotated[
+        str | None, typer.Option("--world", help="Track.", autocompletion=candidates.worlds)
+    ] = None,
     race_type: Annotated[
         str | None,
         typer.Option(
             "--race-type",
             help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
+            autocompletion=candidates.race_types,
         ),
     ] = None,
     prefix: Annotated[
         str | None, typer.Option("-p", "--prefix", help="Name of the model to train.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", help="Simulation processes, 1 to 10.")
+        int | None, typer.Option("--workers", help="Number of simulation workers, 1 to 10.")
     ] = None,
     cloud: Annotated[
-        str | None, typer.Option("-c", "--cloud", help="local, remote, aws or azure.")
+        str | None,
+        typer.Option(
+            "-c",
+            "--cloud",
+            help="Where the bucket is: local, remote, aws or azure.",
+            autocompletion=candidates.clouds,
+        ),
     ] = None,
-    bucket: Annotated[str | None, typer.Option("--bucket", help="Bucket for everything.")] = None,
+    bucket: Annotated[str | None, typer.Option("--bucket", help="Name of the bucket.")] = None,
     endpoint: Annotated[
         str | None, typer.Option("--endpoint", help="S3 address for remote and azure.")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option("--profile", help="AWS profile with the keys.")
+        str | None, typer.Option("--profile", help="AWS profile that holds the keys.")
     ] = None,
     experiment: Annotated[
         str | None,
-        typer.Option("--experiment", help="Write experiments/NAME/ in a working folder instead."),
+        typer.Option(
+            "--experiment",
+            help="Create experiments/NAME/ in a working folder instead.",
+            autocompletion=candidates.experiments,
+        ),
     ] = None,
     force: Annotated[
         bool,
-        typer.Option(
-            "-f", "--force", "--yes", help="Ask nothing; replaced files stay as .bak copies."
-        ),
+        typer.Option("-f", "--force", "--yes", help="Do not ask; replaced files are kept as .bak."),
     ] = False,
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
     mount: Annotated[bool, typer.Option("-m", hidden=True)] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a working folder: settings, the three files of a model, and bin/activate.sh.
+    """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
-    On a terminal it asks for what no option says; elsewhere the shipped values are taken. No file
-    is overwritten unless you agree.
+    On a terminal it asks for everything that no option gives; elsewhere it uses the shipped values.
+    No file is replaced unless you agree.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
-    from drcli.base.problems import FindingsError
-    from drcli.cli import console, prompts
-    from drcli.cli.setup_questions import with_answers
-    from drcli.config.folder_files import write
-    from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
-
     if folder == "":
-        raise typer.BadParameter("The name of the folder is empty; the current one needs none.")
+        raise typer.BadParameter(
+            "The name of the folder is empty. Leave it out for the current one."
+        )
     if processor or style or mount:
-        console.say("-a, -s and -m choose images and containers, of which there are none here.")
+        console.say("-a, -s and -m have no effect: they choose docker images and containers.")
     given = {
         "DR_WORLD_NAME": world,
         "DR_RACE_TYPE": race_type,
@@ -110,25 +119,25 @@ def init(
     except FindingsError as error:
         raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
-        there = f"In {plan.folder} there are already: {', '.join(plan.clashes)}."
+        there = f"{plan.folder} already has {', '.join(plan.clashes)}."
         if not prompts.may_ask():
-            raise typer.BadParameter(f"{there} Add --force to replace them; copies stay as .bak.")
-        prompts.agree(f"{there} Replace them, and keep a copy of each as .bak?", yes=False)
+            raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
+        prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     report = write(plan)
     for warning in report.warnings:
         console.warn(warning)
     if report.backups:
-        console.warn(f"What was there before is kept as {', '.join(report.backups)}.")
+        console.warn(f"The old files are kept as {', '.join(report.backups)}.")
     if as_json:
         console.emit(report, "", as_json=True)
     else:
-        console.say(f"{len(report.written)} files written in {report.folder}.")
+        console.say(f"{len(report.written)} files written to {report.folder}.")
     sourced = has_activate_script(plan.folder)
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     console.suggest(steps, elsewhere=True)
 
 
-def _in_options(error: "FindingsError", names: Collection[str]) -> Exception:
+def _in_options(error: FindingsError, names: Collection[str]) -> Exception:
     """A failure in the words of the command line, where that is what is wrong.
 
     Args:
@@ -165,13 +174,13 @@ def _next(
         missing_track: The track to be fetched first.
         sourced: Whether the folder has a bin/activate.sh of ours.
     """
-    steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go there")]
+    steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
     active = os.environ.get("DR_DIR")
     if experiment is not None and sourced:
-        steps.append((f"source bin/activate.sh -e {experiment}", "work in the experiment"))
+        steps.append((f"source bin/activate.sh -e {experiment}", "use the experiment"))
     elif experiment is not None:
         here = f"DR_DIR={shlex.quote(str(folder))}"
-        steps.append((f"export {here} DR_EXPERIMENT_NAME={experiment}", "work in the experiment"))
+        steps.append((f"export {here} DR_EXPERIMENT_NAME={experiment}", "use the experiment"))
     elif active and Path(active).absolute() != folder:
         leave = "unset DR_EXPERIMENT_NAME; source bin/activate.sh"
         steps.append((leave, f"leave {active}"))

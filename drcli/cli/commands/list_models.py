@@ -4,24 +4,32 @@ from typing import Annotated
 
 import typer
 
+from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
+from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings, working_folder
+from drcli.models import model_list, transfer_buckets
 
 _Pattern = Annotated[
-    str, typer.Argument(metavar="[PATTERN]", help="Part of a name, or all of it with * and ?.")
+    str,
+    typer.Argument(
+        metavar="[PATTERN]",
+        help="Part of a name, or a whole name with * and ?.",
+        autocompletion=candidates.model_prefixes,
+    ),
 ]
 
 
 def list_models(
     pattern: _Pattern = "",
     upload: Annotated[
-        bool, typer.Option("--upload", help="Look into the bucket of uploads.")
+        bool, typer.Option("--upload", help="List the models in the upload bucket.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """List the models in the bucket: checkpoints, the best and the last, size.
+    """List the models in the bucket: number of checkpoints, best and last one, size.
 
-    Behind a checkpoint stands what its evaluation scored, where that is known.
+    The number in brackets after a checkpoint is its evaluation score.
 
     Example: dr-list-models "team/*"
     """
@@ -29,7 +37,7 @@ def list_models(
 
 
 def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
-    """List the models in the bucket of uploads, as `dr-list-models --upload` does.
+    """List the models in the upload bucket, as `dr-list-models --upload` does.
 
     Example: dr-list-aws-models
     """
@@ -37,14 +45,9 @@ def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
 
 
 def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
-    from drcli.cli import console
-    from drcli.cli.views import models_view
-    from drcli.models.model_list import list_models as find
-    from drcli.models.transfer_buckets import bucket_to_look_at
-
-    bucket = bucket_to_look_at(settings(), working_folder(), upload=upload)
-    with console.waiting(f"Looking through s3://{bucket.name} ..."):
-        found = find(bucket, pattern)
+    bucket = transfer_buckets.bucket_to_look_at(settings(), working_folder(), upload=upload)
+    with console.waiting(f"Reading s3://{bucket.name} ..."):
+        found = model_list.list_models(bucket, pattern)
     for sentence in (sentence for model in found.models for sentence in model.damaged):
         console.warn(sentence)
     console.emit(found, models_view.models(found), as_json=as_json)

@@ -1,28 +1,28 @@
-"""Names of the reference behind which nothing is built, or nothing is needed."""
+"""Commands of DeepRacer-for-Cloud that are not available in this version, or not needed."""
 
 from collections.abc import Callable
 
 from drcli.base.errors import NotAvailable
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.runs.stopping import StopReport
 
-_DROA = "DeepRacer on AWS is not spoken to from here yet: models, logs and imports stay there."
+_DROA = "DeepRacer on AWS is not supported yet: models, logs and imports stay there."
 _DROA_REMEDY = (
-    "Use its web page for now; `dr-upload-model` puts a model into any bucket, in the layout that "
-    "its import takes."
+    "Use its web page for now. `dr-upload-model` copies a model to any bucket, in the layout that "
+    "its import accepts."
 )
-_VIEWER = "There is no viewer yet; it will show the cars in a browser while they train."
-_VIEWER_REMEDY = (
-    "`dr-start-training` draws curves in the terminal, `dr-status` shows them at any time."
-)
-_NOTEBOOKS = "There is no notebook server yet; it will open analyses of the logs in a browser."
+_VIEWER = "The viewer is not available in this version."
+_VIEWER_REMEDY = "`dr-start-training` and `dr-status` show the progress as curves in the terminal."
+_NOTEBOOKS = "Log analysis notebooks are not available in this version."
 _NOTEBOOKS_REMEDY = (
-    "Traces and metrics have the reference's format: point deepracer-utils at the folder or "
+    "Traces and metrics have the usual DeepRacer format: use deepracer-utils with the folder or "
     "address that `dr-url model` prints."
 )
 
 
 def _refusal(command: str, message: str, remedy: str) -> Callable[[], None]:
-    """A command that says why it does nothing and what to use now. Exits 7."""
+    """A command that says why it is not available and what to use instead. Exits 7."""
 
     def refuse() -> None:
         raise NotAvailable(message, remedy=remedy)
@@ -32,12 +32,9 @@ def _refusal(command: str, message: str, remedy: str) -> Callable[[], None]:
 
 
 def _nothing(command: str, message: str) -> Callable[[], None]:
-    """A command that ends what cannot run. Exits 0."""
+    """A command that stops something that never runs. Exits 0."""
 
     def answer(as_json: AsJson = False) -> None:
-        from drcli.cli import console
-        from drcli.runs.stopping import StopReport
-
         console.say(message)
         if as_json:
             console.emit(StopReport(), "", as_json=True)
@@ -48,8 +45,8 @@ def _nothing(command: str, message: str) -> Callable[[], None]:
 
 upload_car_zip = _refusal(
     "dr-upload-car-zip -fL",
-    "Archives for the car are not made yet; this will put carfile.tar.gz below the model.",
-    "`dr-upload-model` copies the model itself; keep its checkpoint until then.",
+    "Car archives are not available in this version.",
+    "`dr-upload-model` copies the model itself; keep its checkpoint for a later version.",
 )
 start_viewer = _refusal("dr-start-viewer", _VIEWER, _VIEWER_REMEDY)
 update_viewer = _refusal("dr-update-viewer", _VIEWER, _VIEWER_REMEDY)
@@ -57,8 +54,8 @@ view_stream = _refusal("dr-view-stream", _VIEWER, _VIEWER_REMEDY)
 stop_viewer = _nothing("dr-stop-viewer", "No viewer is running.")
 start_metrics = _refusal(
     "dr-start-metrics",
-    "There is no Grafana yet; this will show curves of all runs in a browser.",
-    "`dr-status` draws the curves, `dr-status --json` gives every number of every iteration.",
+    "Grafana is not available in this version.",
+    "`dr-status` draws the curves; `dr-status --json` prints all numbers of all iterations.",
 )
 stop_metrics = _nothing("dr-stop-metrics", "No metrics server is running.")
 start_loganalysis = _refusal("dr-start-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY)
@@ -67,8 +64,8 @@ logs_loganalysis = _refusal("dr-logs-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY
 url_loganalysis = _refusal("dr-url-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY)
 start_tournament = _refusal(
     "dr-start-tournament",
-    "Tournaments are not needed: an evaluation races two models, as the reference's does by now.",
-    "Set DR_RACE_TYPE=HEAD_TO_MODEL and DR_EVAL_OPP_S3_MODEL_PREFIX, then `dr-evaluate`.",
+    "Tournaments are not available; an evaluation can race two models.",
+    "Set DR_RACE_TYPE=HEAD_TO_MODEL and DR_EVAL_OPP_S3_MODEL_PREFIX, then run `dr-evaluate`.",
 )
 droa_list_models = _refusal("droa-list-models", _DROA, _DROA_REMEDY)
 droa_get_model = _refusal("droa-get-model ID", _DROA, _DROA_REMEDY)

@@ -1,41 +1,44 @@
-"""The reference's names for logs, processes and speed of trainer and simulation workers."""
+"""Names of DeepRacer-for-Cloud for logs, processes and speed of trainer and simulation."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from drcli.base.errors import Absent
+from drcli.cli import console
+from drcli.cli.log_tail import Tail, older
 from drcli.cli.options import AsJson
+from drcli.cli.views import everyday
 from drcli.cli.working_folder import settings, working_folder
-
-if TYPE_CHECKING:
-    from drcli.runs.status import Process
+from drcli.runs import speed, status
+from drcli.runs.status import Process, ProcessReport
 
 TAIL_LINES = 100
-"""Of a log that is there already; the reference shows the last five minutes."""
+"""Lines of an existing log that are shown; the reference shows the last five minutes."""
 
 POLL_S = 0.3
 
 _Wait = Annotated[
-    float, typer.Option("-w", "--wait", min=0, metavar="SEC", help="Wait so long for a start.")
+    float,
+    typer.Option("-w", "--wait", min=0, metavar="SEC", help="Wait SEC seconds for its start."),
 ]
 _Replica = Annotated[
-    int, typer.Option("-n", "--replica", min=1, help="Which simulation worker, from 1.")
+    int, typer.Option("-n", "--replica", min=1, help="Number of the simulation worker, from 1.")
 ]
 _Evaluation = Annotated[
-    bool, typer.Option("-e", "--evaluation", help="That of an evaluation instead.")
+    bool, typer.Option("-e", "--evaluation", help="Use the evaluation instead of the training.")
 ]
-_Whole = Annotated[bool, typer.Option("-a", "--all", help="Show all of it first.")]
+_Whole = Annotated[bool, typer.Option("-a", "--all", help="Show the whole log first.")]
 
 
 def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
     """Follow the trainer's log while the training runs.
 
-    Exits 1 where no training runs; dr-logs trainer shows the log of one that has ended.
+    Exits 1 when no training is running; dr-logs trainer shows the log of one that has ended.
 
     Example: dr-logs-sagemaker -w 15
     """
@@ -50,19 +53,19 @@ def logs_robomaker(
 ) -> None:
     """Follow the log of a simulation worker, or of an evaluation, while it runs.
 
-    Exits 1 where it does not run; dr-logs sim -n 0 shows the log of one that has ended.
+    Exits 1 when it is not running; dr-logs sim -n 0 shows the log of one that has ended.
 
     Example: dr-logs-robomaker -n 2
     """
 
-    def look() -> "list[Process]":
+    def look() -> list[Process]:
         return _robomakers(evaluation)[replica - 1 : replica]
 
     _follow(look, _Wanted.of(replica, evaluation=evaluation), wait_s, whole=whole)
 
 
 def find_sagemaker(as_json: AsJson = False) -> None:
-    """Print the process number of the trainer. Exits 1 where no training runs.
+    """Print the process number of the trainer. Exits 1 when no training is running.
 
     Example: dr-find-sagemaker
     """
@@ -77,9 +80,9 @@ def find_robomaker(
     evaluation: _Evaluation = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print the process numbers of the simulation workers, one a line.
+    """Print the process numbers of the simulation workers, one per line.
 
-    Exits 1 where none runs.
+    Exits 1 when none is running.
 
     Example: dr-find-robomaker -n 1
     """
@@ -90,20 +93,16 @@ def find_robomaker(
 
 
 def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
-    """Show how fast a simulation worker drove in its newest iteration.
+    """Show how fast a simulation worker drove in its last iteration.
 
-    All its cars together; 1.0 x would be real time. Exits 1 where it does not run.
+    Counts all its cars together; 1.0 x is real time. Exits 1 when it is not running.
 
     Example: dr-get-robomaker-stats -n 2 --json
     """
-    from drcli.cli import console
-    from drcli.cli.views import everyday
-    from drcli.runs.speed import speed_of
-
     found = _robomakers(False)[replica - 1 : replica]
     if not found:
         raise _absent(_Wanted.of(replica))
-    report = speed_of(found[0], settings(), working_folder())
+    report = speed.speed_of(found[0], settings(), working_folder())
     console.emit(report, everyday.speed(report), as_json=as_json)
 
 
@@ -133,33 +132,26 @@ class _Wanted:
 _TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 
 
-def _trainers() -> "list[Process]":
-    from drcli.runs.status import trainers
-
-    return trainers(settings(), working_folder())
+def _trainers() -> list[Process]:
+    return status.trainers(settings(), working_folder())
 
 
-def _robomakers(evaluation: bool) -> "list[Process]":
-    from drcli.runs.status import evaluations, simulations
-
-    look = evaluations if evaluation else simulations
+def _robomakers(evaluation: bool) -> list[Process]:
+    look = status.evaluations if evaluation else status.simulations
     return look(settings(), working_folder())
 
 
 def _follow(
-    look: "Callable[[], list[Process]]", wanted: "_Wanted", wait_s: float, *, whole: bool
+    look: Callable[[], list[Process]], wanted: "_Wanted", wait_s: float, *, whole: bool
 ) -> None:
-    """Show a worker's log until its run has ended or Ctrl-C comes.
+    """Show a worker's log until its run ends, or until Ctrl-C.
 
     Args:
         look: Finds the worker.
         wanted: What is looked for.
-        wait_s: How long it may take to start.
-        whole: Whether to begin with all of the log.
+        wait_s: Longest time to wait for its start.
+        whole: Whether to show the whole log first.
     """
-    from drcli.cli import console
-    from drcli.cli.log_tail import Tail, older
-
     deadline = time.monotonic() + wait_s
     found = look()
     if not found and wait_s:
@@ -179,15 +171,12 @@ def _follow(
             found = look()
         while text := tail.read(unfinished=True):
             console.write(text)
-    except KeyboardInterrupt:  # the way to end it is no failure
+    except KeyboardInterrupt:  # the way to end it is not a failure
         return
 
 
-def _print(found: "list[Process]", wanted: "_Wanted", *, as_json: bool) -> None:
-    """Process numbers of the workers that live; a failure where there are none."""
-    from drcli.cli import console
-    from drcli.runs.status import ProcessReport
-
+def _print(found: list[Process], wanted: "_Wanted", *, as_json: bool) -> None:
+    """Print the process numbers of the workers that are alive; fail if there are none."""
     report = ProcessReport([process for process in found if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)
     if as_json or lines:
@@ -199,5 +188,5 @@ def _print(found: "list[Process]", wanted: "_Wanted", *, as_json: bool) -> None:
 def _absent(wanted: "_Wanted") -> Absent:
     return Absent(
         f"{wanted.title} is not running.",
-        remedy=f"Start it with `{wanted.starter}`; `{wanted.log}` shows what the last one said.",
+        remedy=f"Start it with `{wanted.starter}`; `{wanted.log}` shows the log of the last one.",
     )

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.cli import candidates
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import working_folder
 
@@ -18,7 +19,13 @@ _File = Annotated[
     typer.Argument(metavar="FILE", help="A reward function; custom_files/ if left out."),
 ]
 _World = Annotated[
-    str | None, typer.Option("--world", "-w", help="Track to try it on; DR_WORLD_NAME if left out.")
+    str | None,
+    typer.Option(
+        "--world",
+        "-w",
+        help="Track to try it on; DR_WORLD_NAME if left out.",
+        autocompletion=candidates.worlds,
+    ),
 ]
 
 

@@ -5,8 +5,10 @@ from typing import Annotated
 
 import typer
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config.editing import set_values
 
 
 @dataclass(frozen=True)
@@ -30,13 +32,10 @@ def set_upload_model(
     prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Name of the next upload.")],
     as_json: AsJson = False,
 ) -> None:
-    """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX into run.env.
+    """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX to run.env.
 
     Example: dr-set-upload-model team/fast-car-1
     """
-    from drcli.cli import console
-    from drcli.config.editing import set_values
-
     folder, before = working_folder(), settings().upload_s3_prefix
     edit = set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
     for warning in edit.warnings:
@@ -45,4 +44,4 @@ def set_upload_model(
     place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"
     file = str(folder / edit.changes[0].file)
     report = UploadName(file, before, after.upload_s3_prefix, place)
-    console.emit(report, f"The next upload goes to {place}, written into {file}.", as_json=as_json)
+    console.emit(report, f"The next upload goes to {place} (written to {file}).", as_json=as_json)

@@ -6,20 +6,19 @@ import typer
 
 from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
+from drcli.config.shell import shell_change
 
 EXPERIMENT = "_DR_EXPERIMENT"
-"""Variable by which the script names an experiment. An option would load pydantic to check it."""
+"""Variable in which the script names an experiment."""
 
 
 def shell_env() -> None:
-    """Print what makes a shell know the settings, for `eval` in bash or zsh.
+    """Print the settings as lines for `eval` in bash or zsh.
 
-    People source bin/activate.sh instead.
+    For bin/activate.sh, which people source instead.
 
     Example: eval "$(dr shell-env)"
     """
-    from drcli.config.shell import shell_change
-
     try:
         change = shell_change(
             working_folder(), os.environ, experiment=os.environ.get(EXPERIMENT, "")

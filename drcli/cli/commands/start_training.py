@@ -5,7 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import WorkerDied
+from drcli.cli import console, watch_training
+from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
+from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
@@ -15,13 +18,13 @@ if TYPE_CHECKING:
 
 def start_training(
     wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete what lies under the model prefix.")
+        bool, typer.Option("-w", "--wipe", help="Delete everything under the model prefix first.")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what lies under the model prefix.")
+        bool, typer.Option("--resume", help="Continue the training of this model.")
     ] = False,
     quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Return at once, with a single line.")
+        bool, typer.Option("-q", "--quiet", help="Return at once and print one line.")
     ] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show more numbers.")] = False,
     trainer_log: Annotated[
@@ -32,14 +35,14 @@ def start_training(
     ] = False,
     all_logs: Annotated[bool, typer.Option("-a", help="Follow all logs instead.")] = False,
     worker: Annotated[
-        int | None, typer.Argument(metavar="N", min=0, help="Worker of -r, 0 if left out.")
+        int | None, typer.Argument(metavar="N", min=0, help="Number of the worker for -r, from 0.")
     ] = None,
     foreground: Annotated[
-        bool, typer.Option("--foreground", help="Stay the process that runs the training.")
+        bool, typer.Option("--foreground", help="Run the training in this process.")
     ] = False,
     max_minutes: Annotated[
         float | None,
-        typer.Option("--max-minutes", min=0.01, help="Finish after that time.", metavar="M"),
+        typer.Option("--max-minutes", min=0.01, help="Stop after M minutes.", metavar="M"),
     ] = None,
     until_laps: Annotated[
         int | None,
@@ -47,30 +50,26 @@ def start_training(
             "--until-laps",
             min=1,
             metavar="N",
-            help="Finish once a checkpoint completes all its evaluation laps, at least N.",
+            help="Stop when a checkpoint completes all its evaluation laps, N or more.",
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, metavar="S", help="Repeat a training exactly."),
+        typer.Option("--seed", min=0, metavar="S", help="Seed of all random numbers."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes.
 
-    Your reward_function.py, hyperparameters.json and model_metadata.json are taken from
-    custom_files/, else from the bucket; without any of your own, shipped examples are used.
-    Everything is checked before anything starts.
+    Uses reward_function.py, hyperparameters.json and model_metadata.json from custom_files/, or
+    from the bucket, or the shipped examples if you have none. Everything is checked first.
 
-    On a terminal a live display follows; Ctrl-C detaches from it and the training goes on.
-    Elsewhere a line follows for each iteration. Either way the command ends when the training
-    ends, with its exit code; with -q it ends at once.
+    A terminal shows a live display; Ctrl-C leaves it and the training continues. Elsewhere, one
+    line is printed for each iteration. The command ends with the training and has its exit code;
+    with -q it ends at once.
 
     Example: dr-start-training --until-laps 3
     """
-    from drcli.cli import console, watch_training
-    from drcli.cli.fetch_tracks import bring_tracks
-    from drcli.cli.views import training_view as views
     from drcli.runs import plan, training
     from drcli.runs.run_logs import log_file
     from drcli.runs.status import inspect
@@ -114,7 +113,7 @@ def start_training(
         console.suggest(watch_training.NEXT)
         report = watch_training.until_the_end(loaded, folder, display)
         if report is None:
-            console.say("Detached; the training goes on.")
+            console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)
             raise typer.Exit(130)
         code = _end(report, as_json=as_json)
@@ -124,11 +123,11 @@ def start_training(
 def _followed(
     loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
-    """Names of the logs that -s, -r [N] and -a ask for."""
+    """Names of the logs that -s, -r [N] and -a select."""
     if worker is not None and not sim:
-        raise typer.BadParameter("A number belongs to -r, as in `dr-start-training -r 1`.")
+        raise typer.BadParameter("A number needs -r, as in `dr-start-training -r 1`.")
     if worker is not None and worker >= loaded.workers:
-        raise typer.BadParameter(f"-r {worker}: DR_WORKERS is {loaded.workers}, counted from 0.")
+        raise typer.BadParameter(f"-r {worker}: DR_WORKERS is {loaded.workers}; counted from 0.")
     sims = [f"sim-{k}" for k in range(loaded.workers)]
     if everything:
         return ["trainer", *sims]
@@ -141,9 +140,6 @@ def _end(report: "RunReport", *, as_json: bool) -> int:
     Returns:
         Its exit code; a training that left without one counts as a dead worker.
     """
-    from drcli.cli import console
-    from drcli.cli.views import training_view as views
-
     if as_json:
         console.emit(report, "", as_json=True)
     if report.state in ("finished", "stopped"):

@@ -1,22 +1,21 @@
 """`dr status`."""
 
+from drcli.base.errors import WorkerDied
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings, working_folder
+from drcli.runs import status as run_status
 
 
 def status(as_json: AsJson = False) -> None:
-    """Show whether a training is alive and how far the car gets.
+    """Show whether the training is running and how well the car drives.
 
-    Exits 5 when a worker is dead, so that a script can wait on it.
+    Exits 5 when a worker has died, so that a script can react.
 
     Example: dr-status --json
     """
-    from drcli.base.errors import WorkerDied
-    from drcli.cli import console
-    from drcli.cli.views import training_view
-    from drcli.runs.status import inspect
-
-    report = inspect(settings(), working_folder())
+    report = run_status.inspect(settings(), working_folder())
     for sentence in report.damaged:
         console.warn(sentence)
     console.emit(report, training_view.run(report), as_json=as_json)

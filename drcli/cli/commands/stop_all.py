@@ -1,22 +1,20 @@
 """`dr stop-all`."""
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import everyday
 from drcli.cli.working_folder import settings, working_folder
+from drcli.runs import stopping
 
 
 def stop_all(as_json: AsJson = False) -> None:
     """Stop everything that was started in this folder.
 
-    Trainings and evaluations of every DR_RUN_ID end, then the folder's local S3 server. Everything
-    learned so far is in the bucket, and objects stay. Nothing else on the machine is touched.
-    Harmless when nothing runs.
+    Stops the trainings and evaluations of every DR_RUN_ID, then the folder's local S3 server. What
+    was learned so far stays in the bucket. Does nothing when nothing is running.
 
     Example: dr-stop-all
     """
-    from drcli.cli import console
-    from drcli.cli.views import everyday
-    from drcli.runs.stopping import stop_all as stop_everything
-
     with console.waiting("Stopping everything that was started in this folder ..."):
-        report = stop_everything(working_folder(), settings)
+        report = stopping.stop_all(working_folder(), settings)
     console.emit(report, everyday.stopped(report), as_json=as_json)

@@ -1,20 +1,20 @@
 """`dr stop-evaluation`."""
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import everyday
 from drcli.cli.working_folder import settings, working_folder
+from drcli.runs import stopping
 
 
 def stop_evaluation(as_json: AsJson = False) -> None:
-    """End a running evaluation of this DR_RUN_ID, whichever shell started it.
+    """Stop the running evaluations of this DR_RUN_ID, whichever shell started them.
 
-    It leaves within a second, with exit code 143 there and no results. Harmless when none runs.
+    They end within a second with exit code 143 and without results. Does nothing when none is
+    running.
 
     Example: dr-stop-evaluation
     """
-    from drcli.cli import console
-    from drcli.cli.views import everyday
-    from drcli.runs.stopping import StopReport, stop_evaluations
-
-    stopped = stop_evaluations(working_folder(), settings().run_id)
-    report = StopReport(stopped)
+    stopped = stopping.stop_evaluations(working_folder(), settings().run_id)
+    report = stopping.StopReport(stopped)
     console.emit(report, everyday.stopped_evaluations(report), as_json=as_json)

@@ -1,59 +1,58 @@
 """`dr stop-training`."""
 
+from drcli.base.errors import SettingsError, WorkerDied
+from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings, working_folder
+from drcli.runs.stopping import (
+    Stopped,
+    StopReport,
+    is_running,
+    stop,
+    stop_the_only_training,
+)
 
 AFTERWARDS = [
-    ("dr-start-training --resume", "go on training"),
-    ("dr-evaluate", "see how the best checkpoint drives"),
-    ("dr-status", "how the training went"),
+    ("dr-start-training --resume", "continue training"),
+    ("dr-evaluate", "drive laps with the best checkpoint"),
+    ("dr-status", "show how the training went"),
 ]
 AFTER_NOTHING = [("dr-start-training -w", "start again")]
-"""What somebody may want to do after a stop, the second before the first checkpoint."""
+"""What to do after a stop; the second list is for a stop before the first checkpoint."""
 
 
 def stop_training(as_json: AsJson = False) -> None:
     """Stop the running training.
 
-    Everything learned so far is in the bucket; dr-start-training --resume goes on with it.
-    Harmless when nothing runs.
+    What was learned so far stays in the bucket; dr-start-training --resume continues it. Does
+    nothing when no training is running.
 
     Example: dr-stop-training
     """
-    from drcli.base.errors import SettingsError, WorkerDied
-    from drcli.cli import console
-    from drcli.runs.stopping import (
-        Stopped,
-        StopReport,
-        is_running,
-        stop,
-        stop_the_only_training,
-    )
-
     folder = working_folder()
     try:
         loaded = settings()
     except SettingsError:
-        # What is broken now was right at the start, and must not keep a training alive.
+        # Settings that broke after the start must not keep the training from being stopped.
         stopped = stop_the_only_training(folder)
         if stopped is None:
             raise
-        said = f"Stopped the training of {stopped.model}, whatever the settings say now."
+        said = f"Stopped the training of {stopped.model}; the settings are broken now."
         console.emit(StopReport([stopped]), said, as_json=as_json)
         return
     if not is_running(loaded, folder):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
-    with console.waiting("Stopping the training; its workers are leaving ..."):
+    with console.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
     if is_running(loaded, folder):
         raise WorkerDied(
-            f"The training of {model} (process {report.pid}) is still leaving.",
-            remedy="Stop it at once with `dr-stop-training`, a second time.",
+            f"The training of {model} (process {report.pid}) is still stopping.",
+            remedy="Run `dr-stop-training` again to stop it at once.",
         )
     newest = (
-        f"its last checkpoint is {report.last.name}" if report.last else "it had learned nothing"
+        f"its last checkpoint is {report.last.name}" if report.last else "it has no checkpoint yet"
     )
     stopped = Stopped("training", report.run_id, model, report.pid or 0)
     console.emit(

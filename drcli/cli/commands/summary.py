@@ -1,20 +1,19 @@
 """`dr summary`."""
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import everyday
 from drcli.cli.working_folder import settings, working_folder
+from drcli.runs.summary import summarize
 
 
 def summary(as_json: AsJson = False) -> None:
-    """Show settings, bucket, what runs, and the machine, on one page.
+    """Show settings, bucket, runs and machine on one page.
 
-    What runs is shown of every DR_RUN_ID in this folder. No server is started, and the bucket has
-    two seconds to answer.
+    Lists what runs in this folder under every DR_RUN_ID. Starts no server, and waits at most two
+    seconds for the bucket.
 
     Example: dr-summary
     """
-    from drcli.cli import console
-    from drcli.cli.views import everyday
-    from drcli.runs.summary import summarize
-
     report = summarize(settings(), working_folder())
     console.emit(report, everyday.summary(report), as_json=as_json)

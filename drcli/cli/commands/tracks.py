@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from drcli.cli import candidates
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings, working_folder
 
@@ -35,7 +36,14 @@ def list_all(as_json: AsJson = False) -> None:
 
 @app.command()
 def show(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a track, or a route file.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="Name of a track, or a route file.",
+            autocompletion=candidates.worlds,
+        ),
+    ],
     png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
     as_json: AsJson = False,
 ) -> None:

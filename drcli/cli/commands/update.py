@@ -1,22 +1,23 @@
-"""`dr update`, which the reference also calls `dr-update-env` and `dr-reload`."""
+"""`dr update`, also called `dr-update-env` and `dr-reload`."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings
 
 
 @dataclass(frozen=True)
 class Checked:
-    """Settings that can be used.
+    """Settings that are right.
 
     Attributes:
         files: Those that were read.
-        settings: How many settings stand there or in the environment.
-        warnings: Sentences about what is allowed and may surprise.
+        settings: Number of settings in these files and in the environment.
+        warnings: Sentences about what may surprise.
     """
 
     files: list[str]
@@ -25,18 +26,16 @@ class Checked:
 
 
 def update(
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing.")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read the settings again and say whether they are right.
+    """Check whether the settings are right.
 
-    Every command reads run.env and system.env when it is called, so nothing has to be reloaded;
-    this only checks them. Wrong settings exit 3.
+    Every command reads run.env and system.env itself, so there is nothing to reload. Exits 3 when
+    a setting is wrong.
 
     Example: dr-update
     """
-    from drcli.cli import console
-
     loaded = settings()
     files = {place.partition(" line ")[0] for place in loaded.sources.values()}
     files = {name for name in files if name not in ("environment", "flag")}

@@ -5,51 +5,64 @@ from typing import Annotated, Literal
 
 import typer
 
+from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force
+from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings, working_folder
 
 
 def upload_model(
     force: Force = False,
-    best: Annotated[bool, typer.Option("-b", "--best", help="The best checkpoint.")] = False,
+    best: Annotated[bool, typer.Option("-b", "--best", help="Copy the best checkpoint.")] = False,
     number: Annotated[
         int | None,
-        typer.Option("-c", "--checkpoint", metavar="N", min=0, help="Checkpoint N."),
+        typer.Option(
+            "-c",
+            "--checkpoint",
+            metavar="N",
+            min=0,
+            help="Copy checkpoint N.",
+            autocompletion=candidates.checkpoints,
+        ),
     ] = None,
     prefix: Annotated[
         str | None,
-        typer.Option("-p", "--prefix", help="Another model; it keeps its name at the target."),
+        typer.Option(
+            "-p",
+            "--prefix",
+            help="Copy this model instead, under its own name.",
+            autocompletion=candidates.model_prefixes,
+        ),
     ] = None,
     to: Annotated[
-        str | None, typer.Option("--to", metavar="PREFIX", help="Another name at the target.")
+        str | None, typer.Option("--to", metavar="PREFIX", help="Name at the target.")
     ] = None,
-    local: Annotated[bool, typer.Option("-L", "--local", help="Into the local bucket.")] = False,
+    local: Annotated[bool, typer.Option("-L", "--local", help="Copy to the local bucket.")] = False,
     increment: Annotated[
-        bool, typer.Option("-1", "--increment", help="Raise the number of the upload first.")
+        bool, typer.Option("-1", "--increment", help="Raise the number in the target's name first.")
     ] = False,
     wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete checkpoints of earlier uploads there.")
+        bool,
+        typer.Option("-w", "--wipe", help="Delete earlier uploads at the target."),
     ] = False,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
-    """Copy a checkpoint, with all that belongs to it, to the bucket of uploads.
+    """Copy a checkpoint, with all files that belong to it, to the upload bucket.
 
-    That is DR_UPLOAD_S3_PREFIX in DR_UPLOAD_S3_BUCKET, reached with DR_UPLOAD_S3_PROFILE, at
-    DR_UPLOAD_S3_ENDPOINT_URL if it is not Amazon. The last checkpoint is taken unless -b or -c
-    chooses another. The model may be training meanwhile.
+    The target is DR_UPLOAD_S3_PREFIX in DR_UPLOAD_S3_BUCKET, with the keys of DR_UPLOAD_S3_PROFILE
+    and DR_UPLOAD_S3_ENDPOINT_URL if it is not at Amazon. Copies the last checkpoint unless -b or -c
+    chooses another. The model may be training at the same time.
 
     Example: dr-upload-model -b -f
     """
-    from drcli.cli import console, prompts
-    from drcli.cli.views import models_view
     from drcli.models.upload import UploadOptions, plan_upload, upload
     from drcli.models.upload_prefix import plan_upload_increment
 
     if best and number is not None:
-        raise typer.BadParameter("-b and -c each choose a checkpoint; give one of them.")
+        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
     if increment and (prefix or to):
-        raise typer.BadParameter("-1 raises the name that -p or --to would replace.")
+        raise typer.BadParameter("-1 changes the name that -p or --to replaces; use only one.")
     loaded, folder = settings(), working_folder()
     step = None
     if increment:
@@ -72,15 +85,15 @@ def upload_model(
         prompts.agree("Are you sure?", yes=force)
     report = upload(planned, loaded, folder, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
-        step.edit.make()  # last: an upload that was interrupted goes on where it was
+        step.edit.make()  # last: an upload that was interrupted continues under the same name
     console.emit(report, models_view.upload(report), as_json=as_json)
     if not dry_run:
         console.suggest(
             [
-                ("dr-list-models" if local else "dr-list-models --upload", "what lies there"),
+                ("dr-list-models" if local else "dr-list-models --upload", "list the models there"),
                 (
                     f"dr-download-model{' -L' if local else ''} -s {report.target} -t NAME",
-                    "fetch it under another name",
+                    "copy it back under another name",
                 ),
             ]
         )

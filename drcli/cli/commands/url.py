@@ -1,19 +1,19 @@
 """`dr url`."""
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, get_args
 
 import typer
 
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import everyday
 from drcli.cli.working_folder import settings, working_folder
-
-if TYPE_CHECKING:
-    from drcli.runs.addresses import PlaceName
+from drcli.runs import addresses
 
 
 class What(StrEnum):
-    """What an address is wanted of."""
+    """Whose address is wanted."""
 
     bucket = "bucket"
     model = "model"
@@ -28,24 +28,19 @@ def url(
     ] = What.all,
     as_json: AsJson = False,
 ) -> None:
-    """Show the addresses of bucket, model, files and metrics, ready to paste.
+    """Show the addresses of bucket, model, custom files and metrics, ready to paste.
 
-    No server is started or asked. Reading an http address takes the bucket's keys, which
-    dr-local-aws gives to the aws command.
+    Starts no server. Reading an http address needs the keys of the bucket; dr-local-aws passes
+    them to the aws command.
 
     Example: dr-url model
     """
-    from drcli.cli import console
-    from drcli.cli.views import everyday
-    from drcli.runs.addresses import addresses
-
-    every: list[PlaceName] = ["bucket", "model", "custom-files", "metrics"]
-    names = [name for name in every if what in (What.all, name)]
-    report = addresses(settings(), working_folder(), names)
+    names = [name for name in get_args(addresses.PlaceName) if what in (What.all, name)]
+    report = addresses.addresses(settings(), working_folder(), names)
     console.emit(report, everyday.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(
-            "The local S3 server does not run; dr-start-training, dr-evaluate and dr-local-aws "
+            "The local S3 server is not running; dr-start-training, dr-evaluate and dr-local-aws "
             f"start it{where}."
         )

@@ -5,7 +5,9 @@ from typing import Annotated
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.cli import console
 from drcli.cli.options import AsJson
+from drcli.cli.views import problems_view
 from drcli.cli.working_folder import working_folder
 
 
@@ -14,22 +16,20 @@ def validate(
     console_compatible: Annotated[
         bool,
         typer.Option(
-            "--console-compatible", help="Refuse what a DeepRacer console would refuse as well."
+            "--console-compatible", help="Also apply the limits of the DeepRacer console."
         ),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Exit 0 even with errors.")] = False,
 ) -> None:
-    """Check settings, your three files, the bucket and this machine, by rule.
+    """Check settings, your three files, the bucket and this machine.
 
-    Everything that is wrong is reported at once, with rule, place and remedy; docs/validation.md
-    lists the rules. Nothing is changed; the local S3 server is started where it does not run.
-    Exits 3 when a training could not start.
+    Reports every problem with rule, place and remedy; docs/validation.md lists the rules. Changes
+    nothing, but starts the local S3 server if it is not running. Exits 3 when a training could not
+    start.
 
     Example: dr-validate --console-compatible
     """
     from drcli.checks import validate as everything
-    from drcli.cli import console
-    from drcli.cli.views import problems_view
 
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):

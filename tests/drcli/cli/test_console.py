@@ -153,7 +153,7 @@ def test_a_pipe_is_no_terminal_even_if_colours_are_forced(monkeypatch, capsys):
 
 
 def test_quiet_leaves_warnings_and_failures(monkeypatch, capsys):
-    monkeypatch.setattr("drcli.base.verbosity.quiet", True)
+    monkeypatch.setattr("drcli.cli.console.quiet", True)
 
     console.say("a word")
     console.suggest([("dr-status", "look")])

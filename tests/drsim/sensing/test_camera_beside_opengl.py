@@ -16,7 +16,7 @@ def test_our_camera_agrees_with_opengl_on_two_tracks_without_and_with_boxes():
     # A process of its own: MuJoCo chooses its OpenGL when it is imported first.
     done = subprocess.run(
         [
-            *(sys.executable, SCRIPTS / "bench_camera.py"),
+            *(sys.executable, SCRIPTS / "bench", "camera"),
             *("--tracks", "2", "--poses", "6", "--rounds", "1", "--json"),
         ],
         capture_output=True,
@@ -37,7 +37,7 @@ def test_our_camera_agrees_with_opengl_on_two_tracks_without_and_with_boxes():
 
 
 def test_the_judge_shrinks_pictures_as_pillow_does(monkeypatch):
-    monkeypatch.syspath_prepend(SCRIPTS)
+    monkeypatch.syspath_prepend(SCRIPTS / "bench")
     opengl_scene = importlib.import_module("opengl_scene")
     image = pytest.importorskip("PIL.Image")
     picture = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)

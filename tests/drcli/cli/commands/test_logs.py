@@ -117,4 +117,4 @@ def test_an_unknown_worker_exits_2_with_those_there_are(dr, working_folder, caps
 
     said = capsys.readouterr().err
     assert code == 2
-    assert "'sagemaker' is none of sim, trainer, supervisor, evaluation." in said
+    assert "'sagemaker' is not one of sim, trainer, supervisor, evaluation." in said

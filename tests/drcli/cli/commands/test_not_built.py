@@ -57,4 +57,4 @@ def test_their_help_can_still_be_read(dr, capsys):
     code = dr("start-viewer", "--help")
 
     assert code == 0
-    assert "There is no viewer yet" in capsys.readouterr().out
+    assert "The viewer is not available" in capsys.readouterr().out

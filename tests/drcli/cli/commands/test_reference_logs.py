@@ -88,7 +88,7 @@ def test_what_does_not_run_is_said_in_the_references_words_with_its_code(
     assert code == 1
     assert printed.out == ""
     assert f"{title} is not running." in printed.err
-    assert f"`dr-logs {log}` shows what the last one said" in printed.err
+    assert f"`dr-logs {log}` shows the log of the last one" in printed.err
 
 
 def test_a_log_is_followed_until_its_training_ends(

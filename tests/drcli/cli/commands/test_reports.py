@@ -5,12 +5,13 @@ import json
 import sys
 
 import pytest
+import typer.main
+from report_keys import REPORTS, keys_of
 from rich.cells import cell_len
 
 from drcli.base.errors import SettingsError
 from drcli.cli import console
-from drcli.cli.docs.report_keys import REPORTS, keys_of
-from drcli.cli.lazy import load
+from drcli.cli.command_line import application
 from drcli.cli.table import COMMANDS
 
 from .conftest import MODEL, TRACK
@@ -208,7 +209,7 @@ def reporting() -> set[str]:
     """Names of all commands that know --json, with those of their groups."""
     names = set()
     for command in COMMANDS:
-        loaded = load(command)
+        loaded = typer.main.get_command(application([command.name])).commands[command.name]
         for part, single in getattr(loaded, "commands", {"": loaded}).items():
             if any("--json" in parameter.opts for parameter in single.params):
                 names.add(f"{command.name} {part}".strip())

@@ -155,7 +155,7 @@ def test_ctrl_c_detaches_and_says_how_to_come_back(dr, run, make_report, capsys)
 
     said = capsys.readouterr().err
     assert code == 130
-    assert said.index("Detached; the training goes on.") < said.rindex("dr-stop-training")
+    assert said.index("Detached; the training continues.") < said.rindex("dr-stop-training")
     assert "stop" not in run.asked
 
 
@@ -261,7 +261,7 @@ def test_all_logs_are_told_apart_by_their_workers(dr, run, make_report, log, cap
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["1"], "belongs to -r"),
+        (["1"], "needs -r"),
         (["-r", "2"], "DR_WORKERS is 2"),
         (["--until-laps", "0"], "greater than or equal to 1"),
     ],

@@ -24,7 +24,7 @@ def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(dr, run, mak
     dr("stop-training")
 
     printed = capsys.readouterr()
-    assert printed.out == "Stopped the training of s3://bucket/model; it had learned nothing.\n"
+    assert printed.out == "Stopped the training of s3://bucket/model; it has no checkpoint yet.\n"
     assert "dr-start-training -w" in printed.err
     assert "--resume" not in printed.err
 
@@ -60,5 +60,5 @@ def test_a_training_that_is_still_leaving_is_a_failure(dr, run, make_report, cap
     printed = capsys.readouterr()
     assert code == 5
     assert printed.out == ""
-    assert "(process 4242) is still leaving" in printed.err
-    assert "`dr-stop-training`, a second time" in printed.err
+    assert "(process 4242) is still stopping" in printed.err
+    assert "Run `dr-stop-training` again" in printed.err

@@ -31,7 +31,7 @@ def test_a_stopped_server_keeps_its_address_and_is_not_started(dr, working_folde
         "  http://127.0.0.1:23456/bucket/model/",
         f"  {working_folder}/data/s3/bucket/model",
     ]
-    assert "does not run" in printed.err
+    assert "is not running" in printed.err
     assert "same address as last time" in printed.err
 
 

@@ -216,7 +216,7 @@ def test_files_that_are_there_are_listed_and_kept(dr, empty, capsys):
 
     said = capsys.readouterr().err
     assert code == 2
-    assert "there are already: run.env, custom_files/reward_function.py." in said
+    assert "already has run.env, custom_files/reward_function.py." in said
     assert "--force" in said
     assert (empty / "run.env").read_text() == "DR_WORLD_NAME=mine\n"
     assert not (empty / "system.env").exists()
@@ -230,8 +230,8 @@ def test_quiet_names_the_files_that_are_there_and_those_that_are_kept(dr, empty,
     dr("init", "-q", "--force")
     replaced = capsys.readouterr().err
 
-    assert "there are already: run.env." in refused
-    assert "What was there before is kept as run.env.bak." in replaced
+    assert "already has run.env." in refused
+    assert "The old files are kept as run.env.bak." in replaced
 
 
 def test_force_replaces_them_and_keeps_a_copy_of_each_every_time(dr, empty, capsys):

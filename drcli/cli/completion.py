@@ -1,0 +1,172 @@
+"""Completion with the Tab key, by Typer: what a shell has to run once, and where that is kept.
+
+Typer's own scripts serve one program each, and in bash they cannot complete `NAME=value`. So the
+scripts are ours, and they ask in Typer's way: with the variables that Typer's script for fish sets.
+Its answer is the plainest, a line `word<Tab>meaning` for each candidate.
+"""
+
+import os
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from drcli.base.errors import SettingsError
+from drcli.cli.table import program_names
+
+Shell = Literal["bash", "zsh", "fish"]
+SHELLS: tuple[Shell, ...] = get_args(Shell)
+
+QUESTION, LINE = "_DR_COMPLETE", "_TYPER_COMPLETE_ARGS"
+_QUESTION = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+
+_ASK = f"env {' '.join(f'{name}={value}' for name, value in _QUESTION.items())} {LINE}="
+
+_BASH = """\
+# Makes the Tab key complete the dr commands in bash. Written by `dr completion`.
+_dr_complete() {
+    local line=${COMP_LINE:0:COMP_POINT} word start
+    start=${line##*[[:space:]]}
+    start=${start%"${start##*=}"} # bash completes only what follows a =
+    COMPREPLY=()
+    while IFS=$'\\t' read -r word _; do
+        if [[ -n $word ]]; then COMPREPLY+=("${word#"$start"}"); fi
+    done < <({ask}"$line" dr 2>/dev/null)
+    if [[ ${#COMPREPLY[@]} == 1 && ${COMPREPLY[0]} == *= ]]; then
+        compopt -o nospace
+    fi
+}
+complete -o bashdefault -o default -F _dr_complete {programs}
+"""
+
+_ZSH = """\
+# Makes the Tab key complete the dr commands in zsh. Written by `dr completion`.
+_dr_complete() {
+    local line
+    local -a words_found names_found
+    for line in "${(@f)$({ask}"${words[1,CURRENT]}" dr 2>/dev/null)}"; do
+        [[ -n $line ]] || continue
+        line=${${line//:/\\\\:}/$'\\t'/:}
+        if [[ $line == *= ]]; then names_found+=("$line"); else words_found+=("$line"); fi
+    done
+    (( $#words_found + $#names_found )) || { _files; return; }
+    (( $#words_found )) && _describe dr words_found
+    (( $#names_found )) && _describe dr names_found -S ''
+}
+(( $+functions[compdef] )) || { autoload -Uz compinit && compinit -i; }
+compdef _dr_complete {programs}
+"""
+
+_FISH = """\
+# Makes the Tab key complete the dr commands in fish. Written by `dr completion`.
+function __dr_complete
+    set -l found ({ask}(commandline -cp | string collect) dr 2>/dev/null)
+    if test -n "$found"
+        printf '%s\\n' $found
+    else
+        __fish_complete_path (commandline -ct)
+    end
+end
+for program in {programs}
+    complete -c $program -f -a '(__dr_complete)'
+end
+"""
+
+_TEMPLATES: dict[Shell, str] = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
+
+
+def script(shell: Shell) -> str:
+    """The lines for a shell, for all programs at once."""
+    text = _TEMPLATES[shell].replace("{ask}", _ASK)
+    return text.replace("{programs}", " ".join(program_names()))
+
+
+def former_program() -> None:
+    """Answer `drcli-complete SHELL WORD...`, which shells call that version 0.1.0 has set up."""
+    words = [word.strip("\"'") for word in sys.argv[2:]]
+    if "=" not in words:
+        os.environ.update({**_QUESTION, LINE: shlex.join(words)})
+        from drcli.cli.app import main  # which imports this module
+
+        main()
+
+
+@dataclass(frozen=True)
+class Installed:
+    """Where the completion lies.
+
+    Attributes:
+        shell: bash, zsh or fish.
+        script: The file that was written.
+        start_file: The shell's own file that loads it; None for fish, which needs no line.
+        added: Whether a line was added to that file; it stands there once at most.
+    """
+
+    shell: Shell
+    script: str
+    start_file: str | None
+    added: bool
+
+
+def shell_of(environ: Mapping[str, str]) -> Shell:
+    """The shell of this user.
+
+    Raises:
+        SettingsError: It is not one of ours.
+    """
+    name = Path(environ.get("SHELL", "")).name
+    for shell in SHELLS:
+        if name == shell:
+            return shell
+    raise SettingsError(
+        f"SHELL={name or '(nothing)'} is not one of {', '.join(SHELLS)}.",
+        remedy="Name the shell, as in `dr completion install bash`.",
+    )
+
+
+def install(shell: Shell, environ: Mapping[str, str]) -> Installed:
+    """Write the script and let new shells load it. Doing it again changes nothing.
+
+    Raises:
+        SettingsError: A file cannot be written, or the user has no home.
+    """
+    by_hand = f"Put what `dr completion show {shell}` prints where your shell reads it."
+    try:
+        home = Path(environ.get("HOME") or Path.home())
+    except RuntimeError:
+        raise SettingsError(
+            "The home folder of this user is not known, so completion cannot be installed.",
+            remedy=f"Set HOME. Or: {by_hand}",
+        ) from None
+    data = Path(environ.get("XDG_DATA_HOME") or home / ".local" / "share")
+    config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
+    path = data / "drcli" / f"completion.{shell}"
+    start_file: Path | None = None
+    if shell == "bash":
+        start_file = home / ".bashrc"
+    elif shell == "zsh":
+        start_file = Path(environ.get("ZDOTDIR") or home) / ".zshrc"
+    else:  # every new fish reads this folder
+        path = config / "fish" / "conf.d" / "drcli.fish"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(script(shell), "utf-8")
+        added = start_file is not None and _add_line(start_file, path)
+    except OSError as e:
+        raise SettingsError(
+            f"{e.filename or path}: cannot be written ({e.strerror or e}).", remedy=by_hand
+        ) from e
+    return Installed(shell, str(path), None if start_file is None else str(start_file), added)
+
+
+def _add_line(file: Path, path: Path) -> bool:
+    line = f"if [ -r {shlex.quote(str(path))} ]; then . {shlex.quote(str(path))}; fi"
+    text = file.read_text("utf-8", "surrogateescape") if file.exists() else ""
+    if line in text.splitlines():
+        return False
+    start = "" if not text or text.endswith("\n") else "\n"
+    with file.open("a", encoding="utf-8") as end:
+        end.write(f"{start}{line}\n")
+    return True

@@ -1,0 +1,177 @@
+"""PPO in one file in the manner of CleanRL, on our vector environment, for `bench learn`.
+
+The structure and the usual details: frames kept as float numbers, orthogonal weights, Adam with
+epsilon 1e-5, a learning rate that falls, advantages normalised in each minibatch, a clipped value
+loss, gradients clipped at 0.5, `approx_kl` and `clipfrac` noted at every step.
+"""
+
+import time
+
+import numpy as np
+import torch
+from learn_peers import plain_body, serve
+from learn_runs import Pace, Work
+from torch import Tensor, nn
+from torch.distributions import Categorical
+
+from drcli.learn.policy import PolicySpec
+from drsim import RacerVectorEnv
+
+UPDATES = 1_000
+"""Iterations until the learning rate would be 0."""
+
+
+class Agent(nn.Module):
+    """Policy and value on the layers of our network."""
+
+    def __init__(self, spec: PolicySpec) -> None:
+        super().__init__()
+        self.network, features = plain_body(spec)
+        for layer in self.network:
+            if isinstance(layer, nn.Conv2d | nn.Linear):
+                _prepare(layer)
+        self.actor = _prepare(nn.Linear(features, spec.num_actions), 0.01)
+        self.critic = _prepare(nn.Linear(features, 1), 1.0)
+
+    def value(self, frames: Tensor) -> Tensor:
+        """Values, shape (n, 1), of frames of shape (n, 1, 120, 160)."""
+        values: Tensor = self.critic(self.network(frames / 255.0))
+        return values
+
+    def choose(
+        self, frames: Tensor, actions: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Actions, drawn unless given, their log-probabilities, entropies, and values (n, 1)."""
+        hidden = self.network(frames / 255.0)
+        chances = Categorical(logits=self.actor(hidden))
+        if actions is None:
+            actions = chances.sample()
+        return actions, chances.log_prob(actions), chances.entropy(), self.critic(hidden)
+
+
+class CleanRlTraining:
+    """The script's loop, one iteration at a time."""
+
+    def __init__(self, work: Work, cars: int, steps: int) -> None:
+        """Begin.
+
+        Args:
+            work: What to train.
+            cars: How many drive side by side.
+            steps: Of an iteration, all cars together. Those in which a car begins anew count.
+        """
+        self._p = work.parameters
+        self._device = work.compute.device
+        self._cars, self._length = cars, steps // cars
+        self._envs = RacerVectorEnv(
+            cars,
+            work.track,
+            reward_function=work.rewards(cars),
+            actions=work.actions,
+            rules=work.rules,
+            num_threads=work.threads,
+        )
+        self._random = np.random.default_rng(0)
+        torch.manual_seed(0)
+        self._agent = Agent(work.spec).to(self._device)
+        self._optimizer = torch.optim.Adam(self._agent.parameters(), lr=self._p.lr, eps=1e-5)
+        self._updates = 0
+        shape = (self._length, cars)
+        self._frames = torch.zeros((*shape, 1, 120, 160), device=self._device)
+        self._actions, self._log_probs, self._rewards, self._dones, self._values = (
+            torch.zeros(shape, device=self._device) for _ in range(5)
+        )
+        self._next_frame = self._tensor(self._envs.reset(seed=0)[0])
+        self._next_done = torch.zeros(cars, device=self._device)
+
+    def iterate(self) -> Pace:
+        """Drive and learn as many steps as an iteration has."""
+        started_s = time.perf_counter()
+        self._optimizer.param_groups[0]["lr"] = (1.0 - self._updates / UPDATES) * self._p.lr
+        self._updates += 1
+        self._drive()
+        self._learn(*self._advantages())
+        return Pace(self._length * self._cars, time.perf_counter() - started_s)
+
+    def close(self) -> None:
+        """Free the threads."""
+        self._envs.close()
+
+    def _drive(self) -> None:
+        for step in range(self._length):
+            self._frames[step] = self._next_frame
+            self._dones[step] = self._next_done
+            with torch.no_grad():
+                action, log_prob, _, value = self._agent.choose(self._next_frame)
+            self._values[step] = value.flatten()
+            self._actions[step] = action
+            self._log_probs[step] = log_prob
+            frame, reward, ended, cut, _ = self._envs.step(action.cpu().numpy())
+            self._rewards[step] = torch.tensor(reward, dtype=torch.float32)
+            self._next_frame = self._tensor(frame)
+            self._next_done = torch.tensor(ended | cut, dtype=torch.float32, device=self._device)
+
+    def _advantages(self) -> tuple[Tensor, Tensor]:
+        """Advantages and returns. Each of shape (length, cars)."""
+        gamma, lam = self._p.discount_factor, self._p.gae_lambda
+        advantages = torch.zeros_like(self._rewards)
+        with torch.no_grad():
+            value = self._agent.value(self._next_frame).flatten()
+        goes_on, last = 1.0 - self._next_done, torch.zeros_like(value)
+        for step in reversed(range(self._length)):
+            delta = self._rewards[step] + gamma * value * goes_on - self._values[step]
+            advantages[step] = last = delta + gamma * lam * goes_on * last
+            goes_on, value = 1.0 - self._dones[step], self._values[step]
+        return advantages, advantages + self._values
+
+    def _learn(self, advantages: Tensor, returns: Tensor) -> None:
+        p = self._p
+        frames = self._frames.flatten(0, 1)
+        actions, old_log_probs, old_values, advantages, returns = (
+            column.flatten()
+            for column in (self._actions, self._log_probs, self._values, advantages, returns)
+        )
+        rows = np.arange(len(returns))
+        clipped = []
+        for _ in range(p.num_epochs):
+            self._random.shuffle(rows)
+            for start in range(0, len(rows), p.batch_size):
+                chosen = rows[start : start + p.batch_size]
+                _, log_probs, entropy, values = self._agent.choose(
+                    frames[chosen], actions.long()[chosen]
+                )
+                log_ratio = log_probs - old_log_probs[chosen]
+                ratio = log_ratio.exp()
+                with torch.no_grad():
+                    approx_kl = ((ratio - 1) - log_ratio).mean()
+                    clipped += [((ratio - 1.0).abs() > p.clip_range).float().mean().item()]
+                share = advantages[chosen]
+                share = (share - share.mean()) / (share.std() + 1e-8)
+                bounded = ratio.clamp(1 - p.clip_range, 1 + p.clip_range)
+                policy_loss = torch.max(-share * ratio, -share * bounded).mean()
+                values = values.flatten()
+                near = old_values[chosen] + (values - old_values[chosen]).clamp(
+                    -p.clip_range, p.clip_range
+                )
+                target = returns[chosen]
+                value_loss = 0.5 * torch.max((values - target) ** 2, (near - target) ** 2).mean()
+                loss = policy_loss - p.beta_entropy * entropy.mean() + 0.5 * value_loss
+                self._optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(self._agent.parameters(), 0.5)
+                self._optimizer.step()
+        self.charts = {"approx_kl": approx_kl.item(), "clipfrac": float(np.mean(clipped))}
+
+    def _tensor(self, frame: np.ndarray) -> Tensor:
+        """Frames as float numbers. Shape (n, 1, 120, 160)."""
+        return torch.tensor(frame, dtype=torch.float32, device=self._device).permute(0, 3, 1, 2)
+
+
+def _prepare(layer: nn.Conv2d | nn.Linear, gain: float = 2.0**0.5) -> nn.Module:
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+if __name__ == "__main__":
+    serve(CleanRlTraining)

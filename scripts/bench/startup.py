@@ -1,0 +1,127 @@
+"""How long commands take that do not train. Prints JSON.
+
+    python scripts/bench startup [--repeat 10]
+
+Each is called in a new working folder in which nothing was started. Processor time tells more than
+the clock on a machine that is busy with other things, and the least of several calls more than
+their mean; `wall_s` is what somebody waits who has the machine for himself.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from drcli.config.folder_files import write
+from drcli.config.new_folder import plan_folder
+from drcli.store.connect import stop_default_storage
+
+START_BAR_S = 0.4
+COMPLETION_BAR_S = 0.2
+
+COMMANDS = (
+    "--help",
+    "start-training --help",
+    "status",
+    "status --json",
+    "summary",
+    "logs trainer",
+    "config show",
+    "config check --settings",
+    "config set DR_RUN_ID=0",
+    "stop-training",
+    "list-models",
+    "url",
+    "tracks list",
+    "init other",
+    "shell-env",
+    "completion show bash",
+)
+
+COMPLETIONS = (
+    "dr st",
+    "dr-status --",
+    "dr-tracks show re",
+    "dr-config set DR_WOR",
+    "dr-increment-training -p m",
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a call took, the least of several.
+
+    Attributes:
+        call: The command line.
+        cpu_s: Processor time, user and system.
+        wall_s: Time on the clock.
+        bar_s: What it may take.
+    """
+
+    call: str
+    cpu_s: float
+    wall_s: float
+    bar_s: float
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=10, help="calls of each command")
+    repeat = parser.parse_args().repeat
+    programs = Path(sys.executable).parent
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as afterwards:
+        afterwards.callback(stop_default_storage, Path(folder))  # list-models starts a server
+        write(plan_folder(Path(folder), {}))
+        measured = [
+            *(
+                measure(call, [str(programs / "dr"), *call.split()], folder, START_BAR_S, repeat)
+                for call in COMMANDS
+            ),
+            *(
+                measure(
+                    call,
+                    [str(programs / "drcli-complete"), "zsh", *call.split()],
+                    folder,
+                    COMPLETION_BAR_S,
+                    repeat,
+                )
+                for call in COMPLETIONS
+            ),
+        ]
+    late = [one.call for one in measured if one.wall_s > one.bar_s]
+    report = {"calls": [asdict(one) for one in measured], "over_the_bar": late}
+    print(json.dumps(report, indent=1))
+
+
+def measure(call: str, command: list[str], folder: str, bar_s: float, repeat: int) -> Measured:
+    """Call a command several times."""
+    cpu_s, wall_s = zip(*(once(command, folder) for _ in range(repeat)), strict=True)
+    return Measured(call, round(min(cpu_s), 3), round(min(wall_s), 3), bar_s)
+
+
+def once(command: list[str], folder: str) -> tuple[float, float]:
+    """Processor time and time on the clock of one call, seconds."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
+    started_s = time.perf_counter()
+    process = subprocess.Popen(
+        command,
+        cwd=folder,
+        env=kept,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0  # waited for already
+    return used.ru_utime + used.ru_stime, time.perf_counter() - started_s
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""Writes the pages of docs/ that are generated from the code, or draws pictures for them.
+
+python scripts/docs               write the pages
+python scripts/docs --check       exit 1 and name the pages that are out of date
+python scripts/docs pictures ...  draw what the cameras see; see its --help
+python scripts/docs knobs ...     draw what hyperparameters change; see its --help
+"""
+
+import argparse
+import runpy
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+sys.path[:0] = [str(FOLDER), str(FOLDER.parent / "bench")]
+
+import commands_page  # noqa: E402  (these lie beside this file)
+import errors_page  # noqa: E402
+import rules_page  # noqa: E402
+import settings_page  # noqa: E402
+
+DOCS = FOLDER.parents[1] / "docs"
+
+PAGES: Mapping[str, Callable[[], str]] = {
+    "commands.md": commands_page.document,
+    "errors.md": errors_page.document,
+    "settings.md": settings_page.document,
+    "validation.md": rules_page.document,
+}
+"""Name of each page, and the function that returns its text."""
+
+DRAWINGS = ("pictures", "knobs")
+
+
+def stale(folder: Path) -> list[str]:
+    """Names of the pages in a folder that do not say what the code says."""
+    return [name for name, text in PAGES.items() if _content(folder / name) != text()]
+
+
+def write(folder: Path) -> list[str]:
+    """Write the stale pages of a folder.
+
+    Returns:
+        Their names.
+    """
+    names = stale(folder)
+    for name in names:
+        (folder / name).write_text(PAGES[name](), "utf-8")
+    return names
+
+
+def _content(path: Path) -> str | None:
+    return path.read_text("utf-8") if path.exists() else None
+
+
+def main() -> int:
+    """Write or check, and say what was done."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    checking = parser.parse_args().check
+    names = stale(DOCS) if checking else write(DOCS)
+    for name in names:
+        print(f"docs/{name}: {'is out of date' if checking else 'written'}")
+    return int(checking and bool(names))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] and sys.argv[1] in DRAWINGS:
+        drawing = sys.argv.pop(1)
+        runpy.run_path(str(FOLDER / f"{drawing}.py"), run_name="__main__")
+    else:
+        sys.exit(main())

@@ -1,0 +1,94 @@
+"""The keys of every --json report, taken from the dataclasses behind them."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from typing import Any, get_args, get_type_hints
+
+REPORTS: Mapping[str, tuple[str, ...]] = {
+    "runs.status:RunReport": ("start-training", "status"),
+    "runs.stopping:StopReport": (
+        "stop-training",
+        "stop-evaluation",
+        "stop-all",
+        "stop-viewer",
+        "stop-metrics",
+        "stop-loganalysis",
+    ),
+    "runs.increment:Increment": ("increment-training",),
+    "runs.evaluation:EvaluationReport": ("evaluate", "start-evaluation"),
+    "cli.commands.evaluate:Started": ("start-evaluation -q",),
+    "runs.summary:Summary": ("summary",),
+    "runs.status:ProcessReport": ("find-sagemaker", "find-robomaker"),
+    "runs.speed:SpeedReport": ("get-robomaker-stats",),
+    "models.upload:UploadReport": ("upload-model",),
+    "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
+    "models.download:DownloadReport": ("download-model",),
+    "models.model_list:ModelList": ("list-models", "list-aws-models"),
+    "cli.commands.set_upload_model:UploadName": ("set-upload-model",),
+    "models.copy_custom_files:CustomFilesReport": ("upload-custom-files", "download-custom-files"),
+    "config.folder_files:FolderReport": ("init",),
+    "config.inspection:Values": ("config show",),
+    "checks.config_check:FullCheck": ("config check",),
+    "config.editing:Edit": ("config set",),
+    "checks.check_report:Report": ("validate",),
+    "cli.commands.update:Checked": ("update", "update-env", "reload"),
+    "runs.addresses:Addresses": ("url",),
+    "cli.completion:Installed": ("completion install",),
+    "tracks.track_facts:TrackList": ("tracks list",),
+    "tracks.tracks_folder:TrackView": ("tracks show",),
+    "tracks.track_facts:TrackFacts": ("tracks add", "tracks fetch"),
+    "rewards.check:RewardReport": ("reward check",),
+    "rewards.plot:PlotReport": ("reward plot",),
+    "rewards.compare:ComparisonReport": ("reward compare",),
+}
+"""Each report, as `module:class` below `drcli`, with the commands that print it."""
+
+_ATTRIBUTE = re.compile(r"^ {8}(\w+): (.+(?:\n {12,}\S.*)*)", re.MULTILINE)
+
+
+def keys_of(report: str) -> list[tuple[str, str]]:
+    """Keys of a report and what each means; those of a report inside it as `outer.inner`.
+
+    Args:
+        report: As in REPORTS.
+
+    Raises:
+        KeyError: One is not described.
+    """
+    module, _, name = report.partition(":")
+    found = getattr(import_module(f"drcli.{module}"), name)
+    properties = (
+        (name, _sentence(value.__doc__ or ""))
+        for name, value in vars(found).items()
+        if isinstance(value, property)
+    )
+    return [*_fields(found, "", ()), *properties]
+
+
+def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
+    meanings = {
+        name: _sentence(text)
+        for kind in report.__mro__
+        for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")
+    }
+    types = get_type_hints(report)
+    for field in fields(report):
+        key = f"{path}{field.name}"
+        yield key, meanings[field.name]
+        inner, many = _dataclass_in(types[field.name])
+        if inner is not None and inner not in (*outer, report):
+            yield from _fields(inner, f"{key}[]." if many else f"{key}.", (*outer, report))
+
+
+def _dataclass_in(annotation: Any) -> tuple[Any, bool]:
+    """The dataclass that a value holds, and whether it holds many of them."""
+    if is_dataclass(annotation):
+        return annotation, False
+    inner = next((part for part in get_args(annotation) if is_dataclass(part)), None)
+    return inner, getattr(annotation, "__origin__", None) in (list, tuple)
+
+
+def _sentence(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,93 @@
+"""Writes docs/settings.md from the declared settings."""
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+from drcli.config.fields import Setting
+from drcli.config.former_names import FORMER
+from drcli.config.model import WORKER_NAMES, WORKER_STEMS, catalogue
+
+HEAD = """\
+# Settings
+
+Every `DR_` name, as the program knows it. This page is written by `scripts/docs`; change
+the declarations in `drcli/config/groups/` instead.
+
+`run.env` and `system.env` hold `NAME=value` lines. A name counts in either file; the table says in
+which it belongs, and `dr config set NAME=VALUE` puts it there. Settings win in this order: flag,
+process environment, `run.env`, `system.env`, default. An experiment has a `run.env` of its own in
+`experiments/<name>/`.
+
+- Values may hold spaces and `=`; ` #` starts a comment, so put a value with one into quotes.
+- `$NAME` and `${NAME}` take the value of another name, wherever it stands; `${NAME:-other}` has a
+  stand-in. In single quotes `$` is just a character.
+- True is also `true`, `yes`, `on` and `1`; False is `false`, `no`, `off` and `0`. Words such as
+  `TIME_TRIAL` may be written in any letter case.
+- An empty value means not set.
+- A misspelt name is refused, a name that has nothing to do with us only gets a warning.
+
+`dr config show` prints each value with the file and line it comes from, `dr config check` all that
+is wrong, odd or without effect.
+"""
+
+WORKERS = """\
+## worker-N.env
+
+With `DR_TRAIN_MULTI_CONFIG=True`, the second and all further workers read `worker-2.env`,
+`worker-3.env` and so on, beside the `run.env` that counts. Such a file is written like `run.env`
+and wins over everything else for its worker. It may hold
+"""
+
+UNUSED = """\
+## Accepted without effect
+
+Names of the reference that need nothing here. They may stay in your files; `dr config check` names
+those it finds. A start warns about them in one line, and by name where somebody may count on it.
+"""
+
+
+def document() -> str:
+    """The page, as Markdown."""
+    settings = list(catalogue().values())
+    used = [setting for setting in settings if setting.effect == "used"]
+    unused = [setting for setting in settings if setting.effect != "used"]
+    parts = [HEAD]
+    for title, group in groupby(used, lambda setting: setting.group):
+        rows = ((_name(s), _code(s.default_text), _meaning(s), s.expected, s.file) for s in group)
+        header = ("name", "default", "what it does", "may be", "file")
+        parts.append(f"## {title}\n\n{_table(header, rows)}")
+    parts.append(_workers())
+    rows_without = [(_name(s), s.meaning, s.reason) for s in unused]
+    rows_without += [(f"`{name}`", old.meaning, old.reason) for name, old in FORMER.items()]
+    parts.append(f"{UNUSED}\n{_table(('name', 'in the reference', 'why not here'), rows_without)}")
+    return "\n".join(parts)
+
+
+def _workers() -> str:
+    names = [f"`{name}`" for name in WORKER_NAMES]
+    stems = [f"`{stem}`" for stem in WORKER_STEMS]
+    return f"{WORKERS}{', '.join(names)}, and all that begins with {', '.join(stems)}.\n"
+
+
+def _name(setting: Setting) -> str:
+    return f"`{setting.name}`"
+
+
+def _meaning(setting: Setting) -> str:
+    if not setting.old_names:
+        return setting.meaning
+    old = ", ".join(f"`{name}`" for name in setting.old_names)
+    return f"{setting.meaning} Old name: {old}."
+
+
+def _code(text: str) -> str:
+    return f"`{text}`" if text else ""
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(map(_cell, cells))} |\n" for cells in lines)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|")

@@ -1,0 +1,34 @@
+"""`python scripts/bench` lists the benchmarks and runs them, also under their former names."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+
+
+def printed(*arguments: str | Path) -> str:
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def test_each_former_name_is_listed_in_the_help():
+    shown = printed(SCRIPTS / "bench", "--help")
+
+    names = {path.stem.removeprefix("bench_") for path in SCRIPTS.glob("bench_*.py")}
+    assert names <= {line.split()[0] for line in shown.splitlines() if line.strip()}
+
+
+def test_a_former_name_has_the_same_options():
+    assert printed(SCRIPTS / "bench_startup.py", "--help") == printed(
+        SCRIPTS / "bench", "startup", "--help"
+    )
+
+
+def test_an_unknown_benchmark_is_refused_with_the_known_ones():
+    done = subprocess.run(
+        [sys.executable, SCRIPTS / "bench", "nonsense"], capture_output=True, text=True
+    )
+
+    assert done.returncode == 1
+    assert "'nonsense' is not a benchmark. Names: sim, learn," in done.stderr

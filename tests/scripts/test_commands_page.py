@@ -1,0 +1,59 @@
+"""docs/commands.md and the table of the reference's commands."""
+
+import re
+from pathlib import Path
+
+import pytest
+from commands_page import document
+from commands_texts import EXIT_CODES
+from reference import REFERENCE, SCRIPTS, missing
+
+from drcli.cli.command_line import EPILOG
+from drcli.cli.table import program_names
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return document()
+
+
+def test_the_page_in_docs_is_what_the_commands_say(page):
+    written = (ROOT / "docs" / "commands.md").read_text("utf-8")
+
+    assert written == page, "Run `python scripts/docs`."
+
+
+def test_every_command_of_the_reference_that_is_kept_exists():
+    assert missing() == []
+    assert [script for script in SCRIPTS if not (ROOT / script).exists()] == []
+
+
+def test_the_table_of_the_reference_names_nothing_twice():
+    names = [row.name for row in REFERENCE]
+
+    assert len(names) == len(set(names))
+
+
+def test_every_program_has_a_section_with_an_example(page):
+    titles = re.findall(r"^### (.+)$", page, re.MULTILINE)
+    sections = re.split(r"^### .+$", page, flags=re.MULTILINE)[1:]
+
+    programs = {name for title in titles for name in title.split(", ")}
+    assert programs == program_names().keys() - {"dr"}
+    for title, section in zip(titles, sections, strict=True):
+        assert "```sh\ndr" in section, title
+
+
+def test_every_link_of_the_page_leads_to_a_section(page):
+    titles = re.findall(r"^### (.+)$", page, re.MULTILINE)
+    anchors = {title.replace(", ", "-") for title in titles}
+
+    assert set(re.findall(r"\]\(#([^)]+)\)", page)) <= anchors
+
+
+def test_the_page_and_the_help_know_the_same_exit_codes():
+    listed = re.findall(r"^ +(\d+)  ", EPILOG, re.MULTILINE)
+
+    assert [int(code) for code in listed] == list(EXIT_CODES)

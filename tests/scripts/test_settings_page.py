@@ -1,0 +1,33 @@
+"""docs/settings.md says what the code says."""
+
+from pathlib import Path
+
+from settings_page import document
+
+from drcli.config.former_names import FORMER
+from drcli.config.settings import catalogue
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_page_is_current_or_else_run_the_script():
+    assert (ROOT / "docs" / "settings.md").read_text("utf-8") == document()
+
+
+def test_every_setting_has_one_row():
+    rows = [line for line in document().splitlines() if line.startswith("| `DR_")]
+
+    assert sorted(row.split("`")[1] for row in rows) == sorted([*catalogue(), *FORMER])
+
+
+def test_a_row_holds_default_meaning_range_and_file():
+    assert (
+        "| `DR_WORKERS` | `1` | Simulation processes; analysis tools read at most 10. "
+        "| a whole number from 1 to 10 | system.env |" in document().splitlines()
+    )
+
+
+def test_a_setting_without_effect_says_why():
+    rows = [line for line in document().splitlines() if line.startswith("| `DR_DOCKER_STYLE`")]
+
+    assert rows == ["| `DR_DOCKER_STYLE` | How containers are started. | no containers are used |"]
