@@ -4,13 +4,8 @@ from drcli.base.errors import SettingsError, WorkerDied
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.working_folder import settings, working_folder
-from drcli.runs.stopping import (
-    Stopped,
-    StopReport,
-    is_running,
-    stop,
-    stop_the_only_training,
-)
+from drcli.runs import stopping
+from drcli.runs.stopping import Stopped, StopReport
 
 AFTERWARDS = [
     ("dr-start-training --resume", "continue training"),
@@ -34,19 +29,19 @@ def stop_training(as_json: AsJson = False) -> None:
         loaded = settings()
     except SettingsError:
         # Settings that broke after the start must not keep the training from being stopped.
-        stopped = stop_the_only_training(folder)
+        stopped = stopping.stop_the_only_training(folder)
         if stopped is None:
             raise
         said = f"Stopped the training of {stopped.model}; the settings are broken now."
         console.emit(StopReport([stopped]), said, as_json=as_json)
         return
-    if not is_running(loaded, folder):
+    if not stopping.is_running(loaded, folder):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
-        report = stop(loaded, directory=folder)
+        report = stopping.stop(loaded, directory=folder)
     model = f"s3://{report.bucket}/{report.prefix}"
-    if is_running(loaded, folder):
+    if stopping.is_running(loaded, folder):
         raise WorkerDied(
             f"The training of {model} (process {report.pid}) is still stopping.",
             remedy="Run `dr-stop-training` again to stop it at once.",
