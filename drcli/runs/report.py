@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import State
-from drcli.store.history import IterationRecord
 
 __all__ = [
     "CheckpointReport",

@@ -5,15 +5,17 @@ from pathlib import Path
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import Settings
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
+from drcli.exchange.scores import Score
+from drcli.exchange.worker_state import ActivityRecord
 from drcli.runs.report import CheckpointReport, RunReport, WorkerReport
 from drcli.runs.run_logs import log_file
-from drcli.store import health, keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
-from drcli.store.history import IterationRecord
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.history import collapse
 from drcli.store.open_running import open_running_bucket
 from drcli.store.repair import Model, readable_history, readable_scores
-from drcli.store.scores import Score
 
 
 def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
@@ -83,7 +85,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         history=history,
         best=best,
         last=last,
-        warning=health.collapse(history, best.name if best is not None else None) or "",
+        warning=collapse(history, best.name if best is not None else None) or "",
         damaged=damaged,
     )
 
@@ -95,11 +97,8 @@ def _report(score: Score) -> CheckpointReport:
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
     key = keys.status(prefix, name)
     try:
-        note = get_json(bucket, key)
+        return read_record(bucket, key, ActivityRecord.decode, "It is written again.").activity
     except ObjectMissing:
         return "starting"
     except ObjectDamaged as error:
         return str(error)
-    if not isinstance(note, dict) or not isinstance(note.get("activity"), str):
-        return f"{bucket.name}/{key} is damaged"
-    return str(note["activity"])

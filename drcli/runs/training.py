@@ -81,7 +81,7 @@ def supervise_job(job: "Job") -> int:
     from drcli.runs.supervisor import Supervisor
     from drcli.store import lease
     from drcli.store.connect import ensure_storage, open_bucket, restart_storage
-    from drcli.store.ownership import Ownership
+    from drcli.store.lease import Ownership
 
     job = replace(job, launcher_pid=os.getpid())
     settings = job.settings

@@ -5,18 +5,22 @@ counters. It counts from the moment the pointer names it, which is written after
 trainer alone writes here; everybody else reads.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from drcli.base.errors import StorageError
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import Misfit
-from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
-from drcli.store.checkpoint_record import Record, checked_record
-from drcli.store.keys import CheckpointName
-from drcli.store.scores import Score, Scores, read_scores, write_scores
+from drcli.exchange.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    decode_pointer,
+    encode_pointer,
+)
+from drcli.exchange.scores import Score
+from drcli.store import best_checkpoint, keys
+from drcli.store.best_checkpoint import read_scores, write_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 
 KEEP = 4
 """Newest checkpoints that pruning leaves, beside the best one. Source: the reference simulator."""
@@ -33,7 +37,7 @@ class Checkpoint:
         damaged: Newer checkpoints that were passed over, each with the reason.
     """
 
-    record: Record
+    record: CheckpointRecord
     tensors: bytes
     optimizer: bytes | None = None
     damaged: tuple[str, ...] = ()
@@ -54,8 +58,8 @@ class CheckpointStore:
         *,
         optimizer: bytes | None = None,
         sim_time_s: float = 0.0,
-        counters: Mapping[str, Any] | None = None,
-    ) -> Record:
+        counters: Counters | None = None,
+    ) -> CheckpointRecord:
         """Write a checkpoint, let the pointer name it, and drop what is too old.
 
         Args:
@@ -64,28 +68,28 @@ class CheckpointStore:
             tensors: Weights, a safetensors file.
             optimizer: State to continue with, a safetensors file.
             sim_time_s: Simulated seconds driven until now.
-            counters: Free for the trainer; must be JSON.
+            counters: What the trainer continues with.
 
         Returns:
             The record as written.
         """
         name = str(CheckpointName(number, steps))
-        record = Record(
+        record = CheckpointRecord(
             name,
             Fingerprint.of(tensors),
             None if optimizer is None else Fingerprint.of(optimizer),
             sim_time_s,
-            dict(counters or {}),
+            counters or Counters(),
         )
         self._bucket.put(keys.checkpoint_tensors(self._prefix, name), tensors)
         if optimizer is not None:
             self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
-        put_json(self._bucket, keys.checkpoint_record(self._prefix, name), asdict(record))
+        self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
         self.point_to(record)
         self._prune(record)
         return record
 
-    def attach_optimizer(self, record: Record, optimizer: bytes) -> Record:
+    def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
         """Add the optimizer state to a published checkpoint, and drop those of older ones.
 
         The weights are what everybody waits for, so they are published alone; the state, twice
@@ -94,7 +98,7 @@ class CheckpointStore:
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
-        put_json(self._bucket, keys.checkpoint_record(self._prefix, record.name), asdict(complete))
+        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
         self._bucket.delete(self._older_optimizers(CheckpointName(record.number, record.steps)))
         return complete
 
@@ -109,23 +113,22 @@ class CheckpointStore:
         before = max((name for name in others.values() if name < newest), default=None)
         return [key for key, name in others.items() if name != before]
 
-    def point_to(self, record: Record) -> None:
+    def point_to(self, record: CheckpointRecord) -> None:
         """Make this checkpoint the one that everybody drives and continues with.
 
         `save` does so itself. A trainer that had to fall back on an older checkpoint points to
         that one, so that the workers play it as well.
         """
-        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+        name = CheckpointName(record.number, record.steps)
+        self._bucket.put(keys.coach_checkpoint(self._prefix), encode_pointer(name))
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
             known = None  # the best is forgotten, which is no reason to end a training
-        metric = None if known is None else known.metric_of(record.name)
-        last = Score(record.name, metric, record.sim_time_s)
-        best = last if known is None else known.best_checkpoint
-        write_scores(self._bucket, self._prefix, Scores(best, last))
+        scores = best_checkpoint.with_newest(known, record.name, record.sim_time_s)
+        write_scores(self._bucket, self._prefix, scores)
 
-    def mend_pointer(self, name: CheckpointName) -> bool:
+    def repair_pointer(self, name: CheckpointName) -> bool:
         """Write the pointer again where it is gone, damaged, or names an older checkpoint.
 
         One that names a newer checkpoint is somebody else's, who went on from this one.
@@ -145,18 +148,12 @@ class CheckpointStore:
         Raises:
             ObjectDamaged: The pointer holds something else.
         """
+        key = keys.coach_checkpoint(self._prefix)
+        remedy = "Go on with `dr-start-training --resume`, which writes it again."
         try:
-            written = self._bucket.get(keys.coach_checkpoint(self._prefix))
-            name = written.decode(errors="replace").strip()
+            return str(read_record(self._bucket, key, decode_pointer, remedy))
         except ObjectMissing:
             return None
-        if CheckpointName.parse(name) is None:
-            raise ObjectDamaged(
-                f"{self._bucket.name}/{keys.coach_checkpoint(self._prefix)} is damaged: it does "
-                "not name a checkpoint.",
-                remedy="Go on with `dr-start-training --resume`, which writes it again.",
-            )
-        return name
 
     def pointed(self) -> CheckpointName | None:
         """The same for those who wait: None too while the pointer is damaged.
@@ -178,7 +175,7 @@ class CheckpointStore:
         """
         return [*self._names_of(newest.number - 1), str(newest)]
 
-    def record(self, name: str) -> Record:
+    def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint.
 
         Raises:
@@ -186,14 +183,15 @@ class CheckpointStore:
             ObjectDamaged: There is, but its record is unreadable.
         """
         key = keys.checkpoint_record(self._prefix, name)
-        fields = get_json(self._bucket, key)
-        try:
-            return checked_record(name, fields)
-        except Misfit as e:
-            raise ObjectDamaged(
-                f"{self._bucket.name}/{key} is damaged: {e}.",
-                remedy="Delete that checkpoint's files; an older one is used instead.",
-            ) from e
+
+        def decode(data: bytes) -> CheckpointRecord:
+            record = CheckpointRecord.decode(data)
+            if record.name != name:
+                raise Misfit(f"it describes {record.name}")
+            return record
+
+        remedy = "Delete that checkpoint's files; an older one is used instead."
+        return read_record(self._bucket, key, decode, remedy)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it.
@@ -259,7 +257,7 @@ class CheckpointStore:
             average: Mean of its evaluation episodes, in the unit the settings chose.
             lower_is_better: Whether that unit is a lap time.
             tie_break: What decides between equal means, the lower the better:
-                `drcli.store.scores.tie_break_of`.
+                `drcli.store.best_checkpoint.tie_break_of`.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -268,7 +266,7 @@ class CheckpointStore:
             return False
         if scores is None:
             return False
-        after = scores.with_evaluation(score, lower_is_better=lower_is_better)
+        after = best_checkpoint.with_evaluation(scores, score, lower_is_better=lower_is_better)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 
@@ -284,8 +282,7 @@ class CheckpointStore:
         try:
             self.load(known.best_checkpoint.name)
         except (ObjectMissing, ObjectDamaged) as error:
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
-            write_scores(self._bucket, self._prefix, Scores(last, last))
+            write_scores(self._bucket, self._prefix, best_checkpoint.without_best(known))
             return str(error)
         return None
 
@@ -293,11 +290,9 @@ class CheckpointStore:
         """Keep the best checkpoint, but not how good it was: the next evaluation beats it."""
         known = read_scores(self._bucket, self._prefix)
         if known is not None:
-            best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
-            write_scores(self._bucket, self._prefix, Scores(best, last))
+            write_scores(self._bucket, self._prefix, best_checkpoint.without_metrics(known))
 
-    def _optimizer(self, record: Record) -> bytes | None:
+    def _optimizer(self, record: CheckpointRecord) -> bytes | None:
         """The optimizer state where it is there and whole: weights alone can go on, too."""
         if record.optimizer is None:
             return None
@@ -345,7 +340,7 @@ class CheckpointStore:
             found = {name for name in found if name < pointed} | {pointed}
         return [str(name) for name in sorted(found, reverse=True)]
 
-    def _prune(self, newest: Record) -> None:
+    def _prune(self, newest: CheckpointRecord) -> None:
         """Delete all but the newest checkpoints and the best.
 
         A checkpoint that counts further than the newest was left by a trainer that died before

@@ -2,30 +2,38 @@
 
 A disk that fills up, a copy that breaks off or an editor leaves an object empty, cut short or full
 of something else. The damaged one is kept under `runs/<prefix>/damaged/`. Only who may write to the
-model may mend it: the trainer, or a command while nobody trains; others say what `damages` finds.
+model may repair it: the trainer, or a command while nobody trains; others say what `damages` finds.
 """
 
-import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import CheckpointName, encode_pointer
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.lease_record import Lease
+from drcli.exchange.scores import Scores
+from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
+from drcli.exchange.worker_state import ActivityRecord
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.store.best_checkpoint import (
+    evaluated_numbers,
+    read_evaluation,
+    read_scores,
+    write_scores,
+)
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.evaluations import evaluated_numbers, read_evaluation
-from drcli.store.history import IterationRecord, read_history
+from drcli.store.history import read_history, write_history
 from drcli.store.reconstruct import (
-    rebuilt_history,
-    rebuilt_metrics,
-    rebuilt_record,
-    rebuilt_scores,
+    reconstruct_history,
+    reconstruct_metrics,
+    reconstruct_record,
+    reconstruct_scores,
     whole_checkpoints,
 )
-from drcli.store.scores import Scores, read_scores, write_scores
-from drcli.store.training_metrics import read_records, write_records
 
 
 @dataclass(frozen=True)
@@ -64,8 +72,8 @@ def damages(model: Model) -> list[str]:
     return [reason for _, reason, _ in _damaged(model, missing=False)]
 
 
-def mend(model: Model, *, missing: bool = True) -> list[str]:
-    """Put what is damaged aside and rebuild it.
+def repair(model: Model, *, missing: bool = True) -> list[str]:
+    """Put what is damaged aside and reconstruct it.
 
     Args:
         model: Which.
@@ -74,12 +82,12 @@ def mend(model: Model, *, missing: bool = True) -> list[str]:
     Returns:
         What was damaged and what became of it, a sentence each.
     """
-    return _mended(model, _damaged(model, missing=missing))
+    return _repaired(model, _damaged(model, missing=missing))
 
 
-def mend_metrics(model: Model) -> list[str]:
+def repair_metrics(model: Model) -> list[str]:
     """The same for the metrics of the workers alone, each of which a worker writes itself."""
-    return _mended(model, _damaged_metrics(model))
+    return _repaired(model, _damaged_metrics(model))
 
 
 def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
@@ -88,7 +96,7 @@ def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
         return read_history(model.bucket, model.prefix), []
     except ObjectDamaged as error:
         data = model.bucket.get(keys.history(model.prefix))
-        return rebuilt_history(model.bucket, model.prefix, data), [str(error)]
+        return reconstruct_history(model.bucket, model.prefix, data), [str(error)]
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
@@ -96,7 +104,18 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        return rebuilt_scores(model.bucket, model.prefix, model.metric), [str(error)]
+        return reconstruct_scores(model.bucket, model.prefix, model.metric), [str(error)]
+
+
+def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
+    """The records of a worker's TrainingMetrics.json.
+
+    Raises:
+        ObjectMissing: There is no file.
+        ObjectDamaged: It is something else.
+    """
+    remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
+    return read_record(bucket, key, decode_metrics, remedy)
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
@@ -112,27 +131,29 @@ def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
     return kept
 
 
-def _mended(model: Model, damaged: Iterator["_Damage"]) -> list[str]:
+def _repaired(model: Model, damaged: Iterator["_Damage"]) -> list[str]:
     told = []
-    for key, reason, rebuild in damaged:  # the next one is looked for once this one is rebuilt
+    for key, reason, reconstruct in damaged:  # the next is looked for once this one is done
         kept = set_aside(model.bucket, model.prefix, key)
-        told.append(f"{reason} {rebuild()} The damaged one is kept as {model.bucket.name}/{kept}.")
+        told.append(
+            f"{reason} {reconstruct()} The damaged one is kept as {model.bucket.name}/{kept}."
+        )
     return told
 
 
 _Damage = tuple[str, str, Callable[[], str]]
-"""Key of an object, what is wrong with it, and what rebuilds it once it is put aside."""
+"""Key of an object, what is wrong with it, and what reconstructs it once it is put aside."""
 
 
 def _damaged(model: Model, *, missing: bool) -> Iterator[_Damage]:
-    """One after the other, in the order in which they are rebuilt from each other."""
+    """One after the other, in the order in which they are reconstructed from each other."""
     yield from _damaged_evaluations(model)
     yield from _damaged_history(model)
     yield from _damaged_records(model)
     yield from _damaged_pointer(model, missing)
     yield from _damaged_scores(model, missing)
     yield from _damaged_metrics(model)
-    yield from _damaged_notes(model)
+    yield from _damaged_states(model)
 
 
 def _damaged_evaluations(model: Model) -> Iterator[_Damage]:
@@ -153,13 +174,12 @@ def _damaged_history(model: Model) -> Iterator[_Damage]:
     except ObjectDamaged as error:
         before = bucket.get(key)
 
-        def rebuild() -> str:
-            records = rebuilt_history(bucket, prefix, before)
-            file = {"iterations": [asdict(record) for record in records]}
-            bucket.put(key, json.dumps(file).encode())
-            return f"It was rebuilt with {len(records)} iterations."
+        def reconstruct() -> str:
+            records = reconstruct_history(bucket, prefix, before)
+            write_history(bucket, prefix, records)
+            return f"It was reconstructed with {len(records)} iterations."
 
-        yield key, str(error), rebuild
+        yield key, str(error), reconstruct
 
 
 def _damaged_records(model: Model) -> Iterator[_Damage]:
@@ -173,14 +193,14 @@ def _damaged_records(model: Model) -> Iterator[_Damage]:
             continue
         except ObjectDamaged as error:
 
-            def rebuild(name: keys.CheckpointName = name, key: str = key) -> str:
-                record = rebuilt_record(bucket, prefix, name, _known_history(model))
+            def reconstruct(name: CheckpointName = name, key: str = key) -> str:
+                record = reconstruct_record(bucket, prefix, name, _known_history(model))
                 if record is None:
                     return "That checkpoint is skipped."
-                put_json(bucket, key, asdict(record))
-                return "It was rebuilt from the weights and the history."
+                bucket.put(key, record.encode())
+                return "It was reconstructed from the weights and the history."
 
-            yield key, str(error), rebuild
+            yield key, str(error), reconstruct
 
 
 def _damaged_pointer(model: Model, missing: bool) -> Iterator[_Damage]:
@@ -191,14 +211,14 @@ def _damaged_pointer(model: Model, missing: bool) -> Iterator[_Damage]:
             _refuse_missing(bucket, prefix, key, [name])
     except ObjectDamaged as error:
 
-        def rebuild() -> str:
+        def reconstruct() -> str:
             newest = max(whole_checkpoints(bucket, prefix), default=None)
             if newest is None:
                 return "There is no checkpoint that it could name."
-            bucket.put(key, str(newest).encode())
+            bucket.put(key, encode_pointer(newest))
             return f"It names {newest} again."
 
-        yield key, str(error), rebuild
+        yield key, str(error), reconstruct
 
 
 def _damaged_scores(model: Model, missing: bool) -> Iterator[_Damage]:
@@ -210,15 +230,15 @@ def _damaged_scores(model: Model, missing: bool) -> Iterator[_Damage]:
             _refuse_missing(bucket, prefix, key, named)
     except ObjectDamaged as error:
 
-        def rebuild() -> str:
-            scores = rebuilt_scores(bucket, prefix, model.metric)
+        def reconstruct() -> str:
+            scores = reconstruct_scores(bucket, prefix, model.metric)
             if scores is None:
                 return "It will be rewritten with the next checkpoint."
             write_scores(bucket, prefix, scores)
             best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
-            return f"It was rebuilt: the best is {best}, the last is {last}."
+            return f"It was reconstructed: the best is {best}, the last is {last}."
 
-        yield key, str(error), rebuild
+        yield key, str(error), reconstruct
 
 
 def _damaged_metrics(model: Model) -> Iterator[_Damage]:
@@ -226,34 +246,35 @@ def _damaged_metrics(model: Model) -> Iterator[_Damage]:
     for worker in model.workers:
         key = keys.training_metrics(model.metrics_prefix, worker)
         try:
-            read_records(bucket, key)
+            read_metrics(bucket, key)
         except ObjectMissing:
             continue
         except ObjectDamaged as error:
             before = bucket.get(key)
 
-            def rebuild(worker: int = worker, key: str = key, before: bytes = before) -> str:
-                records = rebuilt_metrics(bucket, model.prefix, worker, before)
-                write_records(bucket, key, records, model.metric)
-                return f"It was rebuilt with {len(records)} episodes."
+            def reconstruct(worker: int = worker, key: str = key, before: bytes = before) -> str:
+                records = reconstruct_metrics(bucket, model.prefix, worker, before)
+                bucket.put(key, encode_metrics(records, model.metric))
+                return f"It was reconstructed with {len(records)} episodes."
 
-            yield key, str(error), rebuild
+            yield key, str(error), reconstruct
 
 
-def _damaged_notes(model: Model) -> Iterator[_Damage]:
+def _damaged_states(model: Model) -> Iterator[_Damage]:
     """What is true only while a run goes on; the next one writes it again."""
     bucket, prefix = model.bucket, model.prefix
-    notes = [info.key for info in bucket.list(keys.status_folder(prefix))]
-    for key in [keys.lease(prefix), *notes]:
+    activities = [info.key for info in bucket.list(keys.status_folder(prefix))]
+    decoders: dict[str, Callable[[bytes], object]] = {
+        keys.lease(prefix): Lease.decode,
+        **dict.fromkeys(activities, ActivityRecord.decode),
+    }
+    for key, decode in decoders.items():
         try:
-            if isinstance(get_json(bucket, key), dict):
-                continue
-            reason = f"{bucket.name}/{key} is damaged: it is not an object with keys."
+            read_record(bucket, key, decode, "Delete it.")
         except ObjectMissing:
             continue
         except ObjectDamaged as error:
-            reason = str(error)
-        yield key, reason, lambda: "It will be rewritten when the training goes on."
+            yield key, str(error), lambda: "It will be rewritten when the training goes on."
 
 
 def _refuse_missing(bucket: Bucket, prefix: str, key: str, named: Sequence[str]) -> None:
@@ -263,7 +284,7 @@ def _refuse_missing(bucket: Bucket, prefix: str, key: str, named: Sequence[str])
     for name in named:
         if not there & {keys.checkpoint_part(prefix, name, part) for part in parts}:
             raise ObjectDamaged(
-                f"{bucket.name}/{key} names {name}, which is not there.",
+                f"{bucket.name}/{key} names {name}, which does not exist.",
                 remedy="Go on with `dr-start-training --resume`, which writes it again.",
             )
 

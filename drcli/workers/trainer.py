@@ -3,7 +3,6 @@
 Run by the supervisor as `python -m drcli.workers.trainer`.
 """
 
-import json
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -12,23 +11,26 @@ import torch
 from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
+from drcli.exchange.checkpoint import CheckpointName, Counters
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, LastWords
+from drcli.exchange.worker_state import TrainingEnd
 from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.precision import choose_compute, flush_denormals
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store import health, keys
+from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.repair import Model, mend
-from drcli.store.rollout_collection import RolloutReader
+from drcli.store.history import History, collapse
+from drcli.store.repair import Model, repair
+from drcli.store.rollout_reader import RolloutReader
 from drcli.workers import reference_log, worker_process
 from drcli.workers.batch import Collected, Collector
-from drcli.workers.best_checkpoint import Scoring
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
 from drcli.workers.learner import build_learner
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
+from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import DOUBT_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
@@ -51,7 +53,7 @@ class Trainer:
         model = Model(
             self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
         )
-        for sentence in mend(model):
+        for sentence in repair(model):
             print(f"Model> {sentence}")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
@@ -70,12 +72,12 @@ class Trainer:
         print("Using the following hyper-parameters")
         print(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
-        counters = {} if self._found is None else self._found.record.counters
+        counters = Counters() if self._found is None else self._found.record.counters
         compute = choose_compute(
             s.torch_precision,
             parameters.batch_size,
             learning_threads(s),
-            before=counters.get("number_format"),
+            before=counters.number_format,
         )
         print(f"Compute> {compute.reason}")
         self._number_format = compute.number_format
@@ -145,9 +147,9 @@ class Trainer:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
         self._number, self._steps = record.number, record.steps
-        self._episodes = int(record.counters.get("episodes", 0))
-        self._elapsed_before_s = float(record.counters.get("elapsed_s", 0.0))
-        self._history.restore(self._number, record.counters.get("learned"))
+        self._episodes = record.counters.episodes
+        self._elapsed_before_s = record.counters.elapsed_s
+        self._history.restore(self._number, record.counters.learned)
         self._scoring.restore(self._history.records)
         self._checkpoints.point_to(record)
         lost = self._checkpoints.forget_damaged_best()
@@ -200,11 +202,11 @@ class Trainer:
         if time.monotonic() < self._doubted + DOUBT_S:
             return
         self._doubted = time.monotonic()
-        if self._checkpoints.mend_pointer(self._newest()):
+        if self._checkpoints.repair_pointer(self._newest()):
             print(f"Checkpoint> The pointer to {self._newest()} was lost; it is written again.")
 
-    def _newest(self) -> keys.CheckpointName:
-        return keys.CheckpointName(self._number, self._steps)
+    def _newest(self) -> CheckpointName:
+        return CheckpointName(self._number, self._steps)
 
     # Learning.
 
@@ -268,7 +270,7 @@ class Trainer:
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
         """What to say when the loss is no number any more."""
-        best = keys.CheckpointName.parse(self._checkpoints.best_name() or "")
+        best = CheckpointName.parse(self._checkpoints.best_name() or "")
         back = "" if best is None else f" Or start a new model from checkpoint {best.number}, the "
         back += "" if best is None else "best, with DR_LOCAL_S3_PRETRAINED=True."
         return TrainingFailed(
@@ -280,7 +282,7 @@ class Trainer:
 
     def _watch_health(self) -> None:
         """Say once when the policy has become far worse than it was."""
-        fallen = health.collapse(self._history.records, self._checkpoints.best_name())
+        fallen = collapse(self._history.records, self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
             print(f"Training> Warning: {fallen}.")
         self._collapsed = fallen is not None
@@ -307,14 +309,14 @@ class Trainer:
             self._number,
             self._steps,
             save_tensors(state),
-            counters={
-                "episodes": self._episodes,
-                "elapsed_s": self._elapsed_s(),
-                "number_format": self._number_format,
-                "learned": None if learned is None else fields_of(learned),
-                "seed": self._job.seed,
-                "inputs": self._inputs,
-            },
+            counters=Counters(
+                episodes=self._episodes,
+                elapsed_s=self._elapsed_s(),
+                number_format=self._number_format,
+                learned=learned,
+                seed=self._job.seed,
+                inputs=self._inputs,
+            ),
         )
         print(f"Checkpoint> Saving in path=['{record.name}']")
         tensors = self._learner.optimizer_tensors()
@@ -339,8 +341,8 @@ class Trainer:
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers, wherever they run, to drive no further iteration."""
-        mark = {"session": self._job.session, "reason": reason}
-        self._bucket.put(keys.finished(self._prefix), json.dumps(mark).encode())
+        end = TrainingEnd(self._job.session, reason)
+        self._bucket.put(keys.finished(self._prefix), end.encode())
 
     def _finish(self, reason: str) -> None:
         """Leave everything complete, and the reason for the supervisor."""

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.config.value_types import BESIDE_MODELS
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
-from drcli.store.keys import CheckpointName
 
 PREFIX = "team/x/model-1"
 
