@@ -1,17 +1,18 @@
 """One iteration of a training as a record, and `history.json`, which lists all of them."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
 from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, parsed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IterationRecord(JsonRecord):
     """One iteration: what was driven with a checkpoint and what was learned from it.
 
-    Numbers that only the learner knew are NaN in a history that was reconstructed.
+    Numbers that nobody knows any more are NaN in a history that was reconstructed.
 
     Attributes:
         iteration: Number of the checkpoint that drove, from 0.
@@ -46,15 +47,15 @@ class IterationRecord(JsonRecord):
     mean_progress: float
     full_laps: int
     best_lap_s: float | None
-    entropy: MaybeNan
-    surrogate_loss: MaybeNan
-    value_loss: MaybeNan
-    kl: MaybeNan
-    steps_per_s: MaybeNan
-    real_time_factor: MaybeNan
-    drive_s: MaybeNan
-    learn_s: MaybeNan
-    exchange_s: MaybeNan
+    entropy: MaybeNan = math.nan
+    surrogate_loss: MaybeNan = math.nan
+    value_loss: MaybeNan = math.nan
+    kl: MaybeNan = math.nan
+    steps_per_s: MaybeNan = math.nan
+    real_time_factor: MaybeNan = math.nan
+    drive_s: MaybeNan = math.nan
+    learn_s: MaybeNan = math.nan
+    exchange_s: MaybeNan = math.nan
     elapsed_s: float
     evaluation_progress: list[float] = field(default_factory=list)
     evaluation_lap_s: list[float] = field(default_factory=list)

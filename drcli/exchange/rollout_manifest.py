@@ -67,7 +67,7 @@ class Manifest(JsonRecord):
     worker: int
     checkpoint: str
     session: str
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...] = ()
     notes: Driving = field(default_factory=Driving)
 
     def __post_init__(self) -> None:

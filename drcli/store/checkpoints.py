@@ -14,6 +14,7 @@ from drcli.exchange.checkpoint import (
     CheckpointName,
     CheckpointRecord,
     Counters,
+    checkpoint_name,
     decode_pointer,
     encode_pointer,
 )
@@ -99,19 +100,15 @@ class CheckpointStore:
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
-        self._bucket.delete(self._older_optimizers(CheckpointName(record.number, record.steps)))
+        self._bucket.delete(self._older_optimizers(checkpoint_name(record.name)))
         return complete
 
     def _older_optimizers(self, newest: CheckpointName) -> list[str]:
         """Keys of all optimizer states but the newest checkpoint's and that of the one before."""
-        others = {
-            info.key: name
-            for info in self._bucket.list(keys.model_folder(self._prefix))
-            if keys.is_optimizer(info.key)
-            and (name := keys.checkpoint_of(self._prefix, info.key)) not in (None, newest)
-        }
-        before = max((name for name in others.values() if name < newest), default=None)
-        return [key for key, name in others.items() if name != before]
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
+        before = max((name for name in states.values() if name < newest), default=None)
+        return [key for key, name in states.items() if name not in (before, newest)]
 
     def point_to(self, record: CheckpointRecord) -> None:
         """Make this checkpoint the one that everybody drives and continues with.
@@ -119,8 +116,8 @@ class CheckpointStore:
         `save` does so itself. A trainer that had to fall back on an older checkpoint points to
         that one, so that the workers play it as well.
         """
-        name = CheckpointName(record.number, record.steps)
-        self._bucket.put(keys.coach_checkpoint(self._prefix), encode_pointer(name))
+        pointer = encode_pointer(checkpoint_name(record.name))
+        self._bucket.put(keys.coach_checkpoint(self._prefix), pointer)
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
@@ -173,7 +170,9 @@ class CheckpointStore:
         Returns:
             The newest last, before it the one with the number before, where there is one.
         """
-        return [*self._names_of(newest.number - 1), str(newest)]
+        names = set(checkpoint_objects(self._bucket, self._prefix).values())
+        before = [str(name) for name in names if name.number == newest.number - 1]
+        return [*before, str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint.
@@ -314,27 +313,14 @@ class CheckpointStore:
             )
         return data
 
-    def _names_of(self, number: int) -> list[str]:
-        """Names of the checkpoints with this number, none where they are gone."""
-        if number < 0:
-            return []
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        names = {keys.checkpoint_of(self._prefix, info.key) for info in listed}
-        return [str(name) for name in names if name is not None and name.number == number]
-
     def _newest_first(self) -> list[str]:
         """Where to look for a whole checkpoint.
 
         What is newer than the pointer was never published and is left alone; so is one without a
         record, which a trainer had only begun to write.
         """
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        found = {
-            name
-            for info in listed
-            if info.key.endswith(".ckpt.json")
-            and (name := keys.checkpoint_of(self._prefix, info.key))
-        }
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
         pointed = self.pointed()
         if pointed is not None:
             found = {name for name in found if name < pointed} | {pointed}
@@ -346,11 +332,7 @@ class CheckpointStore:
         A checkpoint that counts further than the newest was left by a trainer that died before
         it published it, or was passed over as damaged; its place is taken again.
         """
-        objects = {
-            info.key: name
-            for info in self._bucket.list(keys.model_folder(self._prefix))
-            if (name := keys.checkpoint_of(self._prefix, info.key)) is not None
-        }
+        objects = checkpoint_objects(self._bucket, self._prefix)
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
@@ -362,3 +344,11 @@ class CheckpointStore:
             if name.number not in numbers
         ]
         self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
+
+
+def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
+    """Keys of everything that belongs to a checkpoint of a model, and to which."""
+    found = {
+        o.key: keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix))
+    }
+    return {key: name for key, name in found.items() if name is not None}

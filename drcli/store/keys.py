@@ -108,15 +108,6 @@ def opponent_metrics(metrics: str, stamp: str) -> str:
     return f"{folder(metrics)}EvaluationMetrics-{_checked_stamp(stamp)}.json"
 
 
-def evaluation_stamp_of(prefix: str, key: str) -> str | None:
-    """The fourteen digits in the key of an evaluation trace of this model, None for other keys."""
-    found = re.fullmatch(
-        re.escape(folder(prefix)) + r"evaluation-(\d{14})/evaluation-simtrace/\d+-iteration\.csv",
-        key,
-    )
-    return found[1] if found else None
-
-
 def video(prefix: str, camera: str, index: int = 0) -> str:
     """A film of one camera: `camera-pip`, `camera-45degree` or `camera-topview`."""
     return f"{folder(prefix)}mp4/{camera}/{index}-video.mp4"

@@ -5,6 +5,7 @@ from collections.abc import Collection
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import checkpoint_objects
 
 
 def is_used(bucket: Bucket, prefix: str) -> bool:
@@ -14,8 +15,7 @@ def is_used(bucket: Bucket, prefix: str) -> bool:
 
 def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
     """The checkpoint that counts furthest, whole or not; None where there is none."""
-    names = (keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix)))
-    return max((name for name in names if name is not None), default=None)
+    return max(checkpoint_objects(bucket, prefix).values(), default=None)
 
 
 def contains(outer: str, inner: str) -> bool:

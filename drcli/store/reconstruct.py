@@ -26,7 +26,7 @@ from drcli.store.best_checkpoint import (
     with_evaluation,
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
@@ -58,19 +58,12 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
 
 def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
     """Checkpoints that have weights and a record, right or not, oldest first."""
-    names: dict[CheckpointName, set[str]] = {}
-    for info in bucket.list(keys.model_folder(prefix)):
-        name = keys.checkpoint_of(prefix, info.key)
-        if name is not None:
-            names.setdefault(name, set()).add(info.key)
+    objects = checkpoint_objects(bucket, prefix)
     return sorted(
         name
-        for name, there in names.items()
-        if {
-            keys.checkpoint_record(prefix, str(name)),
-            keys.checkpoint_tensors(prefix, str(name)),
-        }
-        <= there
+        for name in set(objects.values())
+        if keys.checkpoint_record(prefix, str(name)) in objects
+        and keys.checkpoint_tensors(prefix, str(name)) in objects
     )
 
 
@@ -252,7 +245,6 @@ def _traced_record(
 ) -> IterationRecord:
     laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
     steps = sum(e.steps for e in episodes)
-    unknown = math.nan
     return IterationRecord(
         iteration=name.number,
         checkpoint=str(name),
@@ -263,15 +255,7 @@ def _traced_record(
         mean_progress=sum(e.progress for e in episodes) / len(episodes),
         full_laps=len(laps),
         best_lap_s=min(laps, default=None),
-        entropy=unknown,
-        surrogate_loss=unknown,
-        value_loss=unknown,
-        kl=unknown,
-        steps_per_s=unknown,
-        real_time_factor=unknown,
         drive_s=drive_s,
-        learn_s=unknown,
-        exchange_s=unknown,
         elapsed_s=elapsed_s,
     )
 

@@ -6,6 +6,7 @@ worker never overwrites what somebody may be reading.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from threading import BoundedSemaphore
 
 from drcli.base.fingerprint import Fingerprint
@@ -22,24 +23,17 @@ class RolloutWriter:
     """Sends the episodes of one worker and one iteration while it goes on driving.
 
     Leave it with `finish` or `abandon`.
+
+    Args:
+        bucket: Where they go.
+        prefix: Of the model.
+        manifest: Who drives what; its parts are still to come.
     """
 
-    def __init__(
-        self,
-        bucket: Bucket,
-        prefix: str,
-        *,
-        iteration: int,
-        worker: int,
-        checkpoint: str,
-        session: str,
-    ) -> None:
+    def __init__(self, bucket: Bucket, prefix: str, manifest: Manifest) -> None:
         self._bucket = bucket
         self._prefix = prefix
-        self._iteration = iteration
-        self._worker = worker
-        self._checkpoint = checkpoint
-        self._session = session
+        self._manifest = manifest
         self._uploads: list[Future[Part]] = []
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="rollout-upload")
         self._room = BoundedSemaphore(_UNSENT_PARTS)
@@ -61,15 +55,9 @@ class RolloutWriter:
             StorageError: Something could not be sent; nothing counts then.
         """
         self._sender.shutdown(wait=True)
-        manifest = Manifest(
-            self._iteration,
-            self._worker,
-            self._checkpoint,
-            self._session,
-            tuple(upload.result() for upload in self._uploads),
-            notes,
-        )
-        key = keys.rollout_manifest(self._prefix, self._iteration, self._worker)
+        parts = tuple(upload.result() for upload in self._uploads)
+        manifest = replace(self._manifest, parts=parts, notes=notes)
+        key = keys.rollout_manifest(self._prefix, manifest.iteration, manifest.worker)
         self._bucket.put(key, manifest.encode())
         return manifest
 
@@ -80,9 +68,8 @@ class RolloutWriter:
     def _send(self, number: int, episodes: Episodes) -> Part:
         try:
             data = encode_episodes(episodes)
-            key = keys.rollout_part(
-                self._prefix, self._iteration, self._worker, self._session, number
-            )
+            m = self._manifest
+            key = keys.rollout_part(self._prefix, m.iteration, m.worker, m.session, number)
             self._bucket.put(key, data)
             return Part(key, Fingerprint.of(data), episodes.count, episodes.steps)
         finally:

@@ -15,7 +15,7 @@ from drcli.base import signal_guard
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.job import Job
-from drcli.exchange.rollout_manifest import Driving, session_of_worker
+from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.acting import SideBySide
 from drcli.learn.precision import flush_denormals
@@ -180,14 +180,9 @@ class SimWorker:
         evaluation: list[Driven] = []
         self._driven_steps = 0
         self._drives += 1  # one that is driven again must not write over what may be being read
-        writer = RolloutWriter(
-            self._bucket,
-            self._prefix,
-            iteration=iteration,
-            worker=self._share.worker,
-            checkpoint=str(name),
-            session=session_of_worker(self._job.session, os.getpid(), self._drives),
-        )
+        session = session_of_worker(self._job.session, os.getpid(), self._drives)
+        manifest = Manifest(iteration, self._share.worker, str(name), session)
+        writer = RolloutWriter(self._bucket, self._prefix, manifest)
         shard: list[Driven] = []
         evaluated = self._evaluates(name)
         trials = self._trials if evaluated else 0

@@ -8,7 +8,7 @@ import pytest
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.rollout_manifest import Driving, session_of_worker
+from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.runs.lease_renewal import LOOK_S, RENEW_S, Renewal
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
@@ -246,14 +246,8 @@ class Training:
         while True:
             drive += 1
             name = store.latest_name()
-            writer = RolloutWriter(
-                self.bucket,
-                PREFIX,
-                iteration=number,
-                worker=0,
-                checkpoint=name,
-                session=session_of_worker(self.session, 1, drive),
-            )
+            session = session_of_worker(self.session, 1, drive)
+            writer = RolloutWriter(self.bucket, PREFIX, Manifest(number, 0, name, session))
             writer.finish(Driving())
             yield
             self.bucket.put(keys.training_trace(PREFIX, number), f"{self.number}".encode())

@@ -65,13 +65,6 @@ def test_an_evaluation_is_named_by_fourteen_digits_only(stamp):
         keys.evaluation_trace("m", stamp)
 
 
-def test_the_stamp_of_an_evaluation_is_read_from_its_trace():
-    key = keys.evaluation_trace(PREFIX, "20260102030405", 3)
-
-    assert keys.evaluation_stamp_of(PREFIX, key) == "20260102030405"
-    assert keys.evaluation_stamp_of("model-1", key) is None
-
-
 def test_a_folder_ends_with_one_slash_so_that_its_neighbour_is_no_part_of_it():
     assert keys.folder("model-1") == keys.folder("model-1/") == "model-1/"
     assert not "model-10/x".startswith(keys.folder("model-1"))

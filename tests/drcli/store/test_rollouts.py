@@ -43,9 +43,7 @@ def played(steps: int, number: int = 0) -> Episodes:
 
 
 def writer(bucket, worker=0, *, session="s1", checkpoint=CHECKPOINT, iteration=3) -> RolloutWriter:
-    return RolloutWriter(
-        bucket, PREFIX, iteration=iteration, worker=worker, checkpoint=checkpoint, session=session
-    )
+    return RolloutWriter(bucket, PREFIX, Manifest(iteration, worker, checkpoint, session))
 
 
 def hand_in(bucket, worker=0, **kind) -> Manifest:
@@ -261,9 +259,7 @@ def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):
     hand_in(memory, iteration=2)
     hand_in(memory, iteration=3)
     hand_in(memory, iteration=10)
-    neighbour = RolloutWriter(
-        memory, f"{PREFIX}/3", iteration=0, worker=0, checkpoint=CHECKPOINT, session="s"
-    )
+    neighbour = RolloutWriter(memory, f"{PREFIX}/3", Manifest(0, 0, CHECKPOINT, "s"))
     neighbour.add(played(5))
     neighbour.finish(Driving())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drcli.exchange.rollout import Episodes
-from drcli.exchange.rollout_manifest import Driving
+from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys
 from drcli.store.memory_bucket import MemoryBucket
@@ -46,14 +46,8 @@ def reader(bucket, clock):
 
 
 def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0) -> None:
-    writer = RolloutWriter(
-        bucket,
-        PREFIX,
-        iteration=iteration,
-        worker=worker,
-        checkpoint=f"{iteration}_Step-9.ckpt",
-        session="s",
-    )
+    manifest = Manifest(iteration, worker, f"{iteration}_Step-9.ckpt", "s")
+    writer = RolloutWriter(bucket, PREFIX, manifest)
     steps, episodes = sum(lengths), len(lengths)
     writer.add(
         Episodes(
