@@ -90,6 +90,14 @@ class CheckpointRecord(JsonRecord):
     def __post_init__(self) -> None:
         checkpoint_name(self.name)
 
+    @classmethod
+    def decode_of(cls, name: str, data: bytes) -> "CheckpointRecord":
+        """The record of the checkpoint of some name; raises Misfit where it is of another."""
+        record = cls.decode(data)
+        if record.name != name:
+            raise Misfit(f"it describes {record.name}")
+        return record
+
     @property
     def number(self) -> int:
         """The checkpoint's number."""

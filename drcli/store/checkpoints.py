@@ -6,10 +6,10 @@ trainer alone writes here; everybody else reads.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from drcli.base.errors import StorageError
 from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import Misfit
 from drcli.exchange.checkpoint import (
     CheckpointName,
     CheckpointRecord,
@@ -182,15 +182,8 @@ class CheckpointStore:
             ObjectDamaged: There is, but its record is unreadable.
         """
         key = keys.checkpoint_record(self._prefix, name)
-
-        def decode(data: bytes) -> CheckpointRecord:
-            record = CheckpointRecord.decode(data)
-            if record.name != name:
-                raise Misfit(f"it describes {record.name}")
-            return record
-
         remedy = "Delete that checkpoint's files; an older one is used instead."
-        return read_record(self._bucket, key, decode, remedy)
+        return read_record(self._bucket, key, partial(CheckpointRecord.decode_of, name), remedy)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it.
