@@ -1,7 +1,8 @@
-"""Reads JSON that this program wrote and that a disk, a copy or an editor may have damaged since.
+"""Frozen dataclasses as JSON and back, every value checked: a disk or an editor may damage a file.
 
-Frozen dataclasses become JSON by `dataclasses.asdict`; here they come back, every value checked, so
-that whoever uses one need not ask whether its number is a number.
+This is not pydantic, because `dr-status` and the Tab key read such records. Loading pydantic and
+building its validators for five of these classes takes 0.09 s of processor time, this module 0.02 s
+(base of both: 0.11 s). It also refuses process numbers and times that nothing could use.
 """
 
 import dataclasses
@@ -9,9 +10,21 @@ import json
 import math
 import re
 import types
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NoReturn,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 _LARGEST_INT = 2**53
 """Beyond it, programs that read JSON numbers as floats disagree."""
@@ -19,6 +32,9 @@ _LARGEST_INT = 2**53
 _LARGEST_PID = 2**31 - 1
 _LATEST_S = 1e11
 """Longest time, and latest moment in Unix seconds, that dates can be made of: the year 5138."""
+
+MaybeNan = Annotated[float, "may be NaN"]
+"""A number that may be unknown: NaN, or null where a file is strict JSON."""
 
 _PID = re.compile(r"(^|_)pid")
 _SECONDS = re.compile(r"(_s|_at|_started|^renewed|^since|time_stamp)$")
@@ -28,6 +44,40 @@ T = TypeVar("T")
 
 class Misfit(ValueError):
     """The JSON is not what was written; the sentence says where."""
+
+
+class JsonRecord:
+    """A frozen dataclass that one process writes as a JSON object and another one reads."""
+
+    VERSION: ClassVar[int] = 1
+    """Of the format. Files without the key `format` have version 1."""
+
+    def encode(self) -> bytes:
+        """The record as JSON."""
+        return json.dumps(self.to_json(), allow_nan=False).encode()
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """Read a record.
+
+        Raises:
+            Misfit: The bytes are something else, or a newer version wrote them.
+        """
+        return cls.from_json(parsed(data))
+
+    def to_json(self) -> dict[str, Any]:
+        """The record as a JSON object."""
+        dataclass: Any = self
+        version = {} if self.VERSION == 1 else {"format": self.VERSION}
+        return {**dataclasses.asdict(dataclass), **version}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Self:
+        """Make a record of a JSON object; raises Misfit like `decode`."""
+        version = value.get("format", 1) if isinstance(value, dict) else 1
+        if version != cls.VERSION:
+            raise Misfit(f"its format is {json.dumps(version)[:20]}, not {cls.VERSION}")
+        return built(cls, value)
 
 
 def parsed(data: bytes, *, with_nan: bool = False) -> Any:
@@ -55,15 +105,10 @@ def parsed(data: bytes, *, with_nan: bool = False) -> Any:
         raise Misfit(f"it is not JSON ({e})") from e
 
 
-def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
+def built(kind: type[T], value: Any) -> T:
     """Make a dataclass from a JSON object.
 
     Keys that the class does not have are passed over: a newer version may have written them.
-
-    Args:
-        kind: The dataclass.
-        value: What was read.
-        nan: Fields that may be NaN.
 
     Raises:
         Misfit: A key is missing or has a value that the field cannot have.
@@ -75,7 +120,7 @@ def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
     hints = _hints(dataclass)
     for item in dataclasses.fields(dataclass):
         if item.name in value:
-            found[item.name] = _fitted(item.name, hints[item.name], value[item.name], nan)
+            found[item.name] = _fitted(item.name, hints[item.name], value[item.name])
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
             raise Misfit(f"'{item.name}' is missing")
     return kind(**found)
@@ -83,44 +128,45 @@ def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
 
 @cache
 def _hints(kind: Any) -> Mapping[str, Any]:
-    return get_type_hints(kind)
+    return get_type_hints(kind, include_extras=True)
 
 
-def _fitted(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
+def _fitted(name: str, hint: Any, value: Any) -> Any:
     """A value as a field of this type has it."""
     origin, inner = get_origin(hint), get_args(hint)
     if hint is Any:
         return value
+    if hint is MaybeNan:
+        unknown = value is None or (isinstance(value, float) and not math.isfinite(value))
+        return math.nan if unknown else _plain(name, float, value)
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:
             return None
         [only] = [each for each in inner if each is not type(None)]
-        return _fitted(name, only, value, nan)
+        return _fitted(name, only, value)
     if origin is Literal:
         return value if value in inner else _refuse(name, value)
     if origin in (list, tuple):
         if not isinstance(value, list):
             _refuse(name, value)
-        items = [_fitted(name, inner[0], item, nan) for item in value]
+        items = [_fitted(name, inner[0], item) for item in value]
         return items if origin is list else tuple(items)
     if hint is dict or (origin is not None and issubclass(origin, Mapping)):
         if not isinstance(value, dict):
             _refuse(name, value)
         of = inner[1] if inner else Any
-        return {key: _fitted(f"{name}.{key}", of, item, nan) for key, item in value.items()}
+        return {key: _fitted(f"{name}.{key}", of, item) for key, item in value.items()}
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         try:
-            return built(hint, value, nan=nan)
+            return built(hint, value)
         except Misfit as e:
             raise Misfit(f"in '{name}': {e}") from e
-    return _plain(name, hint, value, nan)
+    return _plain(name, hint, value)
 
 
-def _plain(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
+def _plain(name: str, hint: Any, value: Any) -> Any:
     """A text, a number or a truth value."""
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if isinstance(value, float) and math.isnan(value) and name in nan:
-            return value
         limit = _LATEST_S if _SECONDS.search(name) else math.inf
         try:
             number = float(value)

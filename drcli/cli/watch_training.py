@@ -14,8 +14,8 @@ from drcli.cli.views import iterations, training_view
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+    from drcli.exchange.iteration import IterationRecord
     from drcli.runs.status import RunReport
-    from drcli.store.history import IterationRecord
 
 POLL_S = 1.0
 """How often a run is looked at; a look takes processor time that the training lacks."""

@@ -1,14 +1,14 @@
-"""One driven episode as rows: the simtrace CSV, the SIM_TRACE_LOG line, the metrics record.
+"""Driven episodes as rows: the simtrace CSV, written and read, and the SIM_TRACE_LOG line.
 
-All three formats are contracts with the community's analysis tools: names, order, decimals and
-spelling are theirs.
+Both formats belong to the community's analysis tools: names, order, decimals and spelling are
+theirs.
 """
 
-from collections.abc import Iterable
+import csv
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
-
-from drcli.store.traces import STATUS_LABELS
+from typing import Literal
 
 CSV_HEADER = (
     "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
@@ -16,6 +16,20 @@ CSV_HEADER = (
     "wall_clock"
 )
 """First line of a simtrace. Source: the reference simulator, version 6."""
+
+STATUS_LABELS = {
+    "lap_complete": "Lap complete",
+    "off_track": "Off track",
+    "crashed": "Crashed",
+    "immobilized": "Immobilized",
+    "reversed": "Reversed",
+    "in_progress": "In progress",
+    "pause": "Pause",
+    "prepare": "Prepare",
+    "park": "Park",
+    "time_up": "Time Up",
+}
+"""How metrics files spell the status words of traces."""
 
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds."""
@@ -196,24 +210,79 @@ def _progress(row: Row) -> str:
     return "0.0001" if row.done and float(text) == 0.0 else text
 
 
-def training_record(episode: Episode, training_number: int, trial: int) -> dict[str, Any]:
-    """One entry of TrainingMetrics.json.
+@dataclass(frozen=True)
+class TracedEpisode:
+    """One episode as its trace has it.
 
-    Args:
-        episode: A training episode, or an evaluation episode during training.
-        training_number: Number of the (last) training episode, from 1.
-        trial: Number of the (last) training episode within the iteration, from 1.
+    Attributes:
+        number: Counted from 0.
+        steps: In which the policy drove.
+        reward: Sum of its rewards.
+        progress: Percent of the lap at its end.
+        status: How it ended, in the words of the trace.
+        clock_s: Simulation clock at its start.
+        duration_s: Simulated seconds it lasted.
+        wall_s: Unix seconds of its first and last row.
+        phase: Only training is traced by iteration.
     """
-    start_ms = round(episode.clock_s * 1000)
-    end_ms = round((episode.clock_s + episode.duration_s) * 1000)
-    return {
-        "reward_score": round(episode.reward),
-        "metric_time": end_ms,
-        "start_time": start_ms,
-        "elapsed_time_in_milliseconds": end_ms - start_ms,
-        "episode": training_number,
-        "trial": trial,
-        "phase": episode.phase,
-        "completion_percentage": min(100, max(0, int(episode.progress))),
-        "episode_status": STATUS_LABELS[episode.status],
-    }
+
+    number: int
+    steps: int
+    reward: float
+    progress: float
+    status: str
+    clock_s: float
+    duration_s: float
+    wall_s: tuple[float, float]
+    phase: Phase = "training"
+
+
+def read_csv(data: bytes) -> list[TracedEpisode]:
+    """The episodes of a simtrace file, in its order; rows that cannot be read are left out."""
+    lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
+    rows: dict[int, list[_CsvRow]] = {}
+    for row in _csv_rows(lines):
+        rows.setdefault(row.episode, []).append(row)
+    return [_traced(number, of) for number, of in rows.items() if len(of) > 1]
+
+
+@dataclass(frozen=True)
+class _CsvRow:
+    episode: int
+    reward: float
+    progress: float
+    status: str
+    time_s: float
+    wall_s: float
+
+
+def _csv_rows(lines: list[str]) -> Iterator[_CsvRow]:
+    for fields in csv.DictReader(lines):
+        try:
+            row = _CsvRow(
+                episode=int(fields["episode"]),
+                reward=float(fields["reward"]),
+                progress=float(fields["progress"]),
+                status=fields["episode_status"],
+                time_s=float(fields["tstamp"]),
+                wall_s=float(fields["wall_clock"]),
+            )
+        except (KeyError, TypeError, ValueError):
+            continue
+        numbers = (row.reward, row.progress, row.time_s, row.wall_s)
+        if all(map(math.isfinite, numbers)) and row.status in STATUS_LABELS:
+            yield row
+
+
+def _traced(number: int, rows: list[_CsvRow]) -> TracedEpisode:
+    first, last = rows[0], rows[-1]
+    return TracedEpisode(
+        number=number,
+        steps=len(rows) - 1,
+        reward=sum(row.reward for row in rows),
+        progress=last.progress,
+        status=last.status,
+        clock_s=first.time_s,
+        duration_s=last.time_s - first.time_s,
+        wall_s=(first.wall_s, last.wall_s),
+    )

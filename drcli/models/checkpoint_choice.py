@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.keys import CheckpointName
 from drcli.store.repair import Model, readable_scores
-from drcli.store.scores import Score, Scores
 
 Choice = Literal["last", "best"] | int
 """The newest checkpoint, the one that was evaluated best, or the one with this number."""

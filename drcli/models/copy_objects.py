@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.json_record import Misfit, parsed
+from drcli.base.json_record import Misfit
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.scores import Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import Item, missing_parts
 from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, PARAMETERS_FILE
@@ -21,9 +23,7 @@ from drcli.store.bucket import (
     Watch,
 )
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.keys import CheckpointName
-from drcli.store.reconstruct import good_records, rebuilt_scores
-from drcli.store.scores import scores_file, scores_of
+from drcli.store.reconstruct import readable_records, reconstruct_scores
 
 TRANSIENT = (
     "model/.ready",
@@ -87,9 +87,9 @@ def list_model(source: Source) -> Listing:
 
 def _is_saved(source: Source, name: str) -> bool:
     """Whether a file that is empty comes back from a checkpoint."""
-    records = good_records(source.bucket, source.prefix)
+    records = readable_records(source.bucket, source.prefix)
     file = name.rpartition("/")[2]
-    return any(file in record.counters.get("inputs", {}) for record in records)
+    return any(file in record.counters.inputs for record in records)
 
 
 def list_whole(source: Source) -> Listing:
@@ -230,12 +230,12 @@ def _readable(source: Source, item: Item) -> Item:
     try:
         _named([item], source.url)
     except ObjectDamaged as error:
-        scores = rebuilt_scores(source.bucket, source.prefix, "progress")
+        scores = reconstruct_scores(source.bucket, source.prefix, "progress")
         if scores is None:
             raise
         notices.warn(f"{error} The copy gets another one, worked out from the checkpoints.")
         if item.name.endswith(".json"):
-            return Item(item.name, scores_file(scores))
+            return Item(item.name, scores.encode())
         return Item(item.name, scores.last_checkpoint.name.encode())
     return item
 
@@ -253,7 +253,7 @@ def _named(pointers: list[Item], source: str) -> set[str]:
     for item in pointers:
         try:
             if item.name.endswith(".json"):
-                scores = scores_of(parsed(item.data))
+                scores = Scores.decode(item.data)
                 names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
             else:
                 name = item.data.decode(errors="replace").strip()

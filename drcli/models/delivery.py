@@ -10,12 +10,13 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drcli.base.errors import StorageError
+from drcli.exchange.scores import Score, encode_single
 from drcli.models.checkpoint_choice import Item, missing_parts
 from drcli.models.checkpoint_files import SHAPING
 from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
-from drcli.store.scores import Score, read_scores, single_score
 from drcli.store.verify import Proof
 
 Report = TypeVar("Report", bound=TransferReport)
@@ -212,7 +213,7 @@ class Delivery:
 
     def _point(self, score: Score) -> None:
         self._bucket.put(keys.coach_checkpoint(self._prefix), score.name.encode())
-        self._bucket.put(keys.deepracer_checkpoints(self._prefix), single_score(score))
+        self._bucket.put(keys.deepracer_checkpoints(self._prefix), encode_single(score))
 
     def _named(self) -> tuple[str | None, str | None]:
         """The checkpoint of the index and that of the pointer."""

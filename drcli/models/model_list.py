@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import fnmatchcase
 
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.scores import Score
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectInfo
-from drcli.store.keys import CheckpointName
 from drcli.store.repair import Model, readable_scores
-from drcli.store.scores import Score
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
 """What a folder with a model has."""

@@ -5,10 +5,10 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoint_record import Record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.model_prefix import contains
 from drcli.store.repair import Model, readable_scores
@@ -47,13 +47,12 @@ class Transfer:
     tensors: bytes
     warnings: list[str]
 
-    def hand_over(self, bucket: Bucket, prefix: str) -> Record:
+    def hand_over(self, bucket: Bucket, prefix: str) -> CheckpointRecord:
         """Make the weights checkpoint 0 of a new model, which its trainer goes on from.
 
         Steps, episodes and time count from 0 and the optimizer starts afresh.
         """
-        counters = {"episodes": 0, "elapsed_s": 0.0}
-        return CheckpointStore(bucket, prefix).save(0, 0, self.tensors, counters=counters)
+        return CheckpointStore(bucket, prefix).save(0, 0, self.tensors)
 
 
 def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) -> Transfer:

@@ -1,9 +1,9 @@
 """Looks after the small objects of a model before a command relies on them.
 
-What `drcli.store.repair` rebuilds, and the parameter files and the note, whose content it does not
-know.
+It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
 """
 
+import json
 import re
 from collections.abc import Callable
 
@@ -14,9 +14,9 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import read_note
 from drcli.store import keys, lease
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, put_json
-from drcli.store.reconstruct import good_records
-from drcli.store.repair import Model, damages, mend, set_aside
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.reconstruct import readable_records
+from drcli.store.repair import Model, damages, repair, set_aside
 
 _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
@@ -29,7 +29,7 @@ def look_after(
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
-    """Say what is damaged of a model, and rebuild it where nobody trains it.
+    """Say what is damaged of a model, and repair it where nobody trains it.
 
     Args:
         settings: Of the command.
@@ -41,13 +41,13 @@ def look_after(
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
     model = Model.of(settings, bucket, prefix)
-    told = mend_all(model, missing=missing) if may_write and not trained else damages(model)
+    told = repair_all(model, missing=missing) if may_write and not trained else damages(model)
     for sentence in told:
         notices.warn(sentence)
 
 
-def mend_all(model: Model, *, missing: bool = True) -> list[str]:
-    """Put every damaged object of a model aside and rebuild it; only while nobody trains it.
+def repair_all(model: Model, *, missing: bool = True) -> list[str]:
+    """Put every damaged object of a model aside and reconstruct it; only while nobody trains it.
 
     Args:
         model: Which.
@@ -56,10 +56,14 @@ def mend_all(model: Model, *, missing: bool = True) -> list[str]:
     Returns:
         What was damaged and what became of it, a sentence each.
     """
-    return [*mend(model, missing=missing), *_mend_parameters(model), *_mend_note(model)]
+    return [
+        *repair(model, missing=missing),
+        *_repair_parameters(model),
+        *_repair_run_metadata(model),
+    ]
 
 
-def _mend_parameters(model: Model) -> list[str]:
+def _repair_parameters(model: Model) -> list[str]:
     """Bring back the model's copies of the parameter files, which each checkpoint carries."""
     checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
         (
@@ -92,28 +96,28 @@ def _mend_parameters(model: Model) -> list[str]:
 
 def _saved(model: Model, name: str) -> bytes:
     """The copy of a parameter file in the newest checkpoint, empty where there is none."""
-    for record in reversed(good_records(model.bucket, model.prefix)):
-        text = record.counters.get("inputs", {}).get(name)
+    for record in reversed(readable_records(model.bucket, model.prefix)):
+        text = record.counters.inputs.get(name)
         if text is not None:
-            return str(text).encode()
+            return text.encode()
     return b""
 
 
-def _mend_note(model: Model) -> list[str]:
+def _repair_run_metadata(model: Model) -> list[str]:
     """Keep the seed at least, which a training goes on with."""
     bucket, key = model.bucket, keys.run_note(model.prefix)
     try:
         read_note(bucket, model.prefix)
     except ObjectDamaged as error:
         found = _SEED.search(bucket.get(key))
-        seeds = [record.counters.get("seed") for record in good_records(bucket, model.prefix)]
+        seeds = [record.counters.seed for record in readable_records(bucket, model.prefix)]
         seed = next((s for s in reversed(seeds) if s is not None), None)
         if seed is None and found is not None:
             seed = int(found[1])
         kept = set_aside(bucket, model.prefix, key)
         became = "Its seed is lost; the training goes on with a new one."
         if seed is not None:
-            put_json(bucket, key, {"seed": seed})
+            bucket.put(key, json.dumps({"seed": seed}).encode())
             became = f"Its seed, {seed}, was brought back."
         return [f"{error} {became} The damaged one is kept as {bucket.name}/{kept}."]
     return []

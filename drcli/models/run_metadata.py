@@ -4,6 +4,7 @@ The note lies below the model prefix, so that a model tells where it is from whe
 to. The three files that the racer wrote lie beside it.
 """
 
+import json
 import os
 import platform
 import subprocess
@@ -15,11 +16,11 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-from drcli.base.json_record import Misfit, built
+from drcli.base.json_record import built, parsed
 from drcli.config.settings import Settings, catalogue, hidden
 from drcli.models.pretrained import Pretrained
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 """Packages whose versions decide how a training goes."""
@@ -107,7 +108,7 @@ def take_note(
 
 def write_note(bucket: Bucket, prefix: str, note: RunNote) -> None:
     """Put the note below the model prefix."""
-    put_json(bucket, keys.run_note(prefix), asdict(note))
+    bucket.put(keys.run_note(prefix), json.dumps(asdict(note), allow_nan=False).encode())
 
 
 def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
@@ -118,17 +119,16 @@ def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
     Raises:
         ObjectDamaged: It is unreadable.
     """
-    key = keys.run_note(prefix)
+    remedy = "Go on with `dr-start-training --resume`, which writes it again."
     try:
-        note: dict[str, Any] = get_json(bucket, key)
-        built(_Known, note)
+        return read_record(bucket, keys.run_note(prefix), _decode, remedy)
     except ObjectMissing:
         return None
-    except Misfit as e:
-        raise ObjectDamaged(
-            f"{bucket.name}/{key} is damaged: {e}.",
-            remedy="Go on with `dr-start-training --resume`, which writes it again.",
-        ) from e
+
+
+def _decode(data: bytes) -> dict[str, Any]:
+    note: dict[str, Any] = parsed(data)
+    built(_Known, note)
     return note
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.models.checkpoint_choice import (
     CheckpointGone,
     Choice,
@@ -28,10 +29,9 @@ from drcli.models.transfer_buckets import (
 )
 from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
 from drcli.store.connect import open_bucket
-from drcli.store.keys import CheckpointName
-from drcli.store.scores import read_scores
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a bar while its context lasts: takes what is done and how many bytes there are."""

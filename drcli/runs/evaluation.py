@@ -10,10 +10,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from drcli.base import log_files
-from drcli.base.atomic_file import read_json
 from drcli.base.errors import (
     DrError,
     NotAvailable,
@@ -22,10 +21,12 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
+from drcli.base.json_record import Misfit
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import words_of_stuck
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_metrics import REPORT_FILE, TrialMetrics, decode_report
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, LastWords
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
@@ -187,22 +188,22 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
 
-def _results(folder: Path) -> list[list[dict[str, Any]]]:
+def _results(folder: Path) -> list[list[TrialMetrics]]:
     """The records of each racer's trials.
 
     Raises:
         WorkerDied: The worker left none.
     """
-    found = read_json(folder / "evaluation.json")
-    if not isinstance(found, list):
+    try:
+        return decode_report((folder / REPORT_FILE).read_bytes())
+    except (OSError, Misfit) as error:
         raise WorkerDied(
-            "The evaluation worker left no results.",
+            f"The evaluation worker left no results: {error}.",
             remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
-        )
-    return found
+        ) from error
 
 
-def _report(plan: EvaluationPlan, records: list[list[dict[str, Any]]]) -> EvaluationReport:
+def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
     settings = plan.job.settings
     own = EvaluationReport(
         prefix=settings.model_prefix,
@@ -226,16 +227,16 @@ def _report(plan: EvaluationPlan, records: list[list[dict[str, Any]]]) -> Evalua
     return replace(own, opponent=opponent)
 
 
-def _trials(records: list[dict[str, Any]]) -> list[TrialReport]:
+def _trials(records: list[TrialMetrics]) -> list[TrialReport]:
     return [
         TrialReport(
-            trial=record["trial"],
-            progress=record["completion_percentage"],
-            lap_s=record["elapsed_time_in_milliseconds"] / 1000.0,
-            status=record["episode_status"],
-            off_track=record["off_track_count"],
-            crashes=record["crash_count"],
-            resets=record["reset_count"],
+            trial=record.trial,
+            progress=record.completion_percentage,
+            lap_s=record.elapsed_time_in_milliseconds / 1000.0,
+            status=record.episode_status,
+            off_track=record.off_track_count,
+            crashes=record.crash_count,
+            resets=record.reset_count,
         )
         for record in records
     ]

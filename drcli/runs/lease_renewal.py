@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost
+from drcli.exchange.lease_record import Lease
 from drcli.store.bucket import Bucket
-from drcli.store.lease import STALE_S
-from drcli.store.ownership import Lease, elapsed_s, lost_to, read_lease, write_lease
+from drcli.store.lease import STALE_S, elapsed_s, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0
 """How often the owner checks the lease. A training that loses it has to end within 15 seconds, some

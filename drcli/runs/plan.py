@@ -21,7 +21,7 @@ from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.pretrained import Pretrained
-from drcli.models.repair_model import mend_all
+from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import read_note, take_note, write_note
 from drcli.runs.goal_sentence import ending
 from drcli.runs.run_logs import begin_logs
@@ -117,7 +117,7 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
     if options.resume:
-        for sentence in mend_all(Model.of(settings, bucket, prefix)):
+        for sentence in repair_all(Model.of(settings, bucket, prefix)):
             notices.warn(
                 sentence
             )  # now: what is told with the plan is lost if the start is refused

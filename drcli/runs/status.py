@@ -7,14 +7,16 @@ from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
+from drcli.exchange.scores import Score
+from drcli.exchange.worker_state import ActivityRecord
 from drcli.runs.run_logs import log_file
-from drcli.store import health, keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
-from drcli.store.history import IterationRecord
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.history import collapse
 from drcli.store.open_running import open_running_bucket
 from drcli.store.repair import Model, readable_history, readable_scores
-from drcli.store.scores import Score
 
 
 @dataclass(frozen=True)
@@ -199,7 +201,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
         history=history,
         best=best,
         last=last,
-        warning=health.collapse(history, best.name if best is not None else None) or "",
+        warning=collapse(history, best.name if best is not None else None) or "",
         damaged=damaged,
     )
 
@@ -234,14 +236,11 @@ def _report(score: Score) -> CheckpointReport:
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
     key = keys.status(prefix, name)
     try:
-        found = get_json(bucket, key)
+        return read_record(bucket, key, ActivityRecord.decode, "It is written again.").activity
     except ObjectMissing:
         return "starting"
     except ObjectDamaged as error:
         return str(error)
-    if not isinstance(found, dict) or not isinstance(found.get("activity"), str):
-        return f"{bucket.name}/{key} is damaged"
-    return str(found["activity"])
 
 
 def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:

@@ -18,7 +18,7 @@ from drcli.runs.supervisor import Supervisor
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import ensure_storage, open_bucket, restart_storage
-from drcli.store.ownership import Ownership
+from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0

@@ -1,13 +1,12 @@
 """The bucket as everything above storage sees it: a few verbs, kept by S3 or by memory."""
 
-import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 from drcli.base.errors import StorageError
-from drcli.base.json_record import Misfit, parsed
+from drcli.base.json_record import Misfit
 
 
 class ObjectMissing(StorageError):
@@ -33,6 +32,8 @@ class ObjectInfo:
 
 Watch = Callable[[int], None]
 """Takes how many more bytes have travelled; less than none when they have to travel again."""
+
+T = TypeVar("T")
 
 Listing = list[ObjectInfo]
 """Named, because inside a bucket `list` is a verb."""
@@ -91,21 +92,24 @@ class Bucket(Protocol):
         ...
 
 
-def get_json(bucket: Bucket, key: str) -> Any:
-    """Read a JSON object from the bucket; ObjectDamaged when it is none."""
+def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
+    """Read an object and decode it.
+
+    Args:
+        bucket: Holds it.
+        key: The object.
+        decode: Makes a record of the bytes; Misfit where it cannot.
+        remedy: What to do where it cannot.
+
+    Raises:
+        ObjectMissing: There is no such object.
+        ObjectDamaged: It is something else.
+    """
     data = bucket.get(key)
     try:
-        return parsed(data)
+        return decode(data)
     except Misfit as e:
-        raise ObjectDamaged(
-            f"{bucket.name}/{key} is damaged: {e}.",
-            remedy="Restore the object, or delete it if it is not needed.",
-        ) from e
-
-
-def put_json(bucket: Bucket, key: str, value: object) -> None:
-    """Write a value as one line of JSON."""
-    bucket.put(key, json.dumps(value, allow_nan=False).encode())
+        raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
 
 
 def checked_folder(folder: str) -> str:

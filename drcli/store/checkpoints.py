@@ -5,18 +5,23 @@ counters. It counts from the moment the pointer names it, which is written after
 trainer alone writes here; everybody else reads.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
 
 from drcli.base.errors import StorageError
 from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import Misfit
-from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
-from drcli.store.checkpoint_record import Record, checked_record
-from drcli.store.keys import CheckpointName
-from drcli.store.scores import Score, Scores, read_scores, write_scores
+from drcli.exchange.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    checkpoint_name,
+    decode_pointer,
+    encode_pointer,
+)
+from drcli.exchange.scores import Score
+from drcli.store import best_checkpoint, keys
+from drcli.store.best_checkpoint import read_scores, write_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 
 KEEP = 4
 """Newest checkpoints that pruning leaves, beside the best one. Source: the reference simulator."""
@@ -33,7 +38,7 @@ class Checkpoint:
         damaged: Newer checkpoints that were passed over, each with the reason.
     """
 
-    record: Record
+    record: CheckpointRecord
     tensors: bytes
     optimizer: bytes | None = None
     damaged: tuple[str, ...] = ()
@@ -54,8 +59,8 @@ class CheckpointStore:
         *,
         optimizer: bytes | None = None,
         sim_time_s: float = 0.0,
-        counters: Mapping[str, Any] | None = None,
-    ) -> Record:
+        counters: Counters | None = None,
+    ) -> CheckpointRecord:
         """Write a checkpoint, let the pointer name it, and drop what is too old.
 
         Args:
@@ -64,28 +69,28 @@ class CheckpointStore:
             tensors: Weights, a safetensors file.
             optimizer: State to continue with, a safetensors file.
             sim_time_s: Simulated seconds driven until now.
-            counters: Free for the trainer; must be JSON.
+            counters: What the trainer continues with.
 
         Returns:
             The record as written.
         """
         name = str(CheckpointName(number, steps))
-        record = Record(
+        record = CheckpointRecord(
             name,
             Fingerprint.of(tensors),
             None if optimizer is None else Fingerprint.of(optimizer),
             sim_time_s,
-            dict(counters or {}),
+            counters or Counters(),
         )
         self._bucket.put(keys.checkpoint_tensors(self._prefix, name), tensors)
         if optimizer is not None:
             self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
-        put_json(self._bucket, keys.checkpoint_record(self._prefix, name), asdict(record))
+        self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
         self.point_to(record)
         self._prune(record)
         return record
 
-    def attach_optimizer(self, record: Record, optimizer: bytes) -> Record:
+    def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
         """Add the optimizer state to a published checkpoint, and drop those of older ones.
 
         The weights are what everybody waits for, so they are published alone; the state, twice
@@ -94,38 +99,33 @@ class CheckpointStore:
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
-        put_json(self._bucket, keys.checkpoint_record(self._prefix, record.name), asdict(complete))
-        self._bucket.delete(self._older_optimizers(CheckpointName(record.number, record.steps)))
+        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
+        self._bucket.delete(self._older_optimizers(checkpoint_name(record.name)))
         return complete
 
     def _older_optimizers(self, newest: CheckpointName) -> list[str]:
         """Keys of all optimizer states but the newest checkpoint's and that of the one before."""
-        others = {
-            info.key: name
-            for info in self._bucket.list(keys.model_folder(self._prefix))
-            if keys.is_optimizer(info.key)
-            and (name := keys.checkpoint_of(self._prefix, info.key)) not in (None, newest)
-        }
-        before = max((name for name in others.values() if name < newest), default=None)
-        return [key for key, name in others.items() if name != before]
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
+        before = max((name for name in states.values() if name < newest), default=None)
+        return [key for key, name in states.items() if name not in (before, newest)]
 
-    def point_to(self, record: Record) -> None:
+    def point_to(self, record: CheckpointRecord) -> None:
         """Make this checkpoint the one that everybody drives and continues with.
 
         `save` does so itself. A trainer that had to fall back on an older checkpoint points to
         that one, so that the workers play it as well.
         """
-        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+        pointer = encode_pointer(checkpoint_name(record.name))
+        self._bucket.put(keys.coach_checkpoint(self._prefix), pointer)
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
             known = None  # the best is forgotten, which is no reason to end a training
-        metric = None if known is None else known.metric_of(record.name)
-        last = Score(record.name, metric, record.sim_time_s)
-        best = last if known is None else known.best_checkpoint
-        write_scores(self._bucket, self._prefix, Scores(best, last))
+        scores = best_checkpoint.with_newest(known, record.name, record.sim_time_s)
+        write_scores(self._bucket, self._prefix, scores)
 
-    def mend_pointer(self, name: CheckpointName) -> bool:
+    def repair_pointer(self, name: CheckpointName) -> bool:
         """Write the pointer again where it is gone, damaged, or names an older checkpoint.
 
         One that names a newer checkpoint is somebody else's, who went on from this one.
@@ -145,18 +145,12 @@ class CheckpointStore:
         Raises:
             ObjectDamaged: The pointer holds something else.
         """
+        key = keys.coach_checkpoint(self._prefix)
+        remedy = "Go on with `dr-start-training --resume`, which writes it again."
         try:
-            written = self._bucket.get(keys.coach_checkpoint(self._prefix))
-            name = written.decode(errors="replace").strip()
+            return str(read_record(self._bucket, key, decode_pointer, remedy))
         except ObjectMissing:
             return None
-        if CheckpointName.parse(name) is None:
-            raise ObjectDamaged(
-                f"{self._bucket.name}/{keys.coach_checkpoint(self._prefix)} is damaged: it does "
-                "not name a checkpoint.",
-                remedy="Go on with `dr-start-training --resume`, which writes it again.",
-            )
-        return name
 
     def pointed(self) -> CheckpointName | None:
         """The same for those who wait: None too while the pointer is damaged.
@@ -176,9 +170,11 @@ class CheckpointStore:
         Returns:
             The newest last, before it the one with the number before, where there is one.
         """
-        return [*self._names_of(newest.number - 1), str(newest)]
+        names = set(checkpoint_objects(self._bucket, self._prefix).values())
+        before = [str(name) for name in names if name.number == newest.number - 1]
+        return [*before, str(newest)]
 
-    def record(self, name: str) -> Record:
+    def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint.
 
         Raises:
@@ -186,14 +182,8 @@ class CheckpointStore:
             ObjectDamaged: There is, but its record is unreadable.
         """
         key = keys.checkpoint_record(self._prefix, name)
-        fields = get_json(self._bucket, key)
-        try:
-            return checked_record(name, fields)
-        except Misfit as e:
-            raise ObjectDamaged(
-                f"{self._bucket.name}/{key} is damaged: {e}.",
-                remedy="Delete that checkpoint's files; an older one is used instead.",
-            ) from e
+        remedy = "Delete that checkpoint's files; an older one is used instead."
+        return read_record(self._bucket, key, partial(CheckpointRecord.decode_of, name), remedy)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it.
@@ -259,7 +249,7 @@ class CheckpointStore:
             average: Mean of its evaluation episodes, in the unit the settings chose.
             lower_is_better: Whether that unit is a lap time.
             tie_break: What decides between equal means, the lower the better:
-                `drcli.store.scores.tie_break_of`.
+                `drcli.store.best_checkpoint.tie_break_of`.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -268,7 +258,7 @@ class CheckpointStore:
             return False
         if scores is None:
             return False
-        after = scores.with_evaluation(score, lower_is_better=lower_is_better)
+        after = best_checkpoint.with_evaluation(scores, score, lower_is_better=lower_is_better)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 
@@ -284,8 +274,7 @@ class CheckpointStore:
         try:
             self.load(known.best_checkpoint.name)
         except (ObjectMissing, ObjectDamaged) as error:
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
-            write_scores(self._bucket, self._prefix, Scores(last, last))
+            write_scores(self._bucket, self._prefix, best_checkpoint.without_best(known))
             return str(error)
         return None
 
@@ -293,11 +282,9 @@ class CheckpointStore:
         """Keep the best checkpoint, but not how good it was: the next evaluation beats it."""
         known = read_scores(self._bucket, self._prefix)
         if known is not None:
-            best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
-            write_scores(self._bucket, self._prefix, Scores(best, last))
+            write_scores(self._bucket, self._prefix, best_checkpoint.without_metrics(known))
 
-    def _optimizer(self, record: Record) -> bytes | None:
+    def _optimizer(self, record: CheckpointRecord) -> bytes | None:
         """The optimizer state where it is there and whole: weights alone can go on, too."""
         if record.optimizer is None:
             return None
@@ -319,43 +306,26 @@ class CheckpointStore:
             )
         return data
 
-    def _names_of(self, number: int) -> list[str]:
-        """Names of the checkpoints with this number, none where they are gone."""
-        if number < 0:
-            return []
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        names = {keys.checkpoint_of(self._prefix, info.key) for info in listed}
-        return [str(name) for name in names if name is not None and name.number == number]
-
     def _newest_first(self) -> list[str]:
         """Where to look for a whole checkpoint.
 
         What is newer than the pointer was never published and is left alone; so is one without a
         record, which a trainer had only begun to write.
         """
-        listed = self._bucket.list(keys.model_folder(self._prefix))
-        found = {
-            name
-            for info in listed
-            if info.key.endswith(".ckpt.json")
-            and (name := keys.checkpoint_of(self._prefix, info.key))
-        }
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
         pointed = self.pointed()
         if pointed is not None:
             found = {name for name in found if name < pointed} | {pointed}
         return [str(name) for name in sorted(found, reverse=True)]
 
-    def _prune(self, newest: Record) -> None:
+    def _prune(self, newest: CheckpointRecord) -> None:
         """Delete all but the newest checkpoints and the best.
 
         A checkpoint that counts further than the newest was left by a trainer that died before
         it published it, or was passed over as damaged; its place is taken again.
         """
-        objects = {
-            info.key: name
-            for info in self._bucket.list(keys.model_folder(self._prefix))
-            if (name := keys.checkpoint_of(self._prefix, info.key)) is not None
-        }
+        objects = checkpoint_objects(self._bucket, self._prefix)
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
@@ -367,3 +337,11 @@ class CheckpointStore:
             if name.number not in numbers
         ]
         self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
+
+
+def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
+    """Keys of everything that belongs to a checkpoint of a model, and to which."""
+    found = {
+        o.key: keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix))
+    }
+    return {key: name for key, name in found.items() if name is not None}

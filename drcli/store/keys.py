@@ -1,4 +1,4 @@
-"""Names of everything in the bucket: pure functions from a model's prefix to keys and back.
+"""Keys of everything in the bucket: pure functions from a model's prefix to keys and back.
 
 The layout under a model prefix is the one that the DeepRacer consoles write and that analysis
 tools read. Only what those tools never look at is our own: the checkpoint's tensor files, the
@@ -9,12 +9,13 @@ again and again.
 import re
 from dataclasses import dataclass
 
+from drcli.exchange.checkpoint import CHECKPOINT_NAME, CheckpointName
+
 REWARD_FUNCTION_FILE = "reward_function.py"
 MODEL_METADATA_FILE = "model_metadata.json"
 HYPERPARAMETERS_FILE = "hyperparameters.json"
 
 _PREFIX = re.compile(r"[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*")
-_CHECKPOINT = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 _STAMP = re.compile(r"\d{14}")
 
 
@@ -112,15 +113,6 @@ def opponent_metrics(metrics: str, stamp: str) -> str:
     return f"{folder(metrics)}EvaluationMetrics-{_checked_stamp(stamp)}.json"
 
 
-def evaluation_stamp_of(prefix: str, key: str) -> str | None:
-    """The fourteen digits in the key of an evaluation trace of this model, None for other keys."""
-    found = re.fullmatch(
-        re.escape(folder(prefix)) + r"evaluation-(\d{14})/evaluation-simtrace/\d+-iteration\.csv",
-        key,
-    )
-    return found[1] if found else None
-
-
 def video(prefix: str, camera: str, index: int = 0) -> str:
     """A film of one camera: `camera-pip`, `camera-45degree` or `camera-topview`."""
     return f"{folder(prefix)}mp4/{camera}/{index}-video.mp4"
@@ -180,28 +172,6 @@ def decides(key: str) -> bool:
 # Checkpoints.
 
 
-@dataclass(frozen=True, order=True)
-class CheckpointName:
-    """A checkpoint's place in the training: compared by number, then by steps.
-
-    Args:
-        number: Counts the checkpoints of a model from 0.
-        steps: Environment steps learned from until then.
-    """
-
-    number: int
-    steps: int
-
-    @classmethod
-    def parse(cls, name: str) -> "CheckpointName | None":
-        """Read `12_Step-7824.ckpt`; None when the text is no such name."""
-        found = _CHECKPOINT.fullmatch(name.strip())
-        return cls(int(found[1]), int(found[2])) if found else None
-
-    def __str__(self) -> str:
-        return f"{self.number}_Step-{self.steps}.ckpt"
-
-
 def model_folder(prefix: str) -> str:
     """Where checkpoints lie."""
     return folder(prefix) + "model/"
@@ -254,7 +224,7 @@ def checkpoint_part(prefix: str, name: str, part: str) -> str:
 def checkpoint_of(prefix: str, key: str) -> CheckpointName | None:
     """The checkpoint that a key of this model's folder belongs to, None for other keys."""
     start = model_folder(prefix)
-    found = _CHECKPOINT.match(key, len(start)) if key.startswith(start) else None
+    found = CHECKPOINT_NAME.match(key, len(start)) if key.startswith(start) else None
     if found is None or not key[found.end() :].startswith("."):
         return None
     return CheckpointName(int(found[1]), int(found[2]))

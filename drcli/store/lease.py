@@ -1,21 +1,50 @@
-"""Takes a model prefix for a start, gives it back, and refuses one that somebody else trains on.
+"""Who trains on a model prefix: the lease, how it is taken, and how writers see it is still theirs.
 
-What the lease is and how it is read: `drcli.store.ownership`. How it is kept:
-`drcli.runs.lease_renewal`.
+The lease is a record in the bucket that its owner writes again and again. It is not a lock: nothing
+waits for it, and one that was not renewed for a minute means nothing. So another machine may take
+the prefix over while its owner is only held up (stopped, asleep, without network). Whoever writes
+therefore reads the lease first, and ends when it is somebody else's. Nothing depends on conditional
+writes, which not all S3 servers know, nor on the clocks of two machines agreeing: only the server's
+clock tells how old the lease is. How it is renewed: `drcli.runs.lease_renewal`.
 """
 
 import os
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import OwnershipLost, SettingsError
+from drcli.base.json_record import Misfit
 from drcli.base.process_identity import is_alive, started_s, this_machine
-from drcli.store.bucket import Bucket
-from drcli.store.ownership import Lease, read_lease, write_lease
+from drcli.exchange.lease_record import Lease
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
 
 STALE_S = 60.0
 """Age after which a lease means nothing. Its owner renews it every ten seconds."""
+
+POINTER_TRUSTED_S = 0.1
+"""How long what was read of the lease is believed before a pointer is written: two in a row need
+one look."""
+
+OTHERS_TRUSTED_S = 1.0
+"""The same before other objects (`keys.decides`). A new owner's processes take longer to start."""
+
+
+def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
+    """The lease, however old; None where there is none that can be read."""
+    try:
+        data, age_s = bucket.get_with_age(keys.lease(prefix))
+        lease = Lease.decode(data)
+    except (ObjectMissing, Misfit):
+        return None
+    return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
+
+
+def write_lease(bucket: Bucket, prefix: str, lease: Lease) -> None:
+    """Write the lease."""
+    bucket.put(keys.lease(prefix), lease.encode())
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
@@ -84,3 +113,72 @@ def release(bucket: Bucket, prefix: str, session: str) -> None:
     lease = read_lease(bucket, prefix)
     if lease is not None and lease.session == session and not lease.released:
         write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))
+
+
+def elapsed_s() -> float:
+    """A clock for how long this process was held up: it also counts a suspended machine."""
+    if hasattr(time, "CLOCK_BOOTTIME"):
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()
+
+
+def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
+    """What a start says that has lost the prefix to another."""
+    is_or_was = "was" if lease.released else "is"
+    return OwnershipLost(
+        f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
+        "which took over after nothing had been heard from this training for a minute. Anything it "
+        "did since then is discarded.",
+        remedy="Nothing is lost; the other training goes on. To go on here, stop it there, then "
+        "`dr-start-training --resume`.",
+    )
+
+
+class Ownership:
+    """Tells a process of a training whether the prefix is still its own. For several threads.
+
+    Args:
+        bucket: Where the lease lies.
+        prefix: Of the model.
+        session: The start that this process belongs to.
+        term: Of its lease, as far as that is known.
+        clock: Seconds that go on while this process is stopped, for tests.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        session: str,
+        term: int = 0,
+        *,
+        clock: Callable[[], float] = elapsed_s,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._session = session
+        self._clock = clock
+        self._term = term
+        self._read_s = -OTHERS_TRUSTED_S
+
+    def check(self, key: str) -> None:
+        """Return while the prefix is this start's own; called before everything that is written.
+
+        A note that is missing or unreadable is no other owner's: the supervisor writes it again.
+
+        Args:
+            key: What is to be written or deleted.
+
+        Raises:
+            OwnershipLost: It is somebody else's.
+            StorageError: The lease cannot be read.
+        """
+        began_s = self._clock()
+        if began_s - self._read_s < (POINTER_TRUSTED_S if keys.decides(key) else OTHERS_TRUSTED_S):
+            return
+        lease = read_lease(self._bucket, self._prefix)
+        if lease is not None and lease.outranks(self._session, self._term):
+            raise lost_to(self._bucket, self._prefix, lease)
+        if lease is not None and lease.session == self._session:
+            self._term = lease.term
+        self._read_s = began_s

@@ -2,8 +2,10 @@
 
 from collections.abc import Collection
 
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import checkpoint_objects
 
 
 def is_used(bucket: Bucket, prefix: str) -> bool:
@@ -11,10 +13,9 @@ def is_used(bucket: Bucket, prefix: str) -> bool:
     return bool(bucket.list(keys.folder(prefix)))
 
 
-def newest_checkpoint(bucket: Bucket, prefix: str) -> keys.CheckpointName | None:
+def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
     """The checkpoint that counts furthest, whole or not; None where there is none."""
-    names = (keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix)))
-    return max((name for name in names if name is not None), default=None)
+    return max(checkpoint_objects(bucket, prefix).values(), default=None)
 
 
 def contains(outer: str, inner: str) -> bool:

@@ -5,26 +5,35 @@ Nothing is written here; see `drcli.store.repair`.
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from drcli.base.fingerprint import Fingerprint
+from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.scores import Score, Scores
+from drcli.exchange.trace import TracedEpisode, read_csv
+from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
+from drcli.store.best_checkpoint import (
+    evaluated_numbers,
+    metric_of,
+    read_evaluation,
+    tie_break_of,
+    with_evaluation,
+)
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoint_record import Record
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.evaluations import EvaluationResult, evaluated_numbers, read_evaluation
-from drcli.store.history import IterationRecord, fields_of, learned_record, record_of
-from drcli.store.keys import CheckpointName
-from drcli.store.scores import Score, Scores, metric_of, tie_break_of
-from drcli.store.traces import TracedEpisode, read_trace, traced_iterations
-from drcli.store.training_metrics import checked, traced_record
+from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
+
+_TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
 T = TypeVar("T")
 
 
-def salvaged(data: bytes, read: Callable[[Any], T]) -> list[T]:
+def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
     """The whole records in the text of a damaged file that lists records.
 
     Args:
@@ -49,23 +58,16 @@ def salvaged(data: bytes, read: Callable[[Any], T]) -> list[T]:
 
 def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
     """Checkpoints that have weights and a record, right or not, oldest first."""
-    names: dict[CheckpointName, set[str]] = {}
-    for info in bucket.list(keys.model_folder(prefix)):
-        name = keys.checkpoint_of(prefix, info.key)
-        if name is not None:
-            names.setdefault(name, set()).add(info.key)
+    objects = checkpoint_objects(bucket, prefix)
     return sorted(
         name
-        for name, there in names.items()
-        if {
-            keys.checkpoint_record(prefix, str(name)),
-            keys.checkpoint_tensors(prefix, str(name)),
-        }
-        <= there
+        for name in set(objects.values())
+        if keys.checkpoint_record(prefix, str(name)) in objects
+        and keys.checkpoint_tensors(prefix, str(name)) in objects
     )
 
 
-def good_records(bucket: Bucket, prefix: str) -> list[Record]:
+def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
     """Records of checkpoints that can be read, oldest first."""
     store = CheckpointStore(bucket, prefix)
     found = []
@@ -77,7 +79,7 @@ def good_records(bucket: Bucket, prefix: str) -> list[Record]:
     return found
 
 
-def good_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
+def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
     """Evaluations during the training that can be read, by the number of their checkpoint."""
     found = {}
     for number in evaluated_numbers(bucket, prefix):
@@ -88,7 +90,7 @@ def good_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]
     return found
 
 
-def rebuilt_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[IterationRecord]:
+def reconstruct_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[IterationRecord]:
     """The learning curve: from the checkpoints' records, what is whole of the old file, the traces.
 
     Args:
@@ -96,18 +98,17 @@ def rebuilt_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[Iterati
         prefix: The model.
         damaged: The old file.
     """
-    records = good_records(bucket, prefix)
+    records = readable_records(bucket, prefix)
     known = {r.iteration: r for r in _traced_history(bucket, prefix)}
-    known |= {r.iteration: r for r in salvaged(damaged, record_of)}
-    learned = [r.counters.get("learned") for r in records]
-    for record in [learned_record(fields) for fields in learned if fields is not None]:
+    known |= {r.iteration: r for r in whole_records(damaged, IterationRecord.from_json)}
+    for record in [r.counters.learned for r in records if r.counters.learned is not None]:
         before = known.get(record.iteration, record)
         known[record.iteration] = replace(
             record,
             evaluation_progress=before.evaluation_progress,
             evaluation_lap_s=before.evaluation_lap_s,
         )
-    for number, result in good_evaluations(bucket, prefix).items():
+    for number, result in readable_evaluations(bucket, prefix).items():
         if number in known:
             known[number] = replace(
                 known[number],
@@ -118,9 +119,9 @@ def rebuilt_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[Iterati
     return [known[n] for n in sorted(known) if newest is None or n < newest]
 
 
-def rebuilt_record(
+def reconstruct_record(
     bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
-) -> Record | None:
+) -> CheckpointRecord | None:
     """The record of a checkpoint, from its weights and the learning curve.
 
     Args:
@@ -141,19 +142,19 @@ def rebuilt_record(
     if not _is_safetensors(tensors):
         return None
     last = past[-1] if past else None
-    return Record(
+    return CheckpointRecord(
         str(name),
         Fingerprint.of(tensors),
         Fingerprint.of(optimizer) if _is_safetensors(optimizer) else None,
-        counters={
-            "episodes": sum(r.episodes for r in past),
-            "elapsed_s": last.elapsed_s if last is not None else 0.0,
-            "learned": None if last is None else fields_of(last),
-        },
+        counters=Counters(
+            episodes=sum(r.episodes for r in past),
+            elapsed_s=0.0 if last is None else last.elapsed_s,
+            learned=last,
+        ),
     )
 
 
-def rebuilt_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
+def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
     """The index: the newest checkpoint, and of those that are there the one evaluated best.
 
     Args:
@@ -164,7 +165,7 @@ def rebuilt_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
     Returns:
         None where the model has no whole checkpoint.
     """
-    records = good_records(bucket, prefix)
+    records = readable_records(bucket, prefix)
     pointed = CheckpointStore(bucket, prefix).pointed()
     newest = next((r for r in records if r.name == str(pointed)), records[-1] if records else None)
     if newest is None:
@@ -172,33 +173,47 @@ def rebuilt_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
     by_name = {r.name: r for r in records}
     last = Score(newest.name, None, newest.sim_time_s)
     scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
-    for _, result in sorted(good_evaluations(bucket, prefix).items()):
+    for _, result in sorted(readable_evaluations(bucket, prefix).items()):
         record = by_name.get(result.checkpoint)
         if record is None:
             continue
-        tie_break = tie_break_of(metric, result.progress, result.lap_s)
-        score = Score(record.name, metric_of(metric, result.columns), record.sim_time_s, tie_break)
-        scores = scores.with_evaluation(score, lower_is_better=metric == "laptime")
+        average, tie_break = metric_of(metric, result), tie_break_of(metric, result)
+        score = Score(record.name, average, record.sim_time_s, tie_break)
+        scores = with_evaluation(scores, score, lower_is_better=metric == "laptime")
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)
     return scores
 
 
-def rebuilt_metrics(
+def reconstruct_metrics(
     bucket: Bucket, prefix: str, worker: int, damaged: bytes
-) -> list[dict[str, Any]]:
+) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json: what is whole of the old file, and traces."""
-    kept = salvaged(damaged, checked)
-    training = [r for r in kept if r["phase"] == "training"]
-    there = {(r["iteration"], r["trial"]) for r in training if "iteration" in r}
-    numbers = {r["episode"] for r in training if "iteration" not in r}  # of version 0.1.0
+    kept = whole_records(damaged, EpisodeMetrics.from_json)
+    training = [r for r in kept if r.phase == "training"]
+    there = {(r.iteration, r.trial) for r in training if r.iteration is not None}
+    numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
     for iteration, of_iteration in traced_iterations(bucket, prefix).items():
         if worker not in of_iteration:
             continue
-        for trial, episode in enumerate(read_trace(bucket, of_iteration[worker]), start=1):
-            if (iteration, trial) not in there and episode.number + 1 not in numbers:
-                kept.append(traced_record(episode, iteration, trial))
-    return sorted(kept, key=lambda r: (r["metric_time"], r["phase"] != "training"))
+        traced = read_csv(bucket.get(of_iteration[worker]))
+        kept += [
+            EpisodeMetrics.of(episode, iteration=iteration, episode=episode.number + 1, trial=trial)
+            for trial, episode in enumerate(traced, start=1)
+            if (iteration, trial) not in there and episode.number + 1 not in numbers
+        ]
+    return sorted(kept, key=lambda r: (r.metric_time, r.phase != "training"))
+
+
+def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
+    """Keys of the training traces of a model, by iteration and worker."""
+    start = keys.folder(prefix)
+    found: dict[int, dict[int, str]] = {}
+    for info in bucket.list(start):
+        match = _TRACE.fullmatch(info.key.removeprefix(start))
+        if match is not None:
+            found.setdefault(int(match[2]), {})[int(match[1] or 0)] = info.key
+    return dict(sorted(found.items()))
 
 
 def _traced_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
@@ -208,7 +223,7 @@ def _traced_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
     for iteration, of_worker in traced_iterations(bucket, prefix).items():
         if iteration != len(found):
             break  # what comes after a gap cannot be counted
-        episodes = [e for key in of_worker.values() for e in read_trace(bucket, key)]
+        episodes = [e for key in of_worker.values() for e in read_csv(bucket.get(key))]
         if not episodes:
             break
         begin_s = min(e.wall_s[0] for e in episodes)
@@ -230,7 +245,6 @@ def _traced_record(
 ) -> IterationRecord:
     laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
     steps = sum(e.steps for e in episodes)
-    unknown = math.nan
     return IterationRecord(
         iteration=name.number,
         checkpoint=str(name),
@@ -241,15 +255,7 @@ def _traced_record(
         mean_progress=sum(e.progress for e in episodes) / len(episodes),
         full_laps=len(laps),
         best_lap_s=min(laps, default=None),
-        entropy=unknown,
-        surrogate_loss=unknown,
-        value_loss=unknown,
-        kl=unknown,
-        steps_per_s=unknown,
-        real_time_factor=unknown,
         drive_s=drive_s,
-        learn_s=unknown,
-        exchange_s=unknown,
         elapsed_s=elapsed_s,
     )
 

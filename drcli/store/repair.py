@@ -2,30 +2,40 @@
 
 A disk that fills up, a copy that breaks off or an editor leaves an object empty, cut short or full
 of something else. The damaged one is kept under `runs/<prefix>/damaged/`. Only who may write to the
-model may mend it: the trainer, or a command while nobody trains; others say what `damages` finds.
+model may repair it: the trainer, or a command while nobody trains; others say what `damages` finds.
 """
 
-import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 
+from drcli.base.json_record import Misfit
 from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import (
+    CheckpointRecord,
+    checkpoint_name,
+    decode_pointer,
+    encode_pointer,
+)
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.iteration import IterationRecord, decode_history
+from drcli.exchange.lease_record import Lease
+from drcli.exchange.scores import Scores
+from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
+from drcli.exchange.worker_state import ActivityRecord
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
-from drcli.store.checkpoints import CheckpointStore
-from drcli.store.evaluations import evaluated_numbers, read_evaluation
-from drcli.store.history import IterationRecord, read_history
+from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.history import read_history, write_history
 from drcli.store.reconstruct import (
-    rebuilt_history,
-    rebuilt_metrics,
-    rebuilt_record,
-    rebuilt_scores,
+    reconstruct_history,
+    reconstruct_metrics,
+    reconstruct_record,
+    reconstruct_scores,
     whole_checkpoints,
 )
-from drcli.store.scores import Scores, read_scores, write_scores
-from drcli.store.training_metrics import read_records, write_records
 
 
 @dataclass(frozen=True)
@@ -61,25 +71,26 @@ class Model:
 
 def damages(model: Model) -> list[str]:
     """What is damaged, a sentence each; nothing is changed."""
-    return [reason for _, reason, _ in _damaged(model, missing=False)]
+    found = (_damage(model.bucket, item) for item in _objects(model, missing=False))
+    return [sentence for sentence in found if sentence is not None]
 
 
-def mend(model: Model, *, missing: bool = True) -> list[str]:
-    """Put what is damaged aside and rebuild it.
+def repair(model: Model, *, missing: bool = True) -> list[str]:
+    """Put what is damaged aside and reconstruct it.
 
     Args:
         model: Which.
-        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
 
     Returns:
         What was damaged and what became of it, a sentence each.
     """
-    return _mended(model, _damaged(model, missing=missing))
+    return _repaired(model, _objects(model, missing=missing))
 
 
-def mend_metrics(model: Model) -> list[str]:
+def repair_metrics(model: Model) -> list[str]:
     """The same for the metrics of the workers alone, each of which a worker writes itself."""
-    return _mended(model, _damaged_metrics(model))
+    return _repaired(model, _metrics(model))
 
 
 def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
@@ -88,7 +99,7 @@ def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
         return read_history(model.bucket, model.prefix), []
     except ObjectDamaged as error:
         data = model.bucket.get(keys.history(model.prefix))
-        return rebuilt_history(model.bucket, model.prefix, data), [str(error)]
+        return reconstruct_history(model.bucket, model.prefix, data), [str(error)]
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
@@ -96,7 +107,18 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        return rebuilt_scores(model.bucket, model.prefix, model.metric), [str(error)]
+        return reconstruct_scores(model.bucket, model.prefix, model.metric), [str(error)]
+
+
+def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
+    """The records of a worker's TrainingMetrics.json.
+
+    Raises:
+        ObjectMissing: There is no file.
+        ObjectDamaged: It is something else.
+    """
+    remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
+    return read_record(bucket, key, decode_metrics, remedy)
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
@@ -112,164 +134,129 @@ def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
     return kept
 
 
-def _mended(model: Model, damaged: Iterator["_Damage"]) -> list[str]:
-    told = []
-    for key, reason, rebuild in damaged:  # the next one is looked for once this one is rebuilt
-        kept = set_aside(model.bucket, model.prefix, key)
-        told.append(f"{reason} {rebuild()} The damaged one is kept as {model.bucket.name}/{kept}.")
+@dataclass(frozen=True)
+class _Object:
+    """An object of a model that may be damaged.
+
+    Attributes:
+        key: Where it is.
+        decode: Raises Misfit where the bytes are something else.
+        reconstruct: Writes it anew, given the damaged bytes; says what became of it.
+    """
+
+    key: str
+    decode: Callable[[bytes], object]
+    reconstruct: Callable[[bytes], str]
+
+
+def _damage(bucket: Bucket, item: _Object) -> str | None:
+    try:
+        read_record(bucket, item.key, item.decode, remedy="")
+    except ObjectMissing:
+        return None
+    except ObjectDamaged as error:
+        return str(error)
+    return None
+
+
+def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
+    bucket, told = model.bucket, []
+    for item in objects:  # the next is looked for once this one is repaired
+        reason = _damage(bucket, item)
+        if reason is not None:
+            data = bucket.get(item.key)
+            kept = set_aside(bucket, model.prefix, item.key)
+            became = item.reconstruct(data)
+            told.append(f"{reason} {became} The damaged one is kept as {bucket.name}/{kept}.")
     return told
 
 
-_Damage = tuple[str, str, Callable[[], str]]
-"""Key of an object, what is wrong with it, and what rebuilds it once it is put aside."""
-
-
-def _damaged(model: Model, *, missing: bool) -> Iterator[_Damage]:
-    """One after the other, in the order in which they are rebuilt from each other."""
-    yield from _damaged_evaluations(model)
-    yield from _damaged_history(model)
-    yield from _damaged_records(model)
-    yield from _damaged_pointer(model, missing)
-    yield from _damaged_scores(model, missing)
-    yield from _damaged_metrics(model)
-    yield from _damaged_notes(model)
-
-
-def _damaged_evaluations(model: Model) -> Iterator[_Damage]:
-    for number in evaluated_numbers(model.bucket, model.prefix):
-        try:
-            read_evaluation(model.bucket, model.prefix, number)
-        except ObjectMissing:
-            continue
-        except ObjectDamaged as error:
-            key = keys.evaluation_result(model.prefix, number)
-            yield key, str(error), lambda: "Training continues without it."
-
-
-def _damaged_history(model: Model) -> Iterator[_Damage]:
-    bucket, prefix, key = model.bucket, model.prefix, keys.history(model.prefix)
-    try:
-        read_history(bucket, prefix)
-    except ObjectDamaged as error:
-        before = bucket.get(key)
-
-        def rebuild() -> str:
-            records = rebuilt_history(bucket, prefix, before)
-            file = {"iterations": [asdict(record) for record in records]}
-            bucket.put(key, json.dumps(file).encode())
-            return f"It was rebuilt with {len(records)} iterations."
-
-        yield key, str(error), rebuild
-
-
-def _damaged_records(model: Model) -> Iterator[_Damage]:
+def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
+    """One after the other, in the order in which they are reconstructed from each other."""
     bucket, prefix = model.bucket, model.prefix
-    store = CheckpointStore(bucket, prefix)
-    for name in whole_checkpoints(bucket, prefix):
-        key = keys.checkpoint_record(prefix, str(name))
-        try:
-            store.record(str(name))
-        except ObjectMissing:
-            continue
-        except ObjectDamaged as error:
+    for number in evaluated_numbers(bucket, prefix):
+        key = keys.evaluation_result(prefix, number)
+        yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
+    yield _Object(keys.history(prefix), decode_history, partial(_write_history, model))
+    for name in map(str, whole_checkpoints(bucket, prefix)):
+        key = keys.checkpoint_record(prefix, name)
+        record = partial(CheckpointRecord.decode_of, name)
+        yield _Object(key, record, partial(_write_record, model, name))
 
-            def rebuild(name: keys.CheckpointName = name, key: str = key) -> str:
-                record = rebuilt_record(bucket, prefix, name, _known_history(model))
-                if record is None:
-                    return "That checkpoint is skipped."
-                put_json(bucket, key, asdict(record))
-                return "It was rebuilt from the weights and the history."
+    def pointer(data: bytes) -> None:
+        name = str(decode_pointer(data))
+        if missing:
+            _refuse_missing(model, name)
 
-            yield key, str(error), rebuild
+    def scores(data: bytes) -> None:
+        found = Scores.decode(data)
+        if missing:
+            _refuse_missing(model, found.best_checkpoint.name, found.last_checkpoint.name)
 
-
-def _damaged_pointer(model: Model, missing: bool) -> Iterator[_Damage]:
-    bucket, prefix, key = model.bucket, model.prefix, keys.coach_checkpoint(model.prefix)
-    try:
-        name = CheckpointStore(bucket, prefix).latest_name()
-        if missing and name is not None:
-            _refuse_missing(bucket, prefix, key, [name])
-    except ObjectDamaged as error:
-
-        def rebuild() -> str:
-            newest = max(whole_checkpoints(bucket, prefix), default=None)
-            if newest is None:
-                return "There is no checkpoint that it could name."
-            bucket.put(key, str(newest).encode())
-            return f"It names {newest} again."
-
-        yield key, str(error), rebuild
+    yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
+    yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
+    yield from _metrics(model)
+    # What is true only while a run goes on.
+    activities = [info.key for info in bucket.list(keys.status_folder(prefix))]
+    for key in [keys.lease(prefix), *activities]:
+        state = Lease if key == keys.lease(prefix) else ActivityRecord
+        yield _Object(
+            key, state.decode, lambda _: "It will be rewritten when the training goes on."
+        )
 
 
-def _damaged_scores(model: Model, missing: bool) -> Iterator[_Damage]:
-    bucket, prefix, key = model.bucket, model.prefix, keys.deepracer_checkpoints(model.prefix)
-    try:
-        found = read_scores(bucket, prefix)
-        if missing and found is not None:
-            named = [found.best_checkpoint.name, found.last_checkpoint.name]
-            _refuse_missing(bucket, prefix, key, named)
-    except ObjectDamaged as error:
-
-        def rebuild() -> str:
-            scores = rebuilt_scores(bucket, prefix, model.metric)
-            if scores is None:
-                return "It will be rewritten with the next checkpoint."
-            write_scores(bucket, prefix, scores)
-            best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
-            return f"It was rebuilt: the best is {best}, the last is {last}."
-
-        yield key, str(error), rebuild
-
-
-def _damaged_metrics(model: Model) -> Iterator[_Damage]:
-    bucket = model.bucket
+def _metrics(model: Model) -> Iterator[_Object]:
     for worker in model.workers:
         key = keys.training_metrics(model.metrics_prefix, worker)
-        try:
-            read_records(bucket, key)
-        except ObjectMissing:
-            continue
-        except ObjectDamaged as error:
-            before = bucket.get(key)
-
-            def rebuild(worker: int = worker, key: str = key, before: bytes = before) -> str:
-                records = rebuilt_metrics(bucket, model.prefix, worker, before)
-                write_records(bucket, key, records, model.metric)
-                return f"It was rebuilt with {len(records)} episodes."
-
-            yield key, str(error), rebuild
+        yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
 
 
-def _damaged_notes(model: Model) -> Iterator[_Damage]:
-    """What is true only while a run goes on; the next one writes it again."""
-    bucket, prefix = model.bucket, model.prefix
-    notes = [info.key for info in bucket.list(keys.status_folder(prefix))]
-    for key in [keys.lease(prefix), *notes]:
-        try:
-            if isinstance(get_json(bucket, key), dict):
-                continue
-            reason = f"{bucket.name}/{key} is damaged: it is not an object with keys."
-        except ObjectMissing:
-            continue
-        except ObjectDamaged as error:
-            reason = str(error)
-        yield key, reason, lambda: "It will be rewritten when the training goes on."
+def _refuse_missing(model: Model, *names: str) -> None:
+    """Raise Misfit where a checkpoint has no weights of any kind."""
+    listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
+    for name in names:
+        parts = (".safetensors", ".index")
+        if not listed & {keys.checkpoint_part(model.prefix, name, part) for part in parts}:
+            raise Misfit(f"it names {name}, which does not exist")
 
 
-def _refuse_missing(bucket: Bucket, prefix: str, key: str, named: Sequence[str]) -> None:
-    """Raise ObjectDamaged where an object names a checkpoint that has no weights of any kind."""
-    parts = (".safetensors", ".index")
-    there = {info.key for info in bucket.list(keys.model_folder(prefix))}
-    for name in named:
-        if not there & {keys.checkpoint_part(prefix, name, part) for part in parts}:
-            raise ObjectDamaged(
-                f"{bucket.name}/{key} names {name}, which is not there.",
-                remedy="Go on with `dr-start-training --resume`, which writes it again.",
-            )
+def _write_history(model: Model, damaged: bytes) -> str:
+    records = reconstruct_history(model.bucket, model.prefix, damaged)
+    write_history(model.bucket, model.prefix, records)
+    return f"It was reconstructed with {len(records)} iterations."
 
 
-def _known_history(model: Model) -> list[IterationRecord]:
+def _write_record(model: Model, name: str, _damaged: bytes) -> str:
     try:
-        return read_history(model.bucket, model.prefix)
+        history = read_history(model.bucket, model.prefix)
     except ObjectDamaged:
-        return []
+        history = []
+    record = reconstruct_record(model.bucket, model.prefix, checkpoint_name(name), history)
+    if record is None:
+        return "That checkpoint is skipped."
+    model.bucket.put(keys.checkpoint_record(model.prefix, name), record.encode())
+    return "It was reconstructed from the weights and the history."
+
+
+def _write_pointer(model: Model, _damaged: bytes) -> str:
+    newest = max(whole_checkpoints(model.bucket, model.prefix), default=None)
+    if newest is None:
+        return "There is no checkpoint that it could name."
+    model.bucket.put(keys.coach_checkpoint(model.prefix), encode_pointer(newest))
+    return f"It names {newest} again."
+
+
+def _write_scores(model: Model, _damaged: bytes) -> str:
+    scores = reconstruct_scores(model.bucket, model.prefix, model.metric)
+    if scores is None:
+        return "It will be rewritten with the next checkpoint."
+    write_scores(model.bucket, model.prefix, scores)
+    best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
+    return f"It was reconstructed: the best is {best}, the last is {last}."
+
+
+def _write_metrics(model: Model, worker: int, damaged: bytes) -> str:
+    records = reconstruct_metrics(model.bucket, model.prefix, worker, damaged)
+    key = keys.training_metrics(model.metrics_prefix, worker)
+    model.bucket.put(key, encode_metrics(records, model.metric))
+    return f"It was reconstructed with {len(records)} episodes."

@@ -1,18 +1,17 @@
 """Gathers what the simulation workers drove with a checkpoint, as the learner takes it."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from drcli.base.log import get_logger
+from drcli.exchange.checkpoint import checkpoint_name
+from drcli.exchange.rollout import Episodes
+from drcli.exchange.rollout_manifest import Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.episode_encoding import Episodes
-from drcli.store.keys import CheckpointName
-from drcli.store.rollout_collection import RolloutReader, Waiting
-from drcli.store.rollouts import Manifest
+from drcli.store.rollout_reader import RolloutReader, Waiting
 
 _logger = get_logger(__name__)
 
@@ -88,7 +87,7 @@ class Collector:
             manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
-            took_s = max(map(_drive_s, manifests.values()))
+            took_s = max(m.notes.drive_s for m in manifests.values())
             patience_s = max(LEAST_PATIENCE_S, took_s)
             manifests = self._wait(
                 iteration, checkpoints, manifests, len(expected), patience_s, should_stop
@@ -137,64 +136,34 @@ class Collector:
         )
 
     def _read(self, manifests: list[Manifest]) -> Collected:
-        played = self._within_cap(self._reader.read(manifests))
-        lengths, extras = played.episode_lengths, played.extras
-        sums = np.add.reduceat(played.rewards, np.cumsum(lengths) - lengths)
+        driven = self._within_cap(self._reader.read(manifests))
+        rollout = driven.rollout
+        begins = np.cumsum(rollout.lengths) - rollout.lengths
         return Collected(
-            rollout=Rollout(
-                played.frames,
-                played.actions,
-                played.log_probs,
-                played.values,
-                played.rewards,
-                lengths,
-                last_values=extras["last_values"],
-                cut=extras["cut"],
-                scans=extras["scans"],
-                states=extras["states"],
-            ),
-            progress=extras["progress"].tolist(),
-            rewards=sums.tolist(),
-            lap_s=extras["duration_s"][extras["completed"]].tolist(),
-            simulated_s=float(extras["duration_s"].sum()),
-            drive_s=max(map(_drive_s, manifests)),
-            checkpoint=str(min(_name(m) for m in manifests)),
-            evaluates=next((n for n in map(_evaluates, manifests) if n is not None), None),
+            rollout=rollout,
+            progress=driven.progress.tolist(),
+            rewards=np.add.reduceat(rollout.rewards, begins).tolist(),
+            lap_s=driven.duration_s[driven.completed].tolist(),
+            simulated_s=float(driven.duration_s.sum()),
+            drive_s=max(m.notes.drive_s for m in manifests),
+            checkpoint=str(min(checkpoint_name(m.checkpoint) for m in manifests)),
+            evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
         )
 
-    def _within_cap(self, played: Episodes) -> Episodes:
+    def _within_cap(self, driven: Episodes) -> Episodes:
         """Leave out the episodes that are too much, those with the highest numbers."""
-        order = np.argsort(played.episode_numbers, kind="stable")
-        fits = np.cumsum(played.episode_lengths[order]) <= self._max_steps
+        order = np.argsort(driven.numbers, kind="stable")
+        fits = np.cumsum(driven.rollout.lengths[order]) <= self._max_steps
         fits[0] = True
         if fits.all():
-            return played
+            return driven
         _logger.warning(
             "Learning from %d of %d episodes: DR_TRAIN_MAX_STEPS_PER_ITERATION is %d steps.",
             fits.sum(),
             len(order),
             self._max_steps,
         )
-        return played.chosen(np.sort(order[fits]))
-
-
-def _drive_s(manifest: Manifest) -> float:
-    """How long the worker drove, 0 where its note about that is damaged."""
-    value = manifest.notes.get("drive_s")
-    return value if isinstance(value, float) and 0.0 <= value < math.inf else 0.0
-
-
-def _evaluates(manifest: Manifest) -> int | None:
-    """Number of the checkpoint that the worker evaluates beside, None without one."""
-    value = manifest.notes.get("evaluates")
-    return value if isinstance(value, int) and not isinstance(value, bool) else None
-
-
-def _name(manifest: Manifest) -> CheckpointName:
-    name = CheckpointName.parse(manifest.checkpoint)
-    if name is None:
-        raise ValueError(f"{manifest.checkpoint!r} is not the name of a checkpoint.")
-    return name
+        return driven.chosen(np.sort(order[fits]))
 
 
 def _say(waiting: Waiting) -> None:

@@ -2,13 +2,15 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.exchange.rollout import Episodes
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
 from drcli.learn.policy import Decision, Observation, Policy, decide
+from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions, ContinuousActions
@@ -75,6 +77,37 @@ class Driven(Episode):
     last_value: float = 0.0
 
 
+def episodes_of(driven: Sequence[Driven]) -> Episodes:
+    """Training episodes as they travel to the learner; their frames are let go of."""
+    rollout = Rollout(
+        frames=np.stack([frame for e in driven for frame in e.frames]),
+        actions=np.concatenate([_actions(e) for e in driven]),
+        log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
+        values=np.array([v for e in driven for v in e.values]),
+        rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
+        lengths=np.array([e.steps for e in driven]),
+        last_values=np.array([e.last_value for e in driven]),
+        cut=np.array([e.cut for e in driven]),
+        scans=np.stack([scan for e in driven for scan in e.scans]),
+        states=np.stack([state for e in driven for state in e.states]),
+    )
+    for episode in driven:
+        episode.frames.clear()
+    return Episodes(
+        rollout,
+        numbers=np.array([e.number for e in driven]),
+        progress=np.array([e.progress for e in driven]),
+        completed=np.array([e.completed for e in driven]),
+        duration_s=np.array([e.duration_s for e in driven]),
+    )
+
+
+def _actions(episode: Driven) -> NDArray[np.int64] | NDArray[np.float32]:
+    if isinstance(episode.actions[0], int):
+        return np.array(episode.actions, np.int64)
+    return np.stack([np.asarray(action, np.float32) for action in episode.actions])
+
+
 class _Lane:
     """A car and the episode it is driving.
 
@@ -84,12 +117,12 @@ class _Lane:
         seen: The frames the policy sees together, oldest first. Each of shape (eyes, 120, 160).
     """
 
-    def __init__(self, plan: Plan, seed: int, pilot: "Pilot", first: "_Columns", car: int) -> None:
+    def __init__(self, plan: Plan, seed: int, pilot: "Pilot", first: StepResult, car: int) -> None:
         self.plan = plan
         self.seen: deque[NDArray[np.uint8]] = deque(maxlen=pilot.model.spec.stack)
         self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
         # The clock of the car has taken the first step already; the episode began before it.
-        self._began_s = first.sim_time_s[car] - STEP_S
+        self._began_s = first.sim_time_s.item(car) - STEP_S
         self._first = first
         # An episode draws the same numbers wherever, whenever and beside whichever others it is
         # driven, so that an iteration that has to be repeated is the same.
@@ -106,12 +139,12 @@ class _Lane:
         self.seen.extend([frame] * (1 if self.seen else self.seen.maxlen or 1))
         return list(self.seen)
 
-    def record(self, columns: "_Columns", car: int, request: Sequence[float], label: str) -> None:
+    def record(self, result: StepResult, car: int, request: Sequence[float], label: str) -> None:
         """Add a row; the first step of an episode carries the first action that was chosen."""
         rows = self.episode.rows
         if not rows:
-            rows.append(self._first.row(car, request, label, self._began_s))
-        rows.append(columns.row(car, request, label, self._began_s))
+            rows.append(_row(self._first, car, request, label, self._began_s))
+        rows.append(_row(result, car, request, label, self._began_s))
 
     def noise(self) -> NDArray[np.float32]:
         if self._used == len(self._block):
@@ -209,9 +242,8 @@ class Driver:
                 reverse=np.array([plan.reverse for plan in plans]),
                 seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
             )
-        columns = _Columns.of(first)
         for car, plan in zip(free, plans, strict=True):
-            lanes[car] = _Lane(plan, self._seed, self._pilots[plan.racer], columns, car)
+            lanes[car] = _Lane(plan, self._seed, self._pilots[plan.racer], first, car)
 
     def _step(self, lanes: list[_Lane | None]) -> list[int]:
         """One step of all cars that drive.
@@ -225,14 +257,14 @@ class Driver:
         for pilot, seats in self._grouped(driving):
             chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
         with print_limit.limited_prints():
-            columns = _Columns.of(self._simulation.step(steering, speed))
+            result = self._simulation.step(steering, speed)
         for pilot, seats, observed, decision in chosen:
-            _record(pilot, seats, observed, decision, (steering, speed), columns)
-            cut = [(car, lane) for car, lane in seats if columns.truncated[car]]
+            _record(pilot, seats, observed, decision, (steering, speed), result)
+            cut = [(car, lane) for car, lane in seats if result.truncated[car]]
             if cut:
                 self._expect(pilot, cut)
         self._trained += sum(lane.plan.phase == "training" for _, lane in driving)
-        return [car for car, _ in driving if columns.done[car]]
+        return [car for car, _ in driving if result.done[car]]
 
     def _grouped(
         self, driving: Sequence[tuple[int, _Lane]]
@@ -317,7 +349,7 @@ def _record(
     observed: _Observed,
     decision: Decision,
     requests: tuple[NDArray[np.float64], NDArray[np.float64]],
-    columns: "_Columns",
+    result: StepResult,
 ) -> None:
     """Add a step to the episodes of a pilot's cars."""
     cars = [car for car, _ in seats]
@@ -335,7 +367,7 @@ def _record(
     )
     for (car, lane), frame, scan, state, action, request, log_prob, value in choices:
         label = f"[{request[0]} {request[1]}]" if pilot.continuous else str(action)
-        lane.record(columns, car, request, label)
+        lane.record(result, car, request, label)
         if lane.plan.phase == "training":
             episode = lane.episode
             episode.frames.append(frame)
@@ -346,48 +378,26 @@ def _record(
             episode.values.append(value)
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """A step's results as plain Python values, one list a column: rows are made car by car."""
-
-    steps: list[int]
-    x: list[float]
-    y: list[float]
-    yaw_deg: list[float]
-    reward: list[float]
-    done: list[bool]
-    truncated: list[bool]
-    all_wheels_on_track: list[bool]
-    progress: list[float]
-    closest_waypoint: list[int]
-    status: list[int]
-    pause_s: list[float]
-    sim_time_s: list[float]
-    crashes: list[int]
-
-    @staticmethod
-    def of(result: StepResult) -> "_Columns":
-        return _Columns(*(getattr(result, f.name).tolist() for f in fields(_Columns)))
-
-    def row(self, car: int, request: Sequence[float], label: str, began_s: float) -> Row:
-        return Row(
-            steps=self.steps[car],
-            x=self.x[car],
-            y=self.y[car],
-            yaw_deg=self.yaw_deg[car],
-            steering_deg=request[0],
-            speed_mps=request[1],
-            action=label,
-            reward=self.reward[car],
-            done=self.done[car],
-            all_wheels_on_track=self.all_wheels_on_track[car],
-            progress=self.progress[car],
-            closest_waypoint=self.closest_waypoint[car],
-            status=STATUS_WORDS[self.status[car]],
-            pause_s=self.pause_s[car],
-            time_s=self.sim_time_s[car] - began_s,
-            crashes=self.crashes[car],
-        )
+def _row(result: StepResult, car: int, request: Sequence[float], label: str, began_s: float) -> Row:
+    """The step of one car as the trace has it."""
+    return Row(
+        steps=result.steps.item(car),
+        x=result.x.item(car),
+        y=result.y.item(car),
+        yaw_deg=result.yaw_deg.item(car),
+        steering_deg=request[0],
+        speed_mps=request[1],
+        action=label,
+        reward=result.reward.item(car),
+        done=result.done.item(car),
+        all_wheels_on_track=result.all_wheels_on_track.item(car),
+        progress=result.progress.item(car),
+        closest_waypoint=result.closest_waypoint.item(car),
+        status=STATUS_WORDS[result.status.item(car)],
+        pause_s=result.pause_s.item(car),
+        time_s=result.sim_time_s.item(car) - began_s,
+        crashes=result.crashes.item(car),
+    )
 
 
 STATUS_WORDS = [status.label for status in Status]

@@ -5,12 +5,10 @@ opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It reads
 writes traces and metrics of its own; it never changes a model.
 """
 
-import json
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from safetensors.torch import load as load_tensors
@@ -19,6 +17,12 @@ from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
 from drcli.config.settings import Settings
+from drcli.exchange.evaluation_metrics import (
+    REPORT_FILE,
+    TrialMetrics,
+    encode_metrics_file,
+    encode_report,
+)
 from drcli.exchange.job import Job
 from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -27,7 +31,6 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
-from drcli.store.traces import STATUS_LABELS
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
@@ -51,14 +54,6 @@ from drsim.track.worlds import directed
 
 MAX_LAP_S = 600.0
 """Simulated time after which an evaluation gives up a lap."""
-
-COUNTED = {
-    "crashed": "crash",
-    "immobilized": "immobilized",
-    "off_track": "off_track",
-    "reversed": "reversed",
-}
-"""Violations that evaluation metrics count: the words of the trace, and those of the metrics."""
 
 
 @dataclass(frozen=True)
@@ -164,8 +159,8 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
             schedule(episodes, 0.0)
         _publish(bucket, racer, episodes, track.length_m, wall_clock)
         results.append(episodes)
-    reports = [[record(e, e.number + 1) for e in episodes] for episodes in results]
-    (job.folder / "evaluation.json").write_text(json.dumps(reports), "utf-8")
+    report = encode_report([[TrialMetrics.of(e) for e in episodes] for episodes in results])
+    (job.folder / REPORT_FILE).write_bytes(report)
     return results
 
 
@@ -205,8 +200,7 @@ def _publish(
     lines = (log_lines(episode, length_m, wall_clock[1]) for episode in episodes)
     plain.info("\n".join([reference_log.OWN_LINE, *lines]))
     bucket.put(racer.trace, csv_text(episodes, length_m, wall_clock).encode())
-    metrics = {"metrics": [record(e, e.number + 1) for e in episodes]}
-    bucket.put(racer.metrics, json.dumps(metrics).encode())
+    bucket.put(racer.metrics, encode_metrics_file([TrialMetrics.of(e) for e in episodes]))
 
 
 def laps_of(race: Episode) -> list[Episode]:
@@ -218,34 +212,6 @@ def laps_of(race: Episode) -> list[Episode]:
             laps.append(Episode(len(laps), race.phase, clock_s=race.clock_s, begin_s=begin_s))
         laps[-1].rows.append(row)
     return laps
-
-
-def record(episode: Episode, trial: int) -> dict[str, Any]:
-    """One entry of an evaluation's metrics file.
-
-    Args:
-        episode: A trial, or a lap of a continuous race.
-        trial: Its number, from 1.
-    """
-    start_ms = round((episode.clock_s + episode.begin_s) * 1000)
-    elapsed_ms = round(episode.duration_s * 1000)
-    counts = {
-        f"{name}_count": sum(row.status == status for row in episode.rows)
-        for status, name in COUNTED.items()
-    }
-    completed = episode.rows[-1].progress >= 100.0
-    # The violation that ended a trial for good put nobody back.
-    ended_by_violation = episode.rows[-1].done and not completed
-    return {
-        "completion_percentage": min(100, max(0, int(episode.progress))),
-        "metric_time": start_ms + elapsed_ms,
-        "start_time": start_ms,
-        "elapsed_time_in_milliseconds": elapsed_ms,
-        "episode_status": STATUS_LABELS["lap_complete" if completed else episode.status],
-        **counts,
-        "reset_count": sum(counts.values()) - ended_by_violation,
-        "trial": trial,
-    }
 
 
 def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], None]:

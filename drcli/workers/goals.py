@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable, Sequence
 
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.store.history import IterationRecord
 
 SCORED_EPISODES = 100
 """Episodes over which the mean reward is taken, as in the lists of the Gym."""

@@ -2,11 +2,16 @@
 
 import contextlib
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
-from drcli.exchange.trace import Episode, training_record
+from drcli.exchange.trace import Episode
+from drcli.exchange.training_metrics import (
+    EpisodeMetrics,
+    encode_metrics,
+    most_episodes,
+)
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.training_metrics import counted_with, read_records, write_records
+from drcli.store.repair import read_metrics
 from drcli.workers.episode_share import Share
 
 
@@ -41,29 +46,27 @@ class TrainingMetrics:
         self._bucket = bucket
         self._key = key
         self._best_model_metric = best_model_metric
-        self._records: list[dict[str, Any]] = []
+        records: list[EpisodeMetrics] = []
         with contextlib.suppress(ObjectMissing):
-            self._records = read_records(bucket, key)
-        iteration = -1
-        for record in self._records:  # version 0.1.0 kept no iteration
-            iteration += record["phase"] == "training" and record["trial"] == 1
-            iteration = record.setdefault("iteration", max(iteration, 0))
-        self._per_iteration = max(share.most, counted_with(self._records))
+            records = _with_iterations(read_metrics(bucket, key))
+        self._per_iteration = max(share.most, most_episodes(records))
         if first is not None:
             with contextlib.suppress(ObjectMissing, ObjectDamaged):
-                others = counted_with(read_records(bucket, first))
+                others = most_episodes(read_metrics(bucket, first))
                 self._per_iteration = max(self._per_iteration, others)
-        for record in self._records:
-            record["episode"] = self._number(record["iteration"], record["trial"])
+        self._records = [
+            replace(record, episode=self._number(record.iteration or 0, record.trial))
+            for record in records
+        ]
 
     @property
     def clock_s(self) -> float:
         """Simulation clock after the last episode, seconds."""
-        return max((r["metric_time"] for r in self._records), default=0) / 1000.0
+        return max((r.metric_time for r in self._records), default=0) / 1000.0
 
     def keep_before(self, iteration: int) -> None:
         """Forget the episodes of this iteration and of later ones, and their evaluations."""
-        self._records = [r for r in self._records if r["iteration"] < iteration]
+        self._records = [r for r in self._records if (r.iteration or 0) < iteration]
 
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
@@ -77,16 +80,29 @@ class TrainingMetrics:
                 iteration's last training episode.
         """
         for trial, episode in enumerate(training, start=1):
-            self._records.append(self._record(episode, iteration, trial))
-        last = max((r["trial"] for r in self._records if r["iteration"] == iteration), default=1)
-        self._records += [self._record(episode, iteration, last) for episode in evaluation]
-        if not self._records:
-            return
-        write_records(self._bucket, self._key, self._records, self._best_model_metric)
+            self._add(episode, iteration, trial)
+        last = max((r.trial for r in self._records if r.iteration == iteration), default=1)
+        for episode in evaluation:
+            self._add(episode, iteration, last)
+        if self._records:
+            self._bucket.put(self._key, encode_metrics(self._records, self._best_model_metric))
 
-    def _record(self, episode: Episode, iteration: int, trial: int) -> dict[str, Any]:
-        record = training_record(episode, self._number(iteration, trial), trial)
-        return {**record, "iteration": iteration}
+    def _add(self, episode: Episode, iteration: int, trial: int) -> None:
+        number = self._number(iteration, trial)
+        self._records.append(
+            EpisodeMetrics.of(episode, iteration=iteration, episode=number, trial=trial)
+        )
 
     def _number(self, iteration: int, trial: int) -> int:
         return iteration * self._per_iteration + trial
+
+
+def _with_iterations(records: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:
+    """The records with their iterations, which version 0.1.0 did not write."""
+    found, iteration = [], -1
+    for record in records:
+        iteration += record.phase == "training" and record.trial == 1
+        if record.iteration is not None:
+            iteration = record.iteration
+        found.append(replace(record, iteration=max(iteration, 0)))
+    return found

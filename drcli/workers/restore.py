@@ -6,9 +6,9 @@ from safetensors.torch import load as load_tensors
 from drcli.base.errors import SettingsError
 from drcli.base.log import get_logger
 from drcli.store import keys
+from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint
-from drcli.store.evaluations import evaluated_numbers
 from drcli.workers.build_learner import Learner
 
 _logger = get_logger(__name__)

@@ -8,25 +8,25 @@ import sys
 import time
 from collections.abc import Callable
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.job import Job
+from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
+from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.episode_encoding import Episodes
-from drcli.store.evaluations import EvaluationResult, write_evaluation
-from drcli.store.repair import Model, mend_metrics
-from drcli.store.rollouts import RolloutWriter, session_of_worker
+from drcli.store.repair import Model, repair_metrics
+from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
@@ -41,7 +41,7 @@ from drcli.workers.build_race import (
     sensors_of_model,
 )
 from drcli.workers.cores import cores, driving_threads, overlaps
-from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Pilot, Plan, episodes_of
 from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.wait_for_trainer import CheckpointWaiter
@@ -116,7 +116,7 @@ class SimWorker:
             s.train_best_model_metric,
             workers=(worker,),
         )
-        for sentence in mend_metrics(own):
+        for sentence in repair_metrics(own):
             _logger.warning(sentence)
         self._metrics = TrainingMetrics(
             self._bucket,
@@ -176,7 +176,7 @@ class SimWorker:
             self._iterate(iteration, name)
             iteration += 1
 
-    def _iterate(self, iteration: int, name: keys.CheckpointName) -> None:
+    def _iterate(self, iteration: int, name: CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish everything about it."""
         numbers = self._share.numbers(iteration)
         self._metrics.keep_before(iteration)
@@ -185,17 +185,12 @@ class SimWorker:
         evaluation: list[Driven] = []
         self._driven_steps = 0
         self._drives += 1  # one that is driven again must not write over what may be being read
-        writer = RolloutWriter(
-            self._bucket,
-            self._prefix,
-            iteration=iteration,
-            worker=self._share.worker,
-            checkpoint=str(name),
-            session=session_of_worker(self._job.session, os.getpid(), self._drives),
-        )
+        session = session_of_worker(self._job.session, os.getpid(), self._drives)
+        manifest = Manifest(iteration, self._share.worker, str(name), session)
+        writer = RolloutWriter(self._bucket, self._prefix, manifest)
         shard: list[Driven] = []
-        evaluates = self._evaluates(name)
-        trials = self._trials if evaluates else 0
+        evaluated = self._evaluates(name)
+        trials = self._trials if evaluated else 0
         begin = time.time()
 
         def collect(episode: Driven) -> None:
@@ -209,15 +204,11 @@ class SimWorker:
             shard.append(episode)
             last = len(training) == len(numbers)
             if last or sum(e.steps for e in shard) >= SHARD_STEPS:
-                writer.add(_packed(shard))
+                writer.add(episodes_of(shard))
                 shard.clear()
             if last:
-                writer.finish(
-                    {
-                        "drive_s": time.time() - begin,
-                        "evaluates": name.number if evaluates else None,
-                    }
-                )
+                evaluates = name.number if evaluated else None
+                writer.finish(Driving(drive_s=time.time() - begin, evaluates=evaluates))
                 self._handed_in_s = time.monotonic()
                 self._publish_training(iteration, training, (begin, time.time()))
                 self._activity.say(f"evaluates checkpoint {name.number}")
@@ -239,7 +230,7 @@ class SimWorker:
             self._note_evaluation(iteration, name, evaluation, numbers.stop)
         self._warm = True
 
-    def _evaluates(self, name: keys.CheckpointName) -> bool:
+    def _evaluates(self, name: CheckpointName) -> bool:
         """Whether the checkpoint is to be evaluated beside the driving, which takes time."""
         if not self._trials or name.number == self._evaluated:
             return False
@@ -302,7 +293,7 @@ class SimWorker:
             plain.info(lines)
         self._bucket.put(key, trace.encode())
 
-    def _publish_evaluation(self, name: keys.CheckpointName, episodes: list[Driven]) -> None:
+    def _publish_evaluation(self, name: CheckpointName, episodes: list[Driven]) -> None:
         """Tell the trainer how a checkpoint did in all its trials."""
         episodes.sort(key=lambda episode: episode.number)
         result = EvaluationResult(
@@ -318,7 +309,7 @@ class SimWorker:
     def _note_evaluation(
         self,
         iteration: int,
-        name: keys.CheckpointName,
+        name: CheckpointName,
         episodes: list[Driven],
         last_episode: int,
     ) -> None:
@@ -335,43 +326,6 @@ class SimWorker:
 def _evaluation_trials(job: Job) -> int:
     """Evaluation episodes of each checkpoint; never none, or there would be no best one."""
     return max(1, job.settings.train_min_eval_trials, job.until_laps or 0)
-
-
-def _packed(episodes: list[Driven]) -> Episodes:
-    """Finished episodes as the columns that travel; their frames are let go of."""
-    packed = Episodes(
-        frames=np.stack([frame for e in episodes for frame in e.frames]),
-        actions=np.concatenate([_action_column(e.actions) for e in episodes]),
-        log_probs=np.concatenate([np.array(e.log_probs, np.float32) for e in episodes]),
-        values=np.concatenate([np.array(e.values) for e in episodes]),
-        rewards=np.concatenate([_reward_column(e) for e in episodes]),
-        episode_numbers=np.array([e.number for e in episodes]),
-        episode_lengths=np.array([e.steps for e in episodes]),
-        extras={
-            "progress": np.array([e.progress for e in episodes]),
-            "completed": np.array([e.completed for e in episodes]),
-            "duration_s": np.array([e.duration_s for e in episodes]),
-            "cut": np.array([e.cut for e in episodes]),
-            "last_values": np.array([e.last_value for e in episodes]),
-            "scans": np.concatenate([np.stack(e.scans) for e in episodes]),
-            "states": np.concatenate([np.stack(e.states) for e in episodes]),
-        },
-    )
-    for episode in episodes:
-        episode.frames.clear()
-    return packed
-
-
-def _reward_column(episode: Driven) -> NDArray[np.float64]:
-    return np.array([row.reward for row in episode.rows[1:]])
-
-
-def _action_column(
-    actions: list[NDArray[np.float32] | int],
-) -> NDArray[np.int64] | NDArray[np.float32]:
-    if isinstance(actions[0], int):
-        return np.array(actions, dtype=np.int64)
-    return np.stack([np.asarray(action, dtype=np.float32) for action in actions])
 
 
 def main(worker: int) -> Callable[[Job, Lifeline], None]:

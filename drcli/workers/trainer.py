@@ -3,7 +3,6 @@
 Run by the supervisor as `python -m drcli.workers.trainer`.
 """
 
-import json
 import math
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,25 +13,28 @@ from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
+from drcli.exchange.checkpoint import CheckpointName, Counters
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, LastWords
+from drcli.exchange.worker_state import TrainingEnd
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
 from drcli.learn.update_stats import Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store import health, keys
+from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History, IterationRecord, fields_of
-from drcli.store.repair import Model, mend
-from drcli.store.rollout_collection import RolloutReader
+from drcli.store.history import History, collapse
+from drcli.store.repair import Model, repair
+from drcli.store.rollout_reader import RolloutReader
 from drcli.workers import reference_log, worker_process
 from drcli.workers.batch import Collected, Collector
-from drcli.workers.best_checkpoint import Scoring
 from drcli.workers.build_learner import build_learner
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
+from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import DOUBT_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
@@ -57,7 +59,7 @@ class Trainer:
         model = Model(
             self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
         )
-        for sentence in mend(model):
+        for sentence in repair(model):
             _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
@@ -77,12 +79,12 @@ class Trainer:
         plain.info("Using the following hyper-parameters")
         plain.info(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
-        counters = {} if self._found is None else self._found.record.counters
+        counters = Counters() if self._found is None else self._found.record.counters
         compute = choose_compute(
             s.torch_precision,
             parameters.batch_size,
             learning_threads(s),
-            before=counters.get("number_format"),
+            before=counters.number_format,
         )
         _logger.info("Learning in %s", compute.reason)
         self._number_format = compute.number_format
@@ -152,9 +154,9 @@ class Trainer:
             restore_optimizer(self._learner, found.optimizer)
         record = found.record
         self._number, self._steps = record.number, record.steps
-        self._episodes = int(record.counters.get("episodes", 0))
-        self._elapsed_before_s = float(record.counters.get("elapsed_s", 0.0))
-        self._history.restore(self._number, record.counters.get("learned"))
+        self._episodes = record.counters.episodes
+        self._elapsed_before_s = record.counters.elapsed_s
+        self._history.restore(self._number, record.counters.learned)
         self._scoring.restore(self._history.records)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
@@ -212,11 +214,11 @@ class Trainer:
         if time.monotonic() < self._doubted + DOUBT_S:
             return
         self._doubted = time.monotonic()
-        if self._checkpoints.mend_pointer(self._newest()):
+        if self._checkpoints.repair_pointer(self._newest()):
             _logger.warning("The pointer to %s was lost; it is written again.", self._newest())
 
-    def _newest(self) -> keys.CheckpointName:
-        return keys.CheckpointName(self._number, self._steps)
+    def _newest(self) -> CheckpointName:
+        return CheckpointName(self._number, self._steps)
 
     # Learning.
 
@@ -285,7 +287,7 @@ class Trainer:
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
         """What to say when the loss is no number any more."""
-        best = keys.CheckpointName.parse(self._checkpoints.best_name() or "")
+        best = CheckpointName.parse(self._checkpoints.best_name() or "")
         back = "" if best is None else f" Or start a new model from checkpoint {best.number}, the "
         back += "" if best is None else "best, with DR_LOCAL_S3_PRETRAINED=True."
         return TrainingFailed(
@@ -297,7 +299,7 @@ class Trainer:
 
     def _watch_health(self) -> None:
         """Say once when the policy has become far worse than it was."""
-        fallen = health.collapse(self._history.records, self._checkpoints.best_name())
+        fallen = collapse(self._history.records, self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
@@ -324,14 +326,14 @@ class Trainer:
             self._number,
             self._steps,
             save_tensors(state),
-            counters={
-                "episodes": self._episodes,
-                "elapsed_s": self._elapsed_s(),
-                "number_format": self._number_format,
-                "learned": None if learned is None else fields_of(learned),
-                "seed": self._job.seed,
-                "inputs": self._inputs,
-            },
+            counters=Counters(
+                episodes=self._episodes,
+                elapsed_s=self._elapsed_s(),
+                number_format=self._number_format,
+                learned=learned,
+                seed=self._job.seed,
+                inputs=self._inputs,
+            ),
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
         tensors = self._learner.optimizer.tensors()
@@ -362,8 +364,8 @@ class Trainer:
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers, wherever they run, to drive no further iteration."""
-        mark = {"session": self._job.session, "reason": reason}
-        self._bucket.put(keys.finished(self._prefix), json.dumps(mark).encode())
+        end = TrainingEnd(self._job.session, reason)
+        self._bucket.put(keys.finished(self._prefix), end.encode())
 
     def _finish(self, reason: str) -> None:
         """Leave everything complete, and the reason for the supervisor."""

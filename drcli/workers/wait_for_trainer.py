@@ -1,15 +1,18 @@
 """How a simulation worker waits for the trainer."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
 
+from drcli.base.json_record import Misfit
 from drcli.base.log import get_logger
+from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
+from drcli.exchange.worker_state import TrainingEnd
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
-from drcli.store.checkpoint_record import Record
+from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.rollouts import find_manifest
+from drcli.store.rollout_reader import find_manifest
 from drcli.workers.worker_process import StopRequested
 
 _logger = get_logger(__name__)
@@ -78,15 +81,14 @@ class CheckpointWaiter:
         self._workers = workers
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
 
-    def learn_from(self, record: Record) -> None:
+    def learn_from(self, record: CheckpointRecord) -> None:
         """Take from a checkpoint's record how long the trainer learned to make it.
 
         What the worker itself waited for it would not do: its own pauses are in that.
         """
-        learned = record.counters.get("learned") or {}
-        seconds, steps = learned.get("learn_s"), learned.get("steps")
-        if seconds is not None and steps:
-            self._learn_s_per_step.append(seconds / steps)
+        learned = record.counters.learned
+        if learned is not None and learned.steps and not math.isnan(learned.learn_s):
+            self._learn_s_per_step.append(learned.learn_s / learned.steps)
 
     def _quiet_s(self, steps: int) -> float:
         """How long nobody need look for a checkpoint that is learned from so many own steps."""
@@ -94,9 +96,7 @@ class CheckpointWaiter:
             return 0.0
         return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
 
-    def wait(
-        self, number: int, newest: int, steps: int, since_s: float
-    ) -> keys.CheckpointName | None:
+    def wait(self, number: int, newest: int, steps: int, since_s: float) -> CheckpointName | None:
         """Wait for a checkpoint of at least this number, or for one from before the last.
 
         The checkpoint that the trainer has rollouts of comes again when those are not there any
@@ -141,7 +141,7 @@ class CheckpointWaiter:
                 self._obey()
                 self._pause(min(left_s, LONGEST_NAP_S))
 
-    def _is_lost(self, newest: keys.CheckpointName) -> bool:
+    def _is_lost(self, newest: CheckpointName) -> bool:
         """Whether the trainer waits for an iteration that this worker has handed in long since."""
         manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
         if (
@@ -159,7 +159,7 @@ class CheckpointWaiter:
 
     def _finished(self) -> bool:
         try:
-            mark = get_json(self._bucket, self._end)
-        except (ObjectMissing, ObjectDamaged):  # the supervisor tells of the end, too
+            end = TrainingEnd.decode(self._bucket.get(self._end))
+        except (ObjectMissing, Misfit):  # the supervisor tells of the end, too
             return False
-        return isinstance(mark, dict) and mark.get("session") == self._session
+        return end.session == self._session

@@ -1,7 +1,6 @@
 """What all workers share as processes: signals, their log, and the reason why they end."""
 
 import gc
-import json
 import os
 import signal
 import socket
@@ -15,10 +14,11 @@ from drcli.base import log, log_files
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
+from drcli.exchange.worker_state import ActivityRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.store.ownership import Ownership
+from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
 
@@ -62,13 +62,8 @@ class Activity:
         if text == self._last:
             return
         self._last = text
-        record = {
-            "activity": text,
-            "since": time.time(),
-            "pid": os.getpid(),
-            "host": socket.gethostname(),
-        }
-        self._bucket.put(self._key, json.dumps(record).encode())
+        record = ActivityRecord(text, time.time(), os.getpid(), socket.gethostname())
+        self._bucket.put(self._key, record.encode())
 
 
 def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:

@@ -9,10 +9,10 @@ import pytest
 
 from drcli.base.log import LogFile
 from drcli.cli.app import main
+from drcli.exchange.iteration import IterationRecord
 from drcli.runs.evaluation import EvaluationReport, TrialReport
 from drcli.runs.status import CheckpointReport, RunReport, WorkerReport
 from drcli.store.connect import stop_default_storage
-from drcli.store.history import IterationRecord
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""

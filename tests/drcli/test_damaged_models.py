@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,13 @@ from drcli.runs.increment import plan_increment
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.runs.status import inspect
 from drcli.store import keys, lease
-from drcli.store.bucket import Watch, put_json
+from drcli.store.best_checkpoint import read_scores
+from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.reconstruct import whole_checkpoints
-from drcli.store.scores import read_scores
-from drcli.store.training_metrics import read_records
+from drcli.store.repair import read_metrics
 from drcli.workers.sim import SimWorker
 from drcli.workers.trainer import Trainer
 from drcli.workers.worker_process import StopRequested
@@ -167,7 +167,7 @@ def shrink(bucket: MemoryBucket) -> None:
             optimizer = Fingerprint.of(small)
             bucket.put(keys.checkpoint_optimizer(PREFIX, name), small)
         record = replace(record, tensors=Fingerprint.of(small), optimizer=optimizer)
-        put_json(bucket, keys.checkpoint_record(PREFIX, name), asdict(record))
+        bucket.put(keys.checkpoint_record(PREFIX, name), record.encode())
 
 
 @pytest.fixture
@@ -294,8 +294,8 @@ def assert_whole(bucket: MemoryBucket) -> None:
     scores = read_scores(bucket, PREFIX)
     assert scores is not None
     assert scores.last_checkpoint.name.startswith(f"{ITERATIONS}_Step-")
-    records = read_records(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
-    driven = [r["episode"] for r in records if r["phase"] == "training"]
+    records = read_metrics(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
+    driven = [r.episode for r in records if r.phase == "training"]
     assert driven == list(range(1, 2 * ITERATIONS + 1))
     for name in whole_checkpoints(bucket, PREFIX):
         CheckpointStore(bucket, PREFIX).load(str(name))

@@ -9,7 +9,7 @@ from rich.text import Text
 from drcli.cli.views import sparkline
 
 if TYPE_CHECKING:
-    from drcli.store.history import IterationRecord
+    from drcli.exchange.iteration import IterationRecord
 
 CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
 """Width of a curve in a wide terminal, and the least width in a narrow one."""

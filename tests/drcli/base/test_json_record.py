@@ -1,10 +1,11 @@
 """JSON that was damaged is refused with a reason, and never becomes a value of another type."""
 
+import math
 from dataclasses import dataclass, field
 
 import pytest
 
-from drcli.base.json_record import Misfit, built, parsed
+from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, built, parsed
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,11 @@ class Outer:
     loss: float = 0.0
     inner: Inner | None = None
     notes: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Measured(JsonRecord):
+    loss: MaybeNan
 
 
 WHOLE = {
@@ -61,8 +67,28 @@ def test_a_value_that_a_field_cannot_have_is_named(change, reason):
         built(Outer, WHOLE | change)
 
 
-def test_nan_is_taken_where_it_may_stand():
-    assert built(Outer, WHOLE | {"loss": float("nan")}, nan=("loss",)).loss != 0.0
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), None])
+def test_a_number_that_may_be_unknown_becomes_nan(value):
+    assert math.isnan(built(Measured, {"loss": value}).loss)
+
+
+def test_a_record_comes_back_from_its_bytes_and_one_of_a_newer_version_is_refused():
+    record = Measured(0.5)
+
+    assert Measured.decode(record.encode()) == record
+    assert record.encode() == b'{"loss": 0.5}'
+    with pytest.raises(Misfit, match="its format is 2, not 1"):
+        Measured.decode(b'{"loss": 0.5, "format": 2}')
+
+
+def test_a_later_version_is_written_and_read():
+    @dataclass(frozen=True)
+    class Second(Measured):
+        VERSION = 2
+
+    assert Second.decode(Second(0.5).encode()) == Second(0.5)
+    with pytest.raises(Misfit, match="its format is 1, not 2"):
+        Second.decode(Measured(0.5).encode())
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from drcli.exchange.trace import (
     csv_text,
     log_lines,
     schedule,
-    training_record,
 )
+from drcli.exchange.training_metrics import EpisodeMetrics
 
 STEP_S = 1 / 15
 
@@ -74,9 +74,9 @@ def test_a_metrics_record_agrees_with_the_trace():
     episode = _episode(4, rewards=[0.0, 2.4, 3.3], end="lap_complete", progress=100.0)
     episode.clock_s = 2.0
 
-    record = training_record(episode, training_number=5, trial=5)
+    record = EpisodeMetrics.of(episode, iteration=0, episode=5, trial=5)
 
-    assert record == {
+    assert record.to_json() == {
         "reward_score": 6,
         "metric_time": 2200,
         "start_time": 2000,
@@ -86,6 +86,7 @@ def test_a_metrics_record_agrees_with_the_trace():
         "phase": "training",
         "completion_percentage": 100,
         "episode_status": "Lap complete",
+        "iteration": 0,
     }
 
 

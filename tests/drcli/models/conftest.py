@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from drcli.config.settings import Settings, load_settings
+from drcli.exchange.checkpoint import Counters
 from drcli.models.download import DownloadOptions, DownloadReport, download, plan_download
 from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
 from drcli.store import keys
@@ -91,7 +92,7 @@ def put_model(
     store = CheckpointStore(bucket, prefix)
     for number in numbers:
         weights = f"weights {number} of design {design}".encode()
-        record = store.save(number, 100 * number, weights, counters={"episodes": number})
+        record = store.save(number, 100 * number, weights, counters=Counters(episodes=number))
         store.record_evaluation(record.name, 90.0 if number == numbers[0] else 50.0)
     store.attach_optimizer(record, b"moments")
     bucket.put(keys.model_metadata(prefix), json.dumps({"design": design}).encode())

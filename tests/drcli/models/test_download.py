@@ -257,7 +257,7 @@ def test_a_source_that_is_pruned_while_it_is_looked_at_is_looked_at_again(mover)
             if not self.pruned:
                 self.pruned = True
                 store = CheckpointStore(self, "theirs/fast")
-                store.save(9, 900, b"weights 9 of design a", counters={})
+                store.save(9, 900, b"weights 9 of design a")
                 store.record_evaluation("9_Step-900.ckpt", 95.0)
                 doomed = keys.checkpoint_part("theirs/fast", "2_Step-200.ckpt", "")
                 self.delete([o.key for o in super().list(folder) if o.key.startswith(doomed)])

@@ -6,6 +6,7 @@ from contextlib import suppress
 import pytest
 
 from drcli.base.errors import StorageError
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
@@ -235,7 +236,7 @@ class TrainingBucket(MemoryBucket):
     def get(self, key, *, watch=None):
         if key.endswith("ckpt.json") and "/model/" in key and self._left:
             left, self._left = self._left - 1, 0
-            last = keys.CheckpointName.parse(key.split("/")[-1].removesuffix(".json"))
+            last = CheckpointName.parse(key.split("/")[-1].removesuffix(".json"))
             assert last is not None
             for step in range(1, 6):
                 put_model(self, "team/model", numbers=(last.number + step,))

@@ -8,9 +8,9 @@ import yaml
 from drcli.base.errors import SettingsError, StorageError
 from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys, lease
+from drcli.store.best_checkpoint import read_scores
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.scores import read_scores
 
 from .conftest import driven, put_model
 

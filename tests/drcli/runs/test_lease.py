@@ -13,8 +13,8 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.base.process_identity import started_s
 from drcli.store import keys, lease
+from drcli.store.lease import read_lease, write_lease
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.ownership import read_lease, write_lease
 
 
 class Server:

@@ -6,14 +6,17 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
+from drcli.exchange.checkpoint import Counters
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.runs.lease_renewal import LOOK_S, RENEW_S, Renewal
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History, IterationRecord, fields_of
+from drcli.store.history import History
+from drcli.store.lease import Ownership, read_lease, write_lease
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.ownership import Ownership, read_lease, write_lease
-from drcli.store.rollout_collection import RolloutReader
-from drcli.store.rollouts import RolloutWriter, session_of_worker
+from drcli.store.rollout_reader import RolloutReader
+from drcli.store.rollout_writer import RolloutWriter
 
 PREFIX = "model"
 
@@ -237,21 +240,15 @@ class Training:
         if found is None:
             store.save(0, 0, b"weights")
         else:
-            history.restore(number, found.record.counters.get("learned"))
+            history.restore(number, found.record.counters.learned)
             store.point_to(found.record)
         drive = 0
         while True:
             drive += 1
             name = store.latest_name()
-            writer = RolloutWriter(
-                self.bucket,
-                PREFIX,
-                iteration=number,
-                worker=0,
-                checkpoint=name,
-                session=session_of_worker(self.session, 1, drive),
-            )
-            writer.finish({})
+            session = session_of_worker(self.session, 1, drive)
+            writer = RolloutWriter(self.bucket, PREFIX, Manifest(number, 0, name, session))
+            writer.finish(Driving())
             yield
             self.bucket.put(keys.training_trace(PREFIX, number), f"{self.number}".encode())
             yield
@@ -261,7 +258,7 @@ class Training:
             record = iteration(number, driven_by=self.number)
             number += 1
             weights = f"weights of {self.number}".encode()
-            store.save(number, 0, weights, counters={"learned": fields_of(record)})
+            store.save(number, 0, weights, counters=Counters(learned=record))
             yield
             history.add(record)
             reader.delete_learned(number - 2)

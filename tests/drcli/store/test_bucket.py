@@ -3,7 +3,8 @@
 import pytest
 
 from drcli.base.errors import OwnershipLost, StorageError
-from drcli.store.bucket import ObjectDamaged, ObjectMissing, get_json, put_json
+from drcli.exchange.worker_state import TrainingEnd
+from drcli.store.bucket import ObjectDamaged, ObjectMissing, read_record
 
 
 @pytest.mark.parametrize("data", [b"", b"x", bytes(range(256)) * 5_000])
@@ -60,18 +61,29 @@ def test_deleting_forgets_what_is_there_and_ignores_what_is_not(bucket):
     assert [info.key for info in bucket.list("a/")] == ["a/c"]
 
 
-def test_json_comes_back_as_it_went_on_one_line(bucket):
-    put_json(bucket, "a.json", {"b": [1, None, "ü"]})
+def test_a_record_comes_back_as_it_went_on_one_line(bucket):
+    end = TrainingEnd("a session", "It is over ü.")
+    bucket.put("a.json", end.encode())
 
-    assert get_json(bucket, "a.json") == {"b": [1, None, "ü"]}
+    assert read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.") == end
     assert b"\n" not in bucket.get("a.json")
 
 
-def test_json_that_is_none_is_named(bucket):
-    bucket.put("a.json", b"{")
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"{", "it is not JSON"),
+        (b"{}", "'session' is missing"),
+        (b'{"session": "s", "reason": "r", "format": 2}', "its format is 2, not 1"),
+    ],
+)
+def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data, reason):
+    bucket.put("a.json", data)
 
-    with pytest.raises(ObjectDamaged, match=r"bucket/a\.json is damaged: it is not JSON"):
-        get_json(bucket, "a.json")
+    with pytest.raises(ObjectDamaged, match=rf"bucket/a\.json is damaged: {reason}") as failure:
+        read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
+
+    assert failure.value.remedy == "Delete it."
 
 
 def test_a_watcher_is_told_every_byte_that_travels(bucket):

@@ -7,12 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.base.errors import StorageError
+from drcli.exchange.checkpoint import CheckpointName, Counters
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
+from drcli.store.best_checkpoint import tie_break_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
-from drcli.store.keys import CheckpointName
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.scores import Score, Scores, tie_break_of
 
 PREFIX = "team/model-1"
 
@@ -46,14 +48,16 @@ def names(bucket: MemoryBucket) -> list[str]:
 
 
 def test_a_checkpoint_comes_back_with_its_counters_and_optimizer(store):
-    store.save(7, 4200, b"weights", optimizer=b"moments", sim_time_s=63.5, counters={"episodes": 9})
+    store.save(
+        7, 4200, b"weights", optimizer=b"moments", sim_time_s=63.5, counters=Counters(episodes=9)
+    )
 
     found = store.load_latest(with_optimizer=True)
 
     assert found is not None
     assert (found.tensors, found.optimizer, found.damaged) == (b"weights", b"moments", ())
     assert (found.record.number, found.record.steps) == (7, 4200)
-    assert found.record.counters == {"episodes": 9}
+    assert found.record.counters == Counters(episodes=9)
     assert found.record.sim_time_s == 63.5
 
 
@@ -303,7 +307,10 @@ def test_the_tie_break_is_still_known_to_the_next_trainer_and_stands_behind_all_
 def test_ties_of_progress_and_reward_are_broken_by_lap_time_and_those_by_progress(
     metric, better, worse
 ):
-    assert tie_break_of(metric, *better) < tie_break_of(metric, *worse)
+    def result(progress, lap_s) -> EvaluationResult:
+        return EvaluationResult("0_Step-0.ckpt", progress, [0.0] * len(progress), lap_s)
+
+    assert tie_break_of(metric, result(*better)) < tie_break_of(metric, result(*worse))
 
 
 def test_forgotten_scores_are_beaten_by_the_next_evaluation(store):
@@ -397,16 +404,16 @@ def test_a_trainer_mends_a_pointer_that_its_workers_cannot_follow(store, memory,
     if lost is not None:
         memory.put(key, lost)
 
-    assert store.mend_pointer(newest)
+    assert store.repair_pointer(newest)
     assert store.latest_name() == str(newest)
-    assert not store.mend_pointer(newest)
+    assert not store.repair_pointer(newest)
 
 
 def test_a_pointer_that_somebody_else_has_moved_on_is_left_alone(store):
     old = CheckpointName.parse(store.save(0, 0, b"weights").name)
     newest = store.save(1, 100, b"weights")
 
-    assert not store.mend_pointer(old)
+    assert not store.repair_pointer(old)
     assert store.latest_name() == newest.name
 
 

@@ -1,10 +1,12 @@
-import json
 import math
 from dataclasses import replace
 
 import pytest
 
-from drcli.store.history import History, IterationRecord, fields_of, read_history
+from drcli.base.fingerprint import Fingerprint
+from drcli.exchange.checkpoint import CheckpointRecord, Counters
+from drcli.exchange.iteration import IterationRecord
+from drcli.store.history import History, read_history
 from drcli.store.memory_bucket import MemoryBucket
 
 
@@ -41,13 +43,13 @@ def history() -> History:
 
 
 def test_iterations_that_will_be_repeated_are_forgotten(history):
-    history.restore(2, fields_of(record(1)))
+    history.restore(2, record(1))
 
     assert [r.iteration for r in history.records] == [0, 1]
 
 
 def test_a_record_that_died_with_its_trainer_comes_back_with_the_checkpoint(history):
-    history.restore(4, fields_of(record(3)))
+    history.restore(4, record(3))
 
     assert history.records[-1] == record(3)
 
@@ -55,15 +57,16 @@ def test_a_record_that_died_with_its_trainer_comes_back_with_the_checkpoint(hist
 def test_what_comes_back_is_published():
     bucket = MemoryBucket()
 
-    History(bucket, "model").restore(1, fields_of(record(0)))
+    History(bucket, "model").restore(1, record(0))
 
     assert read_history(bucket, "model") == [record(0)]
 
 
-def test_figures_that_are_no_numbers_travel_in_a_checkpoint_too(history):
+def test_numbers_that_are_unknown_travel_in_a_checkpoint_too(history):
     odd = replace(record(3), kl=float("nan"), value_loss=float("inf"))
+    before = CheckpointRecord("4_Step-9.ckpt", Fingerprint.of(b""), counters=Counters(learned=odd))
 
-    history.restore(4, json.loads(json.dumps(fields_of(odd), allow_nan=False)))
+    history.restore(4, CheckpointRecord.decode(before.encode()).counters.learned)
 
     assert math.isnan(history.records[-1].kl)
     assert history.records[-1].best_lap_s is None

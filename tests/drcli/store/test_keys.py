@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drcli.config.value_types import BESIDE_MODELS
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
-from drcli.store.keys import CheckpointName
 
 PREFIX = "team/x/model-1"
 
@@ -63,13 +63,6 @@ def test_every_object_lies_where_the_console_puts_it(key, expected):
 def test_an_evaluation_is_named_by_fourteen_digits_only(stamp):
     with pytest.raises(ValueError, match="14 digits"):
         keys.evaluation_trace("m", stamp)
-
-
-def test_the_stamp_of_an_evaluation_is_read_from_its_trace():
-    key = keys.evaluation_trace(PREFIX, "20260102030405", 3)
-
-    assert keys.evaluation_stamp_of(PREFIX, key) == "20260102030405"
-    assert keys.evaluation_stamp_of("model-1", key) is None
 
 
 def test_a_folder_ends_with_one_slash_so_that_its_neighbour_is_no_part_of_it():

@@ -1,18 +1,20 @@
 """Workers hand in, the trainer takes: only what a manifest confirms, and nobody waits unheard."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.store import keys, rollout_collection
+from drcli.base.json_record import Misfit
+from drcli.exchange.rollout import Episodes
+from drcli.exchange.rollout_manifest import Driving, Manifest
+from drcli.learn.rollout_buffer import Rollout
+from drcli.store import keys, rollout_reader
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.episode_encoding import Episodes
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.rollout_collection import RolloutReader, Waiting
-from drcli.store.rollouts import Manifest, RolloutWriter, find_manifest, new_session
+from drcli.store.rollout_reader import RolloutReader, Waiting, find_manifest
+from drcli.store.rollout_writer import RolloutWriter
 
 PREFIX = "team/model-1"
 CHECKPOINT = "3_Step-900.ckpt"
@@ -21,27 +23,34 @@ CHECKPOINT = "3_Step-900.ckpt"
 def played(steps: int, number: int = 0) -> Episodes:
     column = np.arange(steps, dtype=np.float64)
     return Episodes(
-        frames=np.full((steps, 1, 12, 16), number, np.uint8),
-        actions=np.arange(steps),
-        log_probs=column.astype(np.float32),
-        values=column,
-        rewards=column,
-        episode_numbers=np.array([number]),
-        episode_lengths=np.array([steps]),
+        Rollout(
+            frames=np.full((steps, 1, 12, 16), number, np.uint8),
+            actions=np.arange(steps),
+            log_probs=column.astype(np.float32),
+            values=column,
+            rewards=column,
+            lengths=np.array([steps]),
+            last_values=np.zeros(1),
+            cut=np.zeros(1, np.bool_),
+            scans=np.zeros((steps, 0), np.float32),
+            states=np.zeros((steps, 0), np.float32),
+        ),
+        numbers=np.array([number]),
+        progress=np.array([50.0]),
+        completed=np.array([False]),
+        duration_s=np.array([2.0]),
     )
 
 
 def writer(bucket, worker=0, *, session="s1", checkpoint=CHECKPOINT, iteration=3) -> RolloutWriter:
-    return RolloutWriter(
-        bucket, PREFIX, iteration=iteration, worker=worker, checkpoint=checkpoint, session=session
-    )
+    return RolloutWriter(bucket, PREFIX, Manifest(iteration, worker, checkpoint, session))
 
 
 def hand_in(bucket, worker=0, **kind) -> Manifest:
     sending = writer(bucket, worker, **kind)
     sending.add(played(5, 10 * worker))
     sending.add(played(7, 10 * worker + 1))
-    return sending.finish({"seconds": 2.5})
+    return sending.finish(Driving(2.5))
 
 
 class Clock:
@@ -86,24 +95,24 @@ def test_what_a_worker_played_arrives_part_by_part(bucket):
     reader.close()
 
     assert arrived == {0: manifest}
-    assert (manifest.episodes, manifest.steps, manifest.notes) == (2, 12, {"seconds": 2.5})
-    assert episodes.frames[:, 0, 0, 0].tolist() == [0] * 5 + [1] * 7
+    assert (len(manifest.parts), manifest.steps, manifest.notes) == (2, 12, Driving(2.5))
+    assert episodes.rollout.frames[:, 0, 0, 0].tolist() == [0] * 5 + [1] * 7
 
 
 def test_a_manifest_comes_back_from_its_bytes(memory):
     manifest = hand_in(memory, 2)
 
-    assert Manifest.from_bytes(manifest.to_bytes()) == manifest
+    assert Manifest.decode(manifest.encode()) == manifest
     assert find_manifest(memory, PREFIX, 3, 2) == manifest
     assert find_manifest(memory, PREFIX, 4, 2) is None
 
 
 @pytest.mark.parametrize("data", [b"", b"[]", b"{}", b'{"parts": [{}]}'])
-def test_other_bytes_are_no_manifest(memory, data):
+def test_other_bytes_are_not_a_manifest(memory, data):
     memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
 
-    with pytest.raises(ObjectDamaged, match="is damaged"):
-        Manifest.from_bytes(data)
+    with pytest.raises(Misfit, match=r"empty|instead of an object|is missing"):
+        Manifest.decode(data)
     assert find_manifest(memory, PREFIX, 3, 0) is None
 
 
@@ -117,7 +126,7 @@ def test_a_failed_upload_surfaces_at_the_end_and_nothing_counts():
     sending.add(played(5))
 
     with pytest.raises(StorageError, match="disk is full"):
-        sending.finish()
+        sending.finish(Driving())
 
     assert find_manifest(bucket, PREFIX, 3, 0) is None
 
@@ -132,8 +141,8 @@ def test_an_abandoned_rollout_has_no_manifest(memory):
 
 
 def test_a_restarted_worker_overwrites_no_part_of_its_former_self(memory, reader):
-    before = hand_in(memory, session=new_session())
-    after = hand_in(memory, session=new_session())
+    before = hand_in(memory, session="one")
+    after = hand_in(memory, session="two")
 
     assert not {part.key for part in before.parts} & {part.key for part in after.parts}
     assert wait(reader, [0])[0] == after
@@ -195,7 +204,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
     sending = writer(bucket)
     sending.add(played(5))
     sending._uploads[0].result()
-    clock.happens[10.0] = sending.finish
+    clock.happens[10.0] = lambda: sending.finish(Driving())
 
     manifest = wait(reader, [0])[0]
     reader.read([manifest])
@@ -206,7 +215,7 @@ def test_parts_are_fetched_before_their_manifest_comes(memory, clock):
 
 
 def test_no_more_is_fetched_ahead_than_memory_allows(memory, reader, monkeypatch):
-    monkeypatch.setattr(rollout_collection, "PREFETCH_BYTES", 0)
+    monkeypatch.setattr(rollout_reader, "PREFETCH_BYTES", 0)
     manifest = hand_in(memory)
 
     wait(reader, [0])
@@ -223,7 +232,7 @@ def test_a_part_that_its_manifest_does_not_confirm_is_refused(memory, reader):
     with pytest.raises(ObjectDamaged, match=rf"{key} is damaged") as failure:
         reader.read([manifest])
 
-    assert "worker 0 must play iteration 3 again" in failure.value.remedy
+    assert "worker 0 must drive iteration 3 again" in failure.value.remedy
 
 
 def test_a_part_that_was_fetched_too_early_is_fetched_again(memory, reader):
@@ -250,12 +259,9 @@ def test_what_was_learned_is_deleted_and_nothing_else(memory, reader):
     hand_in(memory, iteration=2)
     hand_in(memory, iteration=3)
     hand_in(memory, iteration=10)
-    other = replace(played(5), notes={})
-    neighbour = RolloutWriter(
-        memory, f"{PREFIX}/3", iteration=0, worker=0, checkpoint=CHECKPOINT, session="s"
-    )
-    neighbour.add(other)
-    neighbour.finish()
+    neighbour = RolloutWriter(memory, f"{PREFIX}/3", Manifest(0, 0, CHECKPOINT, "s"))
+    neighbour.add(played(5))
+    neighbour.finish(Driving())
 
     reader.delete_learned(3)
 
@@ -276,5 +282,5 @@ def test_a_manifest_that_claims_a_billion_rows_is_damage(memory):
     fields = {"iteration": 3, "worker": 0, "checkpoint": "3_Step-1.ckpt", "session": "s"}
     data = json.dumps({**fields, "parts": [part]}).encode()
 
-    with pytest.raises(ObjectDamaged, match="2000000 bytes cannot hold"):
-        Manifest.from_bytes(data)
+    with pytest.raises(Misfit, match="2000000 bytes cannot hold"):
+        Manifest.decode(data)

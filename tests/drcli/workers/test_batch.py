@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from drcli.exchange.rollout import Episodes
+from drcli.exchange.rollout_manifest import Driving, Manifest
+from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys
-from drcli.store.episode_encoding import Episodes
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.rollout_collection import RolloutReader
-from drcli.store.rollouts import RolloutWriter, find_manifest
+from drcli.store.rollout_reader import RolloutReader, find_manifest
+from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers.batch import LEAST_PATIENCE_S, Collector
 
 PREFIX = "model"
@@ -44,36 +46,30 @@ def reader(bucket, clock):
 
 
 def hand_in(bucket, worker: int, iteration: int = 0, lengths=(3, 2), drive_s=4.0) -> None:
-    writer = RolloutWriter(
-        bucket,
-        PREFIX,
-        iteration=iteration,
-        worker=worker,
-        checkpoint=f"{iteration}_Step-9.ckpt",
-        session="s",
-    )
+    manifest = Manifest(iteration, worker, f"{iteration}_Step-9.ckpt", "s")
+    writer = RolloutWriter(bucket, PREFIX, manifest)
     steps, episodes = sum(lengths), len(lengths)
     writer.add(
         Episodes(
-            frames=np.zeros((steps, 1, 12, 16), np.uint8),
-            actions=np.zeros(steps, np.int64),
-            log_probs=np.zeros(steps, np.float32),
-            values=np.zeros(steps),
-            rewards=np.ones(steps),
-            episode_numbers=np.arange(episodes)[::-1].copy() + 10 * worker,
-            episode_lengths=np.array(lengths),
-            extras={
-                "progress": np.linspace(10.0, 20.0, episodes),
-                "completed": np.arange(episodes) == 0,
-                "duration_s": np.full(episodes, 2.0),
-                "cut": np.zeros(episodes, np.bool_),
-                "last_values": np.zeros(episodes, np.float32),
-                "scans": np.zeros((steps, 0), np.float32),
-                "states": np.zeros((steps, 0), np.float32),
-            },
+            Rollout(
+                frames=np.zeros((steps, 1, 12, 16), np.uint8),
+                actions=np.zeros(steps, np.int64),
+                log_probs=np.zeros(steps, np.float32),
+                values=np.zeros(steps),
+                rewards=np.ones(steps),
+                lengths=np.array(lengths),
+                last_values=np.zeros(episodes),
+                cut=np.zeros(episodes, np.bool_),
+                scans=np.zeros((steps, 0), np.float32),
+                states=np.zeros((steps, 0), np.float32),
+            ),
+            numbers=np.arange(episodes)[::-1].copy() + 10 * worker,
+            progress=np.linspace(10.0, 20.0, episodes),
+            completed=np.arange(episodes) == 0,
+            duration_s=np.full(episodes, 2.0),
         )
     )
-    writer.finish({"drive_s": drive_s, "evaluates": 0 if worker == 0 else None})
+    writer.finish(Driving(drive_s, 0 if worker == 0 else None))
 
 
 def test_the_episodes_of_all_workers_come_together(bucket, reader):

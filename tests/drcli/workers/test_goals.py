@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import load_settings
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.store import health
-from drcli.store.history import IterationRecord
+from drcli.store.history import collapse
 from drcli.workers.episode_share import EvaluationBudget
 from drcli.workers.goals import Goals, mean_score
 
@@ -130,17 +130,15 @@ def test_a_collapse_is_told_with_the_checkpoint_to_go_back_to():
     progress = [20.0, 60.0, 97.0, 98.0, 99.0, 70.0, 30.0, 23.0]
     records = [record(k, mean_progress=p) for k, p in enumerate(progress)]
 
-    assert health.collapse(records[:5], "4_Step-9.ckpt") is None
-    assert (
-        health.collapse(records, "4_Step-9.ckpt") == "completion fell from 98 % to 41 %; best is 4"
-    )
-    assert health.collapse(records, None) == "completion fell from 98 % to 41 %"
+    assert collapse(records[:5], "4_Step-9.ckpt") is None
+    assert collapse(records, "4_Step-9.ckpt") == "completion fell from 98 % to 41 %; best is 4"
+    assert collapse(records, None) == "completion fell from 98 % to 41 %"
 
 
 def test_a_training_that_never_got_far_has_nothing_to_lose():
     records = [record(k, mean_progress=p) for k, p in enumerate([30.0, 30.0, 30.0, 5.0, 5.0, 5.0])]
 
-    assert health.collapse(records, None) is None
+    assert collapse(records, None) is None
 
 
 def test_evaluations_take_no_more_than_their_share_of_the_time():

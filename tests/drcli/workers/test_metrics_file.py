@@ -1,10 +1,12 @@
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drcli.exchange.trace import Episode, Row
+from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.episode_share import Share
@@ -91,8 +93,9 @@ def test_an_iteration_that_is_driven_again_after_a_resume_replaces_the_first(buc
 
 def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
     share = Share(2, workers=3, episodes=5)  # one episode beside the two of worker 0
-    record = {"phase": "training", "trial": 1, "metric_time": 1000}
-    old = {"metrics": [{**record, "episode": 1}, {**record, "episode": 2}]}
+    record = EpisodeMetrics.of(_episode(0), iteration=0, episode=1, trial=1)
+    record = replace(record, iteration=None)
+    old = {"metrics": [record.to_json(), replace(record, episode=2).to_json()]}
     bucket.put(KEY, json.dumps(old).encode())
 
     metrics = TrainingMetrics(bucket, KEY, "progress", share)

@@ -2,8 +2,9 @@
 
 import pytest
 
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.store.best_checkpoint import read_evaluation, write_evaluation
 from drcli.store.bucket import ObjectMissing
-from drcli.store.evaluations import EvaluationResult, read_evaluation, write_evaluation
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.restore import forget_evaluations
 

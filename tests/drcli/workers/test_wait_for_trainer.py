@@ -1,12 +1,12 @@
-import json
-
 import pytest
 
+from drcli.exchange.checkpoint import Counters
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.rollout_manifest import Manifest
+from drcli.exchange.worker_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import IterationRecord
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.store.rollouts import Manifest
 from drcli.workers.wait_for_trainer import DOUBT_S, QUIET_SHARE, CheckpointWaiter
 from drcli.workers.worker_process import StopRequested
 
@@ -51,13 +51,13 @@ class World:
 
     def hand_in(self, iteration: int, checkpoint: str) -> None:
         manifest = Manifest(iteration, 0, checkpoint, SESSION, ())
-        self.bucket.put(keys.rollout_manifest(PREFIX, iteration, 0), manifest.to_bytes())
+        self.bucket.put(keys.rollout_manifest(PREFIX, iteration, 0), manifest.encode())
 
     def lose(self, iteration: int) -> None:
         self.bucket.delete([keys.rollout_manifest(PREFIX, iteration, 0)])
 
     def end(self, session: str = SESSION) -> None:
-        self.bucket.put(keys.finished(PREFIX), json.dumps({"session": session}).encode())
+        self.bucket.put(keys.finished(PREFIX), TrainingEnd(session, "").encode())
 
 
 @pytest.fixture
@@ -74,17 +74,18 @@ def test_the_checkpoint_that_is_there_is_taken_at_once(world):
     assert world.now_s == 0.0
 
 
-def learned(seconds: float, steps: int) -> dict:
+def learned(seconds: float, steps: int) -> Counters:
     """What a checkpoint says of the iteration that made it."""
     numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
     lists = {"evaluation_progress": [], "evaluation_lap_s": []}
-    return {**numbers, "checkpoint": "", **lists, "learn_s": seconds, "steps": steps}
+    fields = {**numbers, "checkpoint": "", **lists, "learn_s": seconds, "steps": steps}
+    return Counters(learned=IterationRecord(**fields))
 
 
 def learn_from(world, *learn_s: float, steps: int = 500) -> None:
     """Checkpoints that the trainer learned so long from so many steps to make."""
     for number, seconds in enumerate(learn_s):
-        counters = {"learned": learned(seconds, steps)}
+        counters = learned(seconds, steps)
         record = world.store.save(number, steps * number, b"", counters=counters)
         world.waiter.learn_from(record)
 
@@ -123,7 +124,7 @@ def test_a_stalled_trainer_is_waited_for_once(world, stalled_at):
     waits_s = []
     for number, seconds in enumerate(learn_s, start=1):
         began_s = world.now_s
-        counters = {"learned": learned(seconds, 500)}
+        counters = learned(seconds, 500)
 
         def publish(number=number, counters=counters) -> None:
             world.store.save(number, 500 * number, b"", counters=counters)
@@ -147,7 +148,7 @@ def test_a_learner_that_became_faster_is_not_waited_for_as_long_as_before(world)
 
 
 def test_a_checkpoint_that_says_nothing_of_learning_is_no_measure(world):
-    world.waiter.learn_from(world.store.save(0, 0, b"", counters={"learned": None}))
+    world.waiter.learn_from(world.store.save(0, 0, b"", counters=Counters()))
     world.waiter.learn_from(world.store.save(1, 0, b""))
     world.at(1.0, lambda: world.publish(2))
 
@@ -220,7 +221,7 @@ def test_an_iteration_that_another_start_handed_in_over_ours_is_driven_again(wor
     world.publish(0)
     world.publish(1)
     manifest = Manifest(1, 0, "1_Step-100.ckpt", "an earlier start", ())
-    world.bucket.put(keys.rollout_manifest(PREFIX, 1, 0), manifest.to_bytes())
+    world.bucket.put(keys.rollout_manifest(PREFIX, 1, 0), manifest.encode())
 
     assert world.waiter.wait(2, newest=1, steps=10, since_s=0.0).number == 1
 

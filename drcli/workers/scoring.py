@@ -4,14 +4,15 @@ from collections.abc import Callable, Iterable
 
 from drcli.base.backoff import wait_until
 from drcli.base.log import get_logger, plain
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.iteration import IterationRecord
 from drcli.store import keys
+from drcli.store.best_checkpoint import metric_of, read_evaluation, tie_break_of
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.evaluations import EvaluationResult, read_evaluation
-from drcli.store.history import History, IterationRecord
-from drcli.store.keys import CheckpointName
+from drcli.store.history import History
 from drcli.store.repair import set_aside
-from drcli.store.scores import metric_of, tie_break_of
 
 _logger = get_logger(__name__)
 
@@ -126,9 +127,9 @@ class Scoring:
         """Let an evaluated checkpoint be the best one, if it is."""
         self._checkpoints.record_evaluation(
             result.checkpoint,
-            metric_of(self._metric, result.columns),
+            metric_of(self._metric, result),
             lower_is_better=self._metric == "laptime",
-            tie_break=tie_break_of(self._metric, result.progress, result.lap_s),
+            tie_break=tie_break_of(self._metric, result),
         )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:

@@ -1,4 +1,4 @@
-"""The trainer's side of the rollouts: waits for the workers, takes what they played, sweeps up."""
+"""The trainer's side of rollouts: waits for the workers, reads what they drove."""
 
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -6,13 +6,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from drcli.base.backoff import SLOW_GROWTH, delays_s
+from drcli.base.json_record import Misfit
+from drcli.exchange.rollout import Episodes, decode_episodes
+from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing, ObjectDamaged
-from drcli.store.episode_encoding import Episodes, unpack_together
-from drcli.store.rollouts import Manifest, Part, belongs, find_manifest
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing, read_record
 
 PREFETCH_BYTES = 24 << 20
-"""Most that is fetched ahead: three thousand steps. Longer iterations come while they unfold."""
+"""Most that is fetched ahead: three thousand steps. Longer iterations come while they unpack."""
 
 FIRST_LOOK_S = 0.1
 """Pause between two looks for rollouts, at first. A look takes 7 ms, which the workers could be
@@ -42,6 +43,15 @@ class Waiting:
             f"The trainer has been waiting {self.waited_s:.0f} s for iteration {self.iteration} of "
             f"simulation worker {who}{end}."
         )
+
+
+def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
+    """What a worker has handed in already, None where it has not; damaged counts as not."""
+    key = keys.rollout_manifest(prefix, iteration, worker)
+    try:
+        return read_record(bucket, key, Manifest.decode, "The worker drives the iteration again.")
+    except (ObjectMissing, ObjectDamaged):
+        return None
 
 
 class RolloutReader:
@@ -92,9 +102,9 @@ class RolloutReader:
 
         Args:
             iteration: Which rollouts.
-            checkpoints: Those that may have played them; others are left over from a run that
+            checkpoints: those that may have driven them; others are left over from a run that
                 was stopped or went back, and count as missing.
-            workers: Who plays.
+            workers: Who drives.
             patience_s: After that long, go on with what is there.
             enough: Wait for no more than so many of them; for all when left out.
             arrived: Manifests that have come already.
@@ -144,18 +154,24 @@ class RolloutReader:
             ObjectDamaged: A part is not what the worker wrote.
         """
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
+        reading = ""
 
         def each() -> Iterator[bytes]:
+            nonlocal reading
             for number, (manifest, part) in enumerate(wanted):
+                reading = part.key
                 for _, later in wanted[number:]:
                     self._prefetch(later.key, later.fingerprint.size_bytes)
                 yield self._checked(manifest, part)
 
-        return unpack_together(
-            each(),
-            steps=sum(part.steps for _, part in wanted),
-            where=[f"{self._bucket.name}/{part.key}" for _, part in wanted],
-        )
+        try:
+            return decode_episodes(each(), sum(part.steps for _, part in wanted))
+        except Misfit as e:
+            raise ObjectDamaged(
+                f"{self._bucket.name}/{reading} is damaged: {e}.",
+                remedy="Let the worker drive the iteration again; if it repeats, all machines need "
+                "the same version of this program.",
+            ) from e
 
     def _checked(self, manifest: Manifest, part: Part) -> bytes:
         data = self._take(part.key)
@@ -166,7 +182,7 @@ class RolloutReader:
         if fault is not None:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{part.key} is damaged: {fault}.",
-                remedy=f"Simulation worker {manifest.worker} must play iteration "
+                remedy=f"Simulation worker {manifest.worker} must drive iteration "
                 f"{manifest.iteration} again.",
             )
         return data

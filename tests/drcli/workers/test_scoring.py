@@ -2,14 +2,15 @@
 
 import pytest
 
-from drcli.store import keys
-from drcli.store.bucket import put_json
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.iteration import IterationRecord
+from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History, IterationRecord
-from drcli.store.keys import CheckpointName
+from drcli.store.history import History
 from drcli.store.memory_bucket import MemoryBucket
-from drcli.workers import best_checkpoint
-from drcli.workers.best_checkpoint import Scoring
+from drcli.workers import scoring
+from drcli.workers.scoring import Scoring
 
 PREFIX = "model"
 
@@ -32,13 +33,13 @@ class Model:
         return Scoring(self.bucket, PREFIX, self.store, self.history, "progress")
 
     def evaluate(self, number: int, progress: float, name: str = "") -> None:
-        result = {
-            "checkpoint": name or f"{number}_Step-{100 * number}.ckpt",
-            "progress": [progress] * 5,
-            "reward": [1.0] * 5,
-            "lap_s": [10.0] * 5 if progress == 100.0 else [],
-        }
-        put_json(self.bucket, keys.evaluation_result(PREFIX, number), result)
+        result = EvaluationResult(
+            checkpoint=name or f"{number}_Step-{100 * number}.ckpt",
+            progress=[progress] * 5,
+            reward=[1.0] * 5,
+            lap_s=[10.0] * 5 if progress == 100.0 else [],
+        )
+        write_evaluation(self.bucket, PREFIX, number, result)
 
     @property
     def best(self) -> str | None:
@@ -124,7 +125,7 @@ def test_the_last_evaluation_is_waited_for_while_it_is_being_driven(model, monke
             model.evaluate(2, 100.0)
         return False
 
-    monkeypatch.setattr(best_checkpoint, "LAST_EVALUATION_S", 30.0)
+    monkeypatch.setattr(scoring, "LAST_EVALUATION_S", 30.0)
     model.scoring.wait(2, 0.0, should_stop)
     model.scoring.score(model.newest)
 

@@ -1,0 +1,84 @@
+"""One iteration of a training as a record, and `history.json`, which lists all of them."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+
+from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, parsed
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationRecord(JsonRecord):
+    """One iteration: what was driven with a checkpoint and what was learned from it.
+
+    Numbers that nobody knows any more are NaN in a history that was reconstructed.
+
+    Attributes:
+        iteration: Number of the checkpoint that drove, from 0.
+        checkpoint: Its name.
+        episodes: Training episodes driven.
+        steps: Steps learned from.
+        total_steps: Steps learned from since the beginning.
+        mean_reward: Mean sum of rewards of an episode.
+        mean_progress: Mean progress of an episode, percent of a lap.
+        full_laps: Episodes that ended with a completed lap.
+        best_lap_s: Fastest completed lap, simulated seconds, or None.
+        entropy: Mean entropy of the policy in the last epoch, nats.
+        surrogate_loss: Mean policy loss of the last epoch; NaN for SAC.
+        value_loss: Mean value loss of the last epoch; NaN for SAC.
+        kl: Mean divergence from the policy that drove, in the last epoch; NaN for SAC.
+        steps_per_s: Steps learned from per second of wall time, driving and learning together.
+        real_time_factor: Simulated seconds per second of wall time, all cars together.
+        drive_s: Wall time that the slowest worker drove.
+        learn_s: Wall time of the update.
+        exchange_s: Wall time of the iteration that neither driving nor learning explains.
+        elapsed_s: Wall time of training so far, without the time it was stopped.
+        evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
+        evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
+        actor_loss: SAC's, mean of the last part of the update; None for PPO.
+        critic_loss: Mean loss of SAC's two critics, likewise.
+        alpha: SAC's temperature, likewise.
+    """
+
+    iteration: int
+    checkpoint: str
+    episodes: int
+    steps: int
+    total_steps: int
+    mean_reward: float
+    mean_progress: float
+    full_laps: int
+    best_lap_s: float | None
+    entropy: MaybeNan = math.nan
+    surrogate_loss: MaybeNan = math.nan
+    value_loss: MaybeNan = math.nan
+    kl: MaybeNan = math.nan
+    steps_per_s: MaybeNan = math.nan
+    real_time_factor: MaybeNan = math.nan
+    drive_s: MaybeNan = math.nan
+    learn_s: MaybeNan = math.nan
+    exchange_s: MaybeNan = math.nan
+    elapsed_s: float
+    evaluation_progress: list[float] = field(default_factory=list)
+    evaluation_lap_s: list[float] = field(default_factory=list)
+    actor_loss: float | None = None
+    critic_loss: float | None = None
+    alpha: float | None = None
+
+
+def encode_history(records: Sequence[IterationRecord]) -> bytes:
+    """The file. It holds the word NaN, as Python's JSON writes it."""
+    return json.dumps({"iterations": [asdict(record) for record in records]}).encode()
+
+
+def decode_history(data: bytes) -> list[IterationRecord]:
+    """The iterations, oldest first.
+
+    Raises:
+        Misfit: The bytes are something else.
+    """
+    file = parsed(data, with_nan=True)
+    if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
+        raise Misfit("it has no list of 'iterations'")
+    return [IterationRecord.from_json(fields) for fields in file["iterations"]]

@@ -1,0 +1,81 @@
+"""The simulation worker's side of rollouts: sends episodes to the bucket while it goes on driving.
+
+Parts come first, the manifest that names them last; a reader trusts nothing that no manifest of
+the expected checkpoint confirms. Keys of parts carry the session of their writer, so a restarted
+worker never overwrites what somebody may be reading.
+"""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from threading import BoundedSemaphore
+
+from drcli.base.fingerprint import Fingerprint
+from drcli.exchange.rollout import Episodes, encode_episodes
+from drcli.exchange.rollout_manifest import Driving, Manifest, Part
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+_UNSENT_PARTS = 4
+"""How many parts may wait in memory for a slow bucket before driving has to wait, too."""
+
+
+class RolloutWriter:
+    """Sends the episodes of one worker and one iteration while it goes on driving.
+
+    Leave it with `finish` or `abandon`.
+
+    Args:
+        bucket: Where they go.
+        prefix: Of the model.
+        manifest: Who drives what; its parts are still to come.
+    """
+
+    def __init__(self, bucket: Bucket, prefix: str, manifest: Manifest) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._manifest = manifest
+        self._uploads: list[Future[Part]] = []
+        self._sender = ThreadPoolExecutor(1, thread_name_prefix="rollout-upload")
+        self._room = BoundedSemaphore(_UNSENT_PARTS)
+
+    def add(self, episodes: Episodes) -> None:
+        """Send some whole episodes while the caller goes on; their arrays must not change.
+
+        Raises:
+            StorageError: An earlier part could not be sent.
+        """
+        self._raise_failure()
+        self._room.acquire()
+        self._uploads.append(self._sender.submit(self._send, len(self._uploads), episodes))
+
+    def finish(self, notes: Driving) -> Manifest:
+        """Wait until everything is sent, then write the manifest, which makes it count.
+
+        Raises:
+            StorageError: Something could not be sent; nothing counts then.
+        """
+        self._sender.shutdown(wait=True)
+        parts = tuple(upload.result() for upload in self._uploads)
+        manifest = replace(self._manifest, parts=parts, notes=notes)
+        key = keys.rollout_manifest(self._prefix, manifest.iteration, manifest.worker)
+        self._bucket.put(key, manifest.encode())
+        return manifest
+
+    def abandon(self) -> None:
+        """Send nothing more and write no manifest; the trainer sweeps up what was sent."""
+        self._sender.shutdown(wait=True, cancel_futures=True)
+
+    def _send(self, number: int, episodes: Episodes) -> Part:
+        try:
+            data = encode_episodes(episodes)
+            m = self._manifest
+            key = keys.rollout_part(self._prefix, m.iteration, m.worker, m.session, number)
+            self._bucket.put(key, data)
+            return Part(key, Fingerprint.of(data), episodes.count, episodes.steps)
+        finally:
+            self._room.release()
+
+    def _raise_failure(self) -> None:
+        for upload in self._uploads:
+            if upload.done():
+                upload.result()
