@@ -1,4 +1,4 @@
-"""What goes into the Gymnasium environments, checked, and what comes out of them."""
+"""Checks of what users pass to the Gymnasium environments."""
 
 from typing import Any
 
@@ -6,31 +6,16 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.episode.simulation import Simulation
-from drsim.episode.step import StepResult
-from drsim.sensing.sensors import Sensors
-
-Perceived = Any
-"""An array, or a dict of arrays by sensor name."""
-
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Refuse a word that is none of those expected.
-
-    Raises:
-        ValueError: Names them.
-    """
+    """Raise ValueError for a value that is not one of the choices; the message lists them."""
     if value not in choices:
         words = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
 
 
 def check_start(start: Any) -> None:
-    """Refuse a start that is no place on the lap.
-
-    Raises:
-        ValueError: It is neither None nor a number from 0 to 1.
-    """
+    """Raise ValueError for a start that is neither None nor a number from 0 to 1."""
     if start is None:
         return
     if not isinstance(start, (float, int, np.number)) or not 0 <= start <= 1:
@@ -38,16 +23,16 @@ def check_start(start: Any) -> None:
 
 
 def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
-    """Actions as an array, if they mean anything.
+    """Actions as an array. Continuous ones beyond -1 .. 1 are accepted: they count as -1 or 1.
 
     Args:
-        given: Numbers of one car, or of many.
+        given: The action of one car, or those of many.
         space: Action space of one car.
         batch: `(n,)` for n cars.
 
     Raises:
-        ValueError: They have not the shape or the type of the space, are no choice of a list, or
-            are no numbers. Continuous actions beyond -1 .. 1 are good: they count as -1 or 1.
+        ValueError: They do not have the shape or the type of the space, are not among its choices,
+            or are not finite.
     """
     actions = np.asarray(given)
     good = actions.shape == (*batch, *(space.shape or ()))
@@ -58,7 +43,7 @@ def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = 
         good = good and actions.dtype.kind in "fiu" and bool(np.isfinite(actions).all())
     if not good:
         cars = f" for {batch[0]} cars" if batch else ""
-        raise ValueError(f"{given!r} is no action of {space}{cars}.")
+        raise ValueError(f"{given!r} is not an action of {space}{cars}.")
     return actions
 
 
@@ -69,13 +54,9 @@ def start_of(
     reverse: bool,
     options: dict[str, Any] | None,
 ) -> tuple[NDArray[np.float64], bool]:
-    """Where episodes start, and which way they drive; options win over the arguments.
+    """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether they drive in reverse.
 
-    Returns:
-        Fractions of the lap, shape (count,), and the direction.
-
-    Raises:
-        ValueError: The start is no place on the lap, or an option has another name.
+    Options win over the arguments; ValueError for an unknown one or a start that is not 0 .. 1.
     """
     options = options or {}
     for name in options:
@@ -84,30 +65,3 @@ def start_of(
     check_start(start)
     fractions = random.random(count) if start is None else np.full(count, float(start))
     return fractions, bool(options.get("reverse", reverse))
-
-
-def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
-    """What cars perceive, as their observation space has it: copies, eyes last."""
-    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
-    if sensors.lidar is None:
-        return frames
-    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
-
-
-def info_of(result: StepResult) -> dict[str, Any]:
-    """What `info` tells of all cars; arrays of shape (n,)."""
-    names = (
-        "progress",
-        "status",
-        "steps",
-        "laps",
-        "lap_time_s",
-        "x",
-        "y",
-        "yaw_deg",
-        "closest_waypoint",
-        "all_wheels_on_track",
-        "crashes",
-        "driven",
-    )
-    return {name: getattr(result, name) for name in names}

@@ -14,25 +14,20 @@ from drsim.episode.episode import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.gym.arguments import (
-    Perceived,
-    check_choice,
-    check_start,
-    checked_actions,
-    info_of,
-    perceived,
-    start_of,
-)
+from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.rendering import RENDER_MODES, VIEWS, CameraMan, Frame, Window
+from drsim.viewing.rendering import RENDER_MODES, VIEWS, Frame, Viewer, Window
+
+Perceived = Any
+"""An array, or a dict of arrays by sensor name."""
 
 
 class RacerEnv(gym.Env[Perceived, Any]):
-    """A DeepRacer car on a track.
+    """One DeepRacer car on a track.
 
     ## Action space
 
@@ -66,22 +61,21 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Reward
 
-    Whatever the reward function returns for its 27 parameters; when left out, that of the
-    centre line: 1.0 within 10 % of the track width from it, 0.5 within 25 %, 0.1 within 50 %, else
-    0.001.
+    What the reward function returns for its 27 parameters. The default rewards a car near the
+    centre line: 1.0 within 10 % of the track width, 0.5 within 25 %, 0.1 within 50 %, else 0.001.
 
     ## Start
 
     At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere on the lap when `start`
-    is None. Where an obstacle stands near, on the other lane. `reset(options={"start": 0.25,
-    "reverse": True})` wins over the arguments. Everything random in an episode, its start, its
-    objects, its light and its disturbances, comes from the seed of `reset`.
+    is None. If an obstacle is near, the car starts on the other lane. `reset(options={"start":
+    0.25, "reverse": True})` wins over the arguments. Everything random in an episode (start,
+    objects, light, disturbances) comes from the seed of `reset`.
 
     ## End of an episode
 
     Terminated: a full lap (progress exactly 100), a crash, all four wheels off the track, 15 steps
-    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. Rules that
-    forgive violations put the car back and let it wait; its actions are then ignored.
+    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. With
+    `rules.max_resets`, a violation puts the car back on the track; it waits, and ignores actions.
 
     ## Info
 
@@ -131,8 +125,8 @@ class RacerEnv(gym.Env[Perceived, Any]):
             view: "camera", "chase" or "top".
 
         Raises:
-            TrackError: There is no such world.
-            ValueError: Another argument makes no sense; the sentence says which.
+            TrackError: There is no track of this name.
+            ValueError: Another argument is wrong; the message says which.
         """
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         check_choice("view", view, VIEWS)
@@ -160,40 +154,34 @@ class RacerEnv(gym.Env[Perceived, Any]):
             randomize=randomize,
         )
         self._running = False
-        self._camera_man: CameraMan | None = None
+        self._viewer: Viewer | None = None
         self._window: Window | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the window: a copy opens one of its own when it is shown."""
+        """Everything but the window: a copy opens its own."""
         return {**self.__dict__, "_window": None}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Perceived, dict[str, Any]]:
-        """Begin an episode.
+        """Begin an episode, and return what the car perceives and info.
 
         Args:
             seed: Seed of everything random; None goes on with the generator as it is.
             options: `start`, 0 .. 1, and `reverse`.
-
-        Returns:
-            What the car perceives, and info.
         """
         super().reset(seed=seed)
         fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
         seeds = self.np_random.integers(2**64, size=1, dtype=np.uint64)
         result = self._simulation.reset(np.array([0]), fractions, reverse=reverse, seeds=seeds)
         self._running = True
-        if self._camera_man is not None:
-            self._camera_man.cut()
+        if self._viewer is not None:
+            self._viewer.cut()
         self._show()
         return self._perceived(), _info_of_one(result)
 
     def step(self, action: Any) -> tuple[Perceived, float, bool, bool, dict[str, Any]]:
         """Act for 1/15 s.
-
-        Args:
-            action: One action of the action space.
 
         Returns:
             What the car perceives, reward, terminated, truncated and info.
@@ -201,7 +189,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         Raises:
             RewardError: The reward function failed.
             ResetNeeded: No episode has begun, or it is over.
-            ValueError: The action is none of the action space.
+            ValueError: The action is not in the action space.
         """
         if not self._running:
             raise ResetNeeded("Call reset before step: no episode has begun, or it is over.")
@@ -218,7 +206,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         )
 
     def render(self) -> Any:
-        """The picture of the chosen view, or None where it is in a window or not asked for."""
+        """The picture of the chosen view; None unless the render mode is rgb_array."""
         return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
@@ -232,9 +220,9 @@ class RacerEnv(gym.Env[Perceived, Any]):
         return perceived(self._simulation, self._sensors, 0)
 
     def _picture(self) -> Frame:
-        if self._camera_man is None:
-            self._camera_man = CameraMan(self._simulation, self.view)
-        return self._camera_man.picture(0)
+        if self._viewer is None:
+            self._viewer = Viewer(self._simulation, self.view)
+        return self._viewer.picture(0)
 
     def _show(self) -> None:
         """Put the picture into the window, in time with the clock of the simulation."""
@@ -249,3 +237,22 @@ def _info_of_one(result: StepResult) -> dict[str, Any]:
     info = {name: values[0].item() for name, values in info_of(result).items()}
     info["status"] = Status(info["status"]).label
     return info
+
+
+def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
+    """What cars perceive, as their observation space has it: copies, eyes last."""
+    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
+    if sensors.lidar is None:
+        return frames
+    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
+
+
+_INFO = (
+    *("progress", "status", "steps", "laps", "lap_time_s", "x", "y", "yaw_deg"),
+    *("closest_waypoint", "all_wheels_on_track", "crashes", "driven"),
+)
+
+
+def info_of(result: StepResult) -> dict[str, Any]:
+    """The `info` of all cars; arrays of shape (n,)."""
+    return {name: getattr(result, name) for name in _INFO}

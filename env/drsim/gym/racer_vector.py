@@ -16,28 +16,21 @@ from drsim.episode.episode import EpisodeRules
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.gym.arguments import (
-    Perceived,
-    check_choice,
-    check_start,
-    checked_actions,
-    info_of,
-    perceived,
-    start_of,
-)
+from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
+from drsim.gym.racer import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.rendering import VIEWS, CameraMan, Frame
+from drsim.viewing.rendering import VIEWS, Frame, Viewer
 
 
 class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     """Many cars on one track, each with its own episodes; spaces and rules as in `RacerEnv`.
 
-    Observations have one row more in front, rewards and flags the shape (n,). A car whose episode
-    ended begins the next one with the step that follows, which ignores its action and pays nothing
+    Observations have one more axis in front, rewards and flags the shape (n,). A car whose episode
+    ended begins the next one with the following step, which ignores its action and gives no reward
     (`AutoresetMode.NEXT_STEP`). Info holds arrays of shape (n,); `status` holds `Status` numbers.
     Two racers (`Race(racers=2)`) are cars 2i and 2i + 1; they begin their episodes together.
     """
@@ -66,27 +59,10 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         view: str = "camera",
         num_threads: int = 2,
     ) -> None:
-        """Build the world; other arguments as in `RacerEnv`.
+        """Build the world for `num_envs` cars; arguments and errors as in `RacerEnv`.
 
-        Args:
-            num_envs: How many cars.
-            world: Name of a world, path of a route file, or a track.
-            reward_function: Called after every driven step of every car.
-            actions: What the action numbers mean.
-            rules: When episodes end; those of training when left out.
-            sensors: What each car perceives.
-            race: What else is on the track.
-            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
-            reverse: Drive against the direction of the track.
-            randomize: "nothing", "lights" or "textures".
-            realism: Sim-to-real extras.
-            render_mode: "rgb_array" or None.
-            view: "camera", "chase" or "top".
-            num_threads: Threads for physics and camera, the caller's included.
-
-        Raises:
-            TrackError: There is no such world.
-            ValueError: Another argument makes no sense; the sentence says which.
+        `render_mode` is "rgb_array" or None; `num_threads` threads compute physics and camera, the
+        caller's included.
         """
         check_choice("render_mode", render_mode, (None, "rgb_array"))
         check_choice("view", view, VIEWS)
@@ -118,7 +94,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             realism=realism,
             randomize=randomize,
         )
-        self._camera_man: CameraMan | None = None
+        self._viewer: Viewer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -135,16 +111,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     ) -> tuple[Perceived, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Act for 1/15 s in every car; cars whose episode ended begin the next one.
 
-        Args:
-            actions: One action for each car.
-
-        Returns:
-            What the cars perceive, rewards, terminated, truncated and info.
-
-        Raises:
-            RewardError: The reward function failed.
-            ResetNeeded: Reset was never called.
-            ValueError: The actions are none of the action space.
+        Returns and errors as in `RacerEnv.step`, with a row for each car.
         """
         if not self._begun:
             raise ResetNeeded("Call reset before step: no episode has begun.")
@@ -158,7 +125,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
                 info[name] = info[name].copy()
                 info[name][begins] = values[begins]
             self._over[begins] = False
-        # A racer that is done stays so until its rival is: both begin anew together.
+        # A racer that is done waits for its opponent: both begin their next episodes together.
         self._over |= result.done
         return self._perceived(), result.reward, result.terminated, result.truncated, info
 
@@ -166,9 +133,9 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         """One picture of the chosen view for each car, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._camera_man is None:
-            self._camera_man = CameraMan(self._simulation, self.view)
-        return tuple(self._camera_man.cut_to(car) for car in range(self.num_envs))
+        if self._viewer is None:
+            self._viewer = Viewer(self._simulation, self.view)
+        return tuple(self._viewer.cut_to(car) for car in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
         """Free the threads of the simulation."""

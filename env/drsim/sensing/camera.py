@@ -100,16 +100,12 @@ def render(
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     if light is not None and len(light.palettes) != cars:
         raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
-    lenses = raycast.Lenses(
-        lens_pos, lens_mat, focal_px=camera.focal_px, bias=0.5 if rounding else _WHOLE
-    )
-    backdrop = raycast.Backdrop(
-        scene.walls_m,
-        scene.wall_height_m,
-        scene.wall_greys[None] if light is None else light.wall_greys,
-        np.array([scene.sky_grey], np.float32) if light is None else light.sky_greys,
-        _NO_PALETTES if light is None else light.palettes,
-    )
+    lenses = raycast.Lenses(lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE)
+    backdrop = scene.backdrop
+    if light is not None:
+        backdrop = raycast.Backdrop(
+            scene.walls_m, scene.wall_height_m, light.wall_greys, light.sky_greys, light.palettes
+        )
     raycast.draw(scene.picture, backdrop, lenses, out)
     if boxes is not None:
         cuboids.draw(boxes, _on_solids(light, cars), lenses, out)
@@ -117,8 +113,6 @@ def render(
 
 _WHOLE = 1e-3
 """The reference's filter cuts fractions off; a thousandth keeps whole greys whole."""
-
-_NO_PALETTES = np.empty((0, 256), np.uint8)
 
 
 def _on_solids(light: Light | None, cars: int) -> Singles:

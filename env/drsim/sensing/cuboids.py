@@ -74,9 +74,16 @@ def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
     order = np.empty(count, np.int64)
     steps = np.zeros((2, columns), np.float32)
     for car in range(cars):
-        lens = Lens(lenses.pos[car], lenses.mat[car], lenses.focal_px)
-        if not math.isfinite(lens.pos.sum() + lens.mat.sum()):
+        pos, mat = lenses.pos[car], lenses.mat[car]
+        if not math.isfinite(pos.sum() + mat.sum()):
             continue
+        lens = Lens(
+            (pos[0], pos[1], pos[2]),
+            (mat[0, 0], mat[1, 0], mat[2, 0]),
+            (mat[0, 1], mat[1, 1], mat[2, 1]),
+            (mat[0, 2], mat[1, 2], mat[2, 2]),
+            lenses.focal_px,
+        )
         seen = 0
         for k in range(count):
             box = boxes[car, k]
@@ -101,7 +108,7 @@ def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
 def _reaches_before(box: Any, lens: Lens) -> bool:
     """Whether any of a cuboid lies before the lens: the depth of its nearest or farthest corner."""
     pos = lens.pos
-    ahead_x, ahead_y, ahead_z = lens.mat[0, 0], lens.mat[1, 0], lens.mat[2, 0]
+    ahead_x, ahead_y, ahead_z = lens.forward
     depth_m = (
         (box.x - pos[0]) * ahead_x
         + (box.y - pos[1]) * ahead_y
@@ -124,7 +131,7 @@ def _side(
     Returns:
         How many corners it has, at most 5 and 0 when it cannot be seen; and its grey.
     """
-    pos, mat, focal_px = lens.pos, lens.mat, lens.focal_px
+    pos, focal_px = lens.pos, lens.focal_px
     rows, columns = size_px
     cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width
     low, high = box.low, box.high
@@ -149,8 +156,8 @@ def _side(
         lambert = max(normal_x * TO_SUN[0] + normal_y * TO_SUN[1], 0.0)
         first = (-normal_y * half, normal_x * half, 0.0)
         second = (0.0, 0.0, 0.5 * (high - low))
-    middle = _in_lens(mat, (to_x, to_y, to_z))
-    along, across = _in_lens(mat, first), _in_lens(mat, second)
+    middle = _in_lens(lens, (to_x, to_y, to_z))
+    along, across = _in_lens(lens, first), _in_lens(lens, second)
     grey = 0.0
     for c in range(3):
         grey += box.color[c] * (light[c] + light[3 + c] * lambert)
@@ -175,13 +182,14 @@ def _side(
 
 
 @kernel
-def _in_lens(mat: Floats, vector: Vector) -> Vector:
+def _in_lens(lens: Lens, vector: Vector) -> Vector:
     """Depth, left and up of a vector of the world."""
     x, y, z = vector
+    ahead, left, up = lens.forward, lens.left, lens.up
     return (
-        x * mat[0, 0] + y * mat[1, 0] + z * mat[2, 0],
-        x * mat[0, 1] + y * mat[1, 1] + z * mat[2, 1],
-        x * mat[0, 2] + y * mat[1, 2] + z * mat[2, 2],
+        x * ahead[0] + y * ahead[1] + z * ahead[2],
+        x * left[0] + y * left[1] + z * left[2],
+        x * up[0] + y * up[1] + z * up[2],
     )
 
 
@@ -216,7 +224,7 @@ def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: 
 
 
 @kernel
-def _sort(boxes: Cuboids, windows: Ints, pos: Floats, order: Ints) -> None:
+def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
     """Sort cuboids so that none is drawn over one that stands before it.
 
     The furthest comes first, unless it hides another. Where there is no such order, because they
@@ -260,7 +268,7 @@ def _overlap(one: Ints, other: Ints) -> bool:
 
 
 @kernel
-def _nearer(a: Any, b: Any, pos: Floats) -> int:
+def _nearer(a: Any, b: Any, pos: Vector) -> int:
     """Which of two cuboids the lens has before the other: 1 for `a`, -1 for `b`, 0 for neither.
 
     A plane between them decides: the one on the side of the lens hides the other. Two that do not

@@ -97,10 +97,12 @@ class Lenses(NamedTuple):
 
 
 class Lens(NamedTuple):
-    """One of them: shapes (3,) and (3, 3)."""
+    """One of them. Numbers, not arrays: the compiler counts references to each array of a call."""
 
-    pos: Floats
-    mat: Floats
+    pos: Vector
+    forward: Vector
+    left: Vector
+    up: Vector
     focal_px: float
 
 
@@ -112,10 +114,18 @@ def draw(ground: Ground, backdrop: Backdrop, lenses: Lenses, out: Pixels) -> Non
     share = np.empty((rows, columns), np.float32)
     wall_greys, sky_greys = backdrop.wall_greys, backdrop.sky_greys
     for car in range(cars):
-        lens, frame = Lens(lenses.pos[car], lenses.mat[car], lenses.focal_px), out[car]
-        if not math.isfinite(lens.pos.sum() + lens.mat.sum()):
+        frame = out[car]
+        pos, mat = lenses.pos[car], lenses.mat[car]
+        if not math.isfinite(pos.sum() + mat.sum()):
             frame[:] = 0
             continue
+        lens = Lens(
+            (pos[0], pos[1], pos[2]),
+            (mat[0, 0], mat[1, 0], mat[2, 0]),
+            (mat[0, 1], mat[1, 1], mat[2, 1]),
+            (mat[0, 2], mat[1, 2], mat[2, 2]),
+            lenses.focal_px,
+        )
         walls = _Walls(
             backdrop.walls_m,
             backdrop.wall_height_m,
@@ -165,9 +175,9 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
         the second on are not filled.
     """
     rows, columns = behind.shape
-    pos, mat, walls_m, focal_px = lens.pos, lens.mat, walls.walls_m, lens.focal_px
+    pos, walls_m, focal_px = lens.pos, walls.walls_m, lens.focal_px
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
-    upright = mat[2, 2] > 0.5
+    upright = lens.up[2] > 0.5
     near = _Nearness(
         _nearness(walls_m[0] - pos[0]),
         _nearness(walls_m[1] - pos[0]),
@@ -205,16 +215,16 @@ def _ray(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector,
 
     `height_px` counts downwards from the upper edge of the frame.
     """
-    mat, focal_px = lens.mat, lens.focal_px
+    forward, to_left, to_up, focal_px = lens.forward, lens.left, lens.up, lens.focal_px
     left = (0.5 * columns - 0.5) / focal_px
     up = (0.5 * rows - height_px) / focal_px
     return (
         (
-            mat[0, 0] + left * mat[0, 1] + up * mat[0, 2],
-            mat[1, 0] + left * mat[1, 1] + up * mat[1, 2],
-            mat[2, 0] + left * mat[2, 1] + up * mat[2, 2],
+            forward[0] + left * to_left[0] + up * to_up[0],
+            forward[1] + left * to_left[1] + up * to_up[1],
+            forward[2] + left * to_left[2] + up * to_up[2],
         ),
-        (-mat[0, 1] / focal_px, -mat[1, 1] / focal_px, -mat[2, 1] / focal_px),
+        (-to_left[0] / focal_px, -to_left[1] / focal_px, -to_left[2] / focal_px),
     )
 
 
@@ -328,13 +338,13 @@ def _sampling(
     lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, levels: Ints
 ) -> tuple[int, int]:
     """Copy of the ground picture and number of sample lines that suit the middle of a pixel row."""
-    mat, focal_px = lens.mat, lens.focal_px
-    up = (0.5 * rows - height_px) / focal_px
-    x, y = mat[0, 0] + up * mat[0, 2], mat[1, 0] + up * mat[1, 2]
-    fall = max(-(mat[2, 0] + up * mat[2, 2]), _LEAST_FALL)
-    across_m = lens_height_m / fall / focal_px
-    lean = mat[2, 2] / fall
-    down_m = across_m * math.hypot(mat[0, 2] + lean * x, mat[1, 2] + lean * y)
+    forward, to_up = lens.forward, lens.up
+    up = (0.5 * rows - height_px) / lens.focal_px
+    x, y = forward[0] + up * to_up[0], forward[1] + up * to_up[1]
+    fall = max(-(forward[2] + up * to_up[2]), _LEAST_FALL)
+    across_m = lens_height_m / fall / lens.focal_px
+    lean = to_up[2] / fall
+    down_m = across_m * math.hypot(to_up[0] + lean * x, to_up[1] + lean * y)
     wanted_m = max(_SHARPNESS * across_m, down_m / (_LINE_GAP * _MOST_LINES))
     index = min(max(math.floor(math.log2(wanted_m / texel_m) + 0.5), 0), len(levels) - 1)
     lines = math.ceil(down_m / (_LINE_GAP * texel_m * (1 << index)))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drsim.jit import kernel
 from drsim.sensing.ground import Bytes, Grid, paint_ground
-from drsim.sensing.raycast import Ground
+from drsim.sensing.raycast import Backdrop, Ground
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 
@@ -65,7 +65,7 @@ class Scene:
         """Its fields, with the words apart: their overlap would be lost, at twice the size."""
         pairs = np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
         state = {**self.__dict__, "texels": pairs}
-        for cached in ("ground", "picture"):
+        for cached in ("ground", "picture", "backdrop"):
             state.pop(cached, None)
         return state
 
@@ -77,6 +77,17 @@ class Scene:
     def picture(self) -> Ground:
         """The ground picture as `raycast.draw` needs it."""
         return Ground(self.texels, self.levels, self.x_m, self.y_m, self.texel_m)
+
+    @cached_property
+    def backdrop(self) -> Backdrop:
+        """Walls and sky in the usual light, likewise."""
+        return Backdrop(
+            self.walls_m,
+            self.wall_height_m,
+            wall_greys=self.wall_greys[None],
+            sky_greys=np.array([self.sky_grey], np.float32),
+            palettes=np.empty((0, 256), np.uint8),
+        )
 
     @cached_property
     def ground(self) -> Bytes:

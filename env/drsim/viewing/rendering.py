@@ -1,4 +1,4 @@
-"""Pictures of a simulation for people: what a car sees, the track around it, and a window."""
+"""Gymnasium's render modes: what a car sees, the track around it, and a window for them."""
 
 from typing import Any
 
@@ -16,8 +16,8 @@ RENDER_MODES = ("rgb_array", "human")
 VIEWS = ("camera", "chase", "top")
 
 
-class CameraMan:
-    """Pictures of the cars of a simulation, for people."""
+class Viewer:
+    """Pictures of the cars of a simulation in one of the `VIEWS`."""
 
     def __init__(self, simulation: Simulation, view: str) -> None:
         self._simulation = simulation
@@ -29,12 +29,12 @@ class CameraMan:
             self._spectator = Spectator(simulation.track, shapes)
 
     def cut(self) -> None:
-        """An episode begins: the camera behind the car need not swing there."""
+        """An episode begins: the camera behind the car looks along it at once."""
         if self._spectator is not None:
             self._spectator.cut()
 
     def cut_to(self, car: int) -> Frame:
-        """The picture of one car among many, along which the camera behind it looks at once."""
+        """The picture of one car among many, without swinging over from the car before."""
         self.cut()
         return self.picture(car)
 
@@ -56,11 +56,7 @@ class Window:
     """A window that shows one picture after the other, in time with the simulation."""
 
     def __init__(self) -> None:
-        """Open it.
-
-        Raises:
-            DependencyNotInstalled: The package pygame is missing.
-        """
+        """Open it; DependencyNotInstalled where the package pygame is missing."""
         try:
             import pygame
         except ImportError:
@@ -85,7 +81,7 @@ class Window:
         self._clock.tick(CONTROL_HZ)
 
     def close(self) -> None:
-        """Close it."""
+        """Close the window."""
         self._pygame.display.quit()
 
 

@@ -239,7 +239,7 @@ def test_actions_of_many_cars_outside_their_space_are_named(oval, actions):
     env = RacerVectorEnv(2, oval)
     env.reset(seed=0)
 
-    with pytest.raises(ValueError, match=r"no action of Discrete\(10\) for 2 cars"):
+    with pytest.raises(ValueError, match=r"not an action of Discrete\(10\) for 2 cars"):
         env.step(actions)
     env.close()
 
@@ -254,7 +254,7 @@ def test_continuous_actions_beyond_the_limits_count_as_the_limits_and_no_numbers
 
     assert ends[0] == ends[1]
     for action in ([np.nan, 0.0], [0.0], ["left", "fast"]):
-        with pytest.raises(ValueError, match=r"no action of Box"):
+        with pytest.raises(ValueError, match=r"not an action of Box"):
             env.step(action)
     env.close()
 
@@ -264,7 +264,7 @@ def test_an_action_outside_its_space_is_named(oval, action):
     env = RacerEnv(oval)
     env.reset(seed=0)
 
-    with pytest.raises(ValueError, match=r"no action of Discrete\(10\)"):
+    with pytest.raises(ValueError, match=r"not an action of Discrete\(10\)"):
         env.step(action)
     env.close()
 
