@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from drcli.learn import distributions
-from drcli.learn.encoders import Encoder, multiply_adds
+from drcli.learn.encoders import Encoder
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.return_scale import ReturnScale
 
@@ -128,29 +128,6 @@ class ActorCritic(nn.Module):
     def log_std_bounded(self) -> Tensor:
         """Log standard deviation of the Gaussian policy. Shape (num_actions,)."""
         return self.log_std.clamp(*LOG_STD_RANGE)
-
-
-def flops_per_sample(spec: PolicySpec, *, backward: bool) -> int:
-    """Floating-point operations for one step, counted from the shapes of the layers.
-
-    A multiplication with addition counts as two. The backward pass takes two more of each layer,
-    but only one of those that read the observation, which needs no gradient.
-
-    Args:
-        spec: The network.
-        backward: Whether the gradient is computed as well.
-    """
-    with torch.device("meta"):
-        model = ActorCritic(spec)
-    layers = {f"body.{name}": count for name, count in multiply_adds(model.body).items()}
-    for name, layer in model.named_modules():
-        if isinstance(layer, nn.Linear) and not name.startswith("body."):
-            layers[name] = layer.weight.numel()
-    forward = sum(layers.values())
-    if not backward:
-        return 2 * forward
-    reading = ("body.convolutions.0", "body.lidar.0", "value_head.0")
-    return 2 * (3 * forward - sum(layers.get(name, 0) for name in reading))
 
 
 def _init_rows(weight: Tensor, length: float) -> None:

@@ -99,23 +99,6 @@ class ReplayBuffer:
         """Steps that can be drawn."""
         return len(self._usable_rows)
 
-    @property
-    def reserved_bytes(self) -> int:
-        """Memory that a full replay takes."""
-        columns = (
-            self._frames,
-            self._scans,
-            self._states,
-            self._actions,
-            self._rewards,
-            self._goes_on,
-            self._ages,
-            self._usable,
-            # The list of usable rows, once all are.
-            self._ages,
-        )
-        return sum(column.nbytes for column in columns)
-
     def add(self, rollout: Rollout) -> None:
         """Take in the episodes of an iteration, and forget the oldest that do not fit beside them.
 
