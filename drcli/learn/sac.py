@@ -77,7 +77,7 @@ class SAC:
             UpdateInterruptedError: `should_stop` returned True.
         """
         self.replay.add(rollout)
-        if self.replay.taken_in < self.config.learning_starts or not self.replay.transitions:
+        if self.replay.added < self.config.learning_starts or not self.replay.transitions:
             return []
         draw = torch.Generator().manual_seed(seed)
         total = max(1, round(rollout.steps * self.updates_per_step))
