@@ -15,12 +15,12 @@ from drcli.learn.data_parallel import DataParallel
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
-from drcli.learn.update_errors import (
+from drcli.learn.update_result import (
     NonFiniteLossError,
+    SACStats,
     UpdateInterruptedError,
     require_finite_weights,
 )
-from drcli.learn.update_stats import SACStats
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far

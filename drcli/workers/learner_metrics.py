@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from drcli.base.errors import StorageError
-from drcli.learn.update_stats import Stats
+from drcli.learn.update_result import Stats
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.history import IterationRecord

@@ -15,8 +15,7 @@ from safetensors.torch import save as save_tensors
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.exchange.job import Job, LastWords
 from drcli.learn.compute import choose_compute, flush_denormals
-from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.update_stats import Stats
+from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import health, keys

@@ -10,7 +10,7 @@ from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO, minibatches
 from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 
