@@ -1,4 +1,4 @@
-"""The network: what the car perceives in, what it should do and what that is worth out."""
+"""The network of PPO: from what the car sees to the policy and the critic's value."""
 
 from typing import NamedTuple, cast
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from drcli.learn import distributions
-from drcli.learn.encoders import Encoder, multiply_adds
+from drcli.learn.encoders import Encoder
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.return_scale import ReturnScale
 
@@ -32,13 +32,13 @@ class Output(NamedTuple):
 class ActorCritic(nn.Module):
     """Policy and value on one shared body.
 
-    The reference trains two whole bodies, one for the policy and one for the value. Sharing one
-    halves the arithmetic and leaves the exported policy as it is. With `state_dims` the value
-    comes from the state alone, and the body learns from the policy's gradient only.
+    The reference trains two bodies, one for the policy and one for the value. Sharing one halves
+    the arithmetic and does not change the exported policy. With `state_dims` the value comes from
+    the state alone, and the body learns from the policy's gradient only.
 
     Attributes:
-        returns: What the value head's units are worth in reward. A shared body must not be shaken
-            by the errors of large values, nor let small ones pass unlearned.
+        returns: How much reward a unit of the value head is worth. Without it, errors of large
+            values would disturb the shared body, and small ones would not be learned.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -62,7 +62,7 @@ class ActorCritic(nn.Module):
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 1.0)
         self.returns = ReturnScale()
-        # Nearly equal chances at the start: every action gets tried from the first episode.
+        # All actions are nearly equally likely at the start, so each is tried from the beginning.
         _init_rows(self.policy_head.weight, 0.01)
         if spec.continuous:
             self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
@@ -72,13 +72,9 @@ class ActorCritic(nn.Module):
                 parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, seen: Observation) -> Output:
-        """Evaluate policy and value.
-
-        Args:
-            seen: What was perceived in n steps.
-        """
+        """Evaluate policy and value for n steps."""
         features = self.body(seen).to(self.policy_head.weight.dtype)
-        # Only the body is worth bfloat16: ratios of probabilities need more than its three digits.
+        # Only the body uses bfloat16: probability ratios need more than its three digits.
         with torch.autocast(features.device.type, enabled=False):
             value = self.value_head(seen.state if self.spec.state_dims else features)
             return Output(self.policy_head(features), value.squeeze(-1))
@@ -87,8 +83,8 @@ class ActorCritic(nn.Module):
         """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
 
         Args:
-            targets: What the critic is to learn, in reward, float64. Shape (n,).
-            values: What it said, likewise. Shape (n,).
+            targets: What the critic should predict, in reward, float64. Shape (n,).
+            values: What it predicted, likewise. Shape (n,).
         """
         last = (
             self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
@@ -128,29 +124,6 @@ class ActorCritic(nn.Module):
     def log_std_bounded(self) -> Tensor:
         """Log standard deviation of the Gaussian policy. Shape (num_actions,)."""
         return self.log_std.clamp(*LOG_STD_RANGE)
-
-
-def flops_per_sample(spec: PolicySpec, *, backward: bool) -> int:
-    """Floating-point operations for one step, counted from the shapes of the layers.
-
-    A multiplication with addition counts as two. The backward pass takes two more of each layer,
-    but only one of those that read the observation, which needs no gradient.
-
-    Args:
-        spec: The network.
-        backward: Whether the gradient is computed as well.
-    """
-    with torch.device("meta"):
-        model = ActorCritic(spec)
-    layers = {f"body.{name}": count for name, count in multiply_adds(model.body).items()}
-    for name, layer in model.named_modules():
-        if isinstance(layer, nn.Linear) and not name.startswith("body."):
-            layers[name] = layer.weight.numel()
-    forward = sum(layers.values())
-    if not backward:
-        return 2 * forward
-    reading = ("body.convolutions.0", "body.lidar.0", "value_head.0")
-    return 2 * (3 * forward - sum(layers.get(name, 0) for name in reading))
 
 
 def _init_rows(weight: Tensor, length: float) -> None:

@@ -1,4 +1,4 @@
-"""The optimizer, with a memory that can be stored as named tensors."""
+"""The optimizer, with a state that can be stored as named tensors."""
 
 from collections.abc import Iterable
 
@@ -13,8 +13,8 @@ BETAS = (0.9, 0.999)
 class Adam:
     """Adam (Kingma and Ba, 2015, algorithm 1) by PyTorch's functional form, fused.
 
-    The class `torch.optim.Adam` loads PyTorch's compiler, used or not: 70 MB and more than a
-    second of every process that learns.
+    The class `torch.optim.Adam` always loads PyTorch's compiler, which costs every process that
+    learns 70 MB and more than a second.
 
     Attributes:
         lr: Step size of the next steps.
@@ -24,7 +24,7 @@ class Adam:
         self.lr = lr
         self._parameters = list(parameters)
         self._eps = eps
-        self._memory: dict[int, dict[str, Tensor]] = {}
+        self._state: dict[int, dict[str, Tensor]] = {}
 
     def zero_grad(self) -> None:
         """Forget the gradients of all parameters."""
@@ -33,12 +33,12 @@ class Adam:
 
     @torch.no_grad()
     def step(self) -> None:
-        """Act on the gradients of all parameters that have one."""
+        """Change all parameters that have a gradient."""
         due = [i for i, p in enumerate(self._parameters) if p.grad is not None]
         for index in due:
-            if index not in self._memory:
-                self._memory[index] = self._first_memory(self._parameters[index])
-        column = {name: [self._memory[i][name] for i in due] for name in ("step", *MOMENTS)}
+            if index not in self._state:
+                self._state[index] = self._first_state(self._parameters[index])
+        column = {name: [self._state[i][name] for i in due] for name in ("step", *MOMENTS)}
         adam(
             [self._parameters[i] for i in due],
             [g for p in self._parameters if (g := p.grad) is not None],
@@ -57,50 +57,50 @@ class Adam:
         )
 
     def tensors(self) -> dict[str, Tensor]:
-        """Everything it remembers, as `torch.optim.Adam` names it.
+        """The state, as `torch.optim.Adam` names it.
 
-        These are the tensors it goes on with, no copies: store them before the next step.
+        These are the tensors themselves, not copies: store them before the next step.
 
         Returns:
             Tensors by "<index of the parameter>.<name>"; empty before the first step.
         """
         return {
             f"{index}.{name}": value.contiguous()
-            for index, memory in self._memory.items()
-            for name, value in memory.items()
+            for index, state in self._state.items()
+            for name, value in state.items()
         }
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take up the memory of another one over equal parameters; the tensors are copied.
+        """Continue with a stored state; the tensors are copied.
 
-        Each comes to lie in memory as its parameter does: the fused arithmetic goes through both
-        without a look at their strides, and stored tensors have lost theirs.
+        Each copy gets the memory layout of its parameter: the fused arithmetic ignores strides,
+        and stored tensors have lost theirs.
 
         Args:
             tensors: As `tensors` returns them.
 
         Raises:
-            ValueError: They belong to other parameters; nothing was taken up.
+            ValueError: They belong to other parameters; nothing was changed.
         """
-        memory: dict[int, dict[str, Tensor]] = {}
+        state: dict[int, dict[str, Tensor]] = {}
         indices = {str(index): index for index in range(len(self._parameters))}
         for key, value in tensors.items():
             text, _, name = key.partition(".")
             if text not in indices or name not in ("step", *MOMENTS):
                 raise ValueError(f"An optimizer of {len(indices)} parameters has no {key}.")
             index = indices[text]
-            if index not in memory:
-                memory[index] = self._first_memory(self._parameters[index])
-            own = memory[index][name]
+            if index not in state:
+                state[index] = self._first_state(self._parameters[index])
+            own = state[index][name]
             if own.shape != value.shape:
                 raise ValueError(
                     f"{key} is of shape {tuple(value.shape)}, its parameter wants "
                     f"{tuple(own.shape)}."
                 )
             own.copy_(value)
-        self._memory = memory
+        self._state = state
 
     @staticmethod
-    def _first_memory(parameter: Tensor) -> dict[str, Tensor]:
+    def _first_state(parameter: Tensor) -> dict[str, Tensor]:
         moments = {name: torch.zeros_like(parameter.detach()) for name in MOMENTS}
         return {"step": torch.zeros((), device=parameter.device), **moments}

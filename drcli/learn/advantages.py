@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Float64s = NDArray[np.float64]
+from drcli.learn.policy import Float64s
 
 ROUNDING = 1e-9
 """Advantages that differ by less than this share of their size are equal."""

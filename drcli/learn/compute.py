@@ -1,4 +1,4 @@
-"""Where and in which number format the learner computes: a rule, no trial."""
+"""The device and the number format of the learner, chosen by a fixed rule."""
 
 import contextlib
 import os
@@ -11,15 +11,15 @@ from drcli.learn.data_parallel import parts_of
 FORMATS = ("fp32", "bf16")
 
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA")
-"""Variables by which oneDNN is held to lesser instructions."""
+"""Variables that limit the instructions that oneDNN uses."""
 
 FEWEST_SAMPLES = 32
-"""Samples of a part from which on bfloat16 is worth its casts: on one core with AMX it computes
-1.45 to 2.05 times as many samples/s of the four networks with 64 samples, the compact one 1.03
-times as many with 16."""
+"""Samples of a part from which on bfloat16 is worth its casts. On one core with AMX it computes
+1.45 to 2.05 times as many samples/s with 64 samples (four networks), but only 1.03 times as many
+with 16 (the compact one)."""
 
 _EAGER = "not compiled: torch.compile reached 0.8 to 1.0 of this speed where it was measured"
-"""On two cores, in fp32, both bodies; and compiling took half a minute to more than one."""
+"""On two cores, in fp32, both bodies; compiling took half a minute to more than one."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Compute:
         device: "cpu" or "cuda".
         bf16: Whether convolutions and matrix products run in bfloat16. Weights, optimizer and
             losses stay in float32.
-        reason: Why, in words for the log.
-        threads: Processor cores of an update; they count on a processor only.
-        parts: Into how many parts they divide a minibatch.
+        reason: Why, for the log.
+        threads: Processor cores of an update; unused on a GPU.
+        parts: Into how many parts a minibatch is divided; see `DataParallel`.
     """
 
     device: torch.device
@@ -47,11 +47,11 @@ class Compute:
         return FORMATS[self.bf16]
 
     def autocast(self) -> contextlib.AbstractContextManager[None]:
-        """The context that a forward pass runs in.
+        """The context of a forward pass.
 
-        PyTorch keeps cast weights for the passes of all threads together and forgets them when any
-        of them ends one: whether two uses of a weight share a cast, and so where their gradients
-        are rounded, would depend on the time.
+        Its cache of cast weights is off. All threads share that cache, and it is cleared when any
+        of them ends a pass. So timing would decide whether two uses of a weight share a cast, and
+        thereby how their gradients are rounded.
         """
         return torch.autocast(
             self.device.type, dtype=torch.bfloat16, enabled=self.bf16, cache_enabled=False
@@ -59,10 +59,10 @@ class Compute:
 
 
 def flush_denormals() -> None:
-    """Let this thread, and those it starts, take numbers next to 0 for 0.
+    """Let this thread, and those that it starts, treat numbers next to 0 as 0.
 
-    Arithmetic with them is far slower, and no gradient needs them. For the main function of a
-    process only: all code in the process is affected.
+    Arithmetic with them is far slower, and no gradient needs them. Only the main function of a
+    process should call this, because it affects all code.
     """
     torch.set_flush_denormal(True)
 
@@ -70,18 +70,17 @@ def flush_denormals() -> None:
 def choose_compute(
     wanted: str, batch_size: int, threads: int, before: str | None = None
 ) -> Compute:
-    """Pick device and number format for this machine, by a rule: equal seeds train equally.
+    """Choose device and number format by a rule, so that equal seeds train equally.
 
-    bfloat16 is for processors that multiply matrices of it (AMX). Where they have instructions for
-    vectors of it only (AVX512_BF16) it computes 0.64 to 0.91 times as many samples/s as float32,
-    and without these 0.32 to 0.43 times as many. On a GPU, float32 uses the tensor cores for
-    convolutions already.
+    bfloat16 is for processors with matrix units for it (AMX). With vector instructions only
+    (AVX512_BF16) it computes 0.64 to 0.91 times as many samples/s as float32, and without these
+    0.32 to 0.43 times as many. On a GPU, float32 already uses the tensor cores for convolutions.
 
     Args:
-        wanted: "fp32" or "bf16" to insist, "auto" for the rule.
+        wanted: "fp32", "bf16", or "auto" for the rule.
         batch_size: Steps in a minibatch.
         threads: Processor cores to use.
-        before: The format that the training began with, if it goes on: "auto" keeps it.
+        before: The format that a resumed training began with; "auto" keeps it.
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
@@ -91,7 +90,7 @@ def choose_compute(
     else:
         parts = parts_of(batch_size, threads)
         base = Compute(torch.device("cpu"), False, "", threads, parts)
-        where = f"{threads} threads, which compute {parts} parts of a minibatch side by side"
+        where = f"{threads} threads, which compute {parts} parts of a minibatch at a time"
         units = has_bfloat16_units()
     usual = "bf16" if units and batch_size // base.parts >= FEWEST_SAMPLES else "fp32"
     name = wanted if wanted in FORMATS else before if before in FORMATS else usual
@@ -109,10 +108,7 @@ def choose_compute(
 
 
 def has_bfloat16_units() -> bool:
-    """Whether PyTorch's kernels multiply matrices of bfloat16 in units of their own.
-
-    ONEDNN_MAX_CPU_ISA, which limits the instructions that they use, is obeyed.
-    """
+    """Whether PyTorch can use matrix units for bfloat16, as far as ONEDNN_MAX_CPU_ISA allows it."""
     limit = next((os.environ[name] for name in _LIMITS if os.environ.get(name)), "DEFAULT")
     allowed = limit.upper() in ("DEFAULT", "ALL") or "AMX" in limit.upper()
     return allowed and bool(torch.cpu.get_capabilities().get("amx_bf16", False))

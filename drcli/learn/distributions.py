@@ -1,4 +1,4 @@
-"""Chances of actions: sampling, log-probability and entropy, discrete and Gaussian."""
+"""Distributions of actions, discrete and Gaussian: sampling, log-probability and entropy."""
 
 import math
 
@@ -20,24 +20,24 @@ def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
     """
     cumulative = logits.softmax(-1).cumsum(-1)
     chosen = torch.searchsorted(cumulative, noise.unsqueeze(-1).to(cumulative.dtype), right=True)
-    # Rounding can leave the last sum a hair below one, and a draw above it.
+    # Rounding can leave the last sum slightly below one, and a draw above it.
     return chosen.squeeze(-1).clamp_(max=logits.shape[-1] - 1)
 
 
 def sample_e_greedy(logits: Tensor, noise: Tensor, epsilon: float) -> Tensor:
-    """Draw blindly with probability epsilon, else take the most likely action.
+    """Draw uniformly with probability epsilon, else take the most likely action.
 
     Args:
         logits: Shape (n, num_actions).
         noise: Uniform in [0, 1): which action is drawn, and whether it counts. Shape (n, 2).
-        epsilon: Share of blind actions.
+        epsilon: Share of uniform draws.
 
     Returns:
         int64 indices. Shape (n,).
     """
     count = logits.shape[-1]
-    blind = (noise[:, 0] * count).long().clamp_(max=count - 1)
-    return torch.where(noise[:, 1] < epsilon, blind, logits.argmax(-1))
+    uniform = (noise[:, 0] * count).long().clamp_(max=count - 1)
+    return torch.where(noise[:, 1] < epsilon, uniform, logits.argmax(-1))
 
 
 def sample_gaussian(mean: Tensor, log_std: Tensor, noise: Tensor) -> Tensor:

@@ -16,12 +16,12 @@ from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
-from drcli.learn.update_errors import (
+from drcli.learn.update_result import (
     NonFiniteLossError,
+    PPOStats,
     UpdateInterruptedError,
     require_finite_weights,
 )
-from drcli.learn.update_stats import PPOStats
 
 
 class PPO:

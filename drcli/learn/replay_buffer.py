@@ -1,4 +1,4 @@
-"""What soft actor-critic learns from: the steps of many iterations, each frame stored once."""
+"""The replay buffer of soft actor-critic: the steps of many iterations, each frame stored once."""
 
 from collections import deque
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class Transitions(NamedTuple):
         before: What was seen when the action was chosen.
         actions: Values in [-1, 1]. Shape (n, dims).
         rewards: Shape (n,).
-        after: What was seen one step later; without meaning where nothing goes on.
+        after: What was seen one step later; meaningless where `goes_on` is 0.
         goes_on: 1, or 0 where the episode ended by its rules with this step. Shape (n,).
     """
 
@@ -50,31 +50,27 @@ class Transitions(NamedTuple):
 
 
 class ReplayBuffer:
-    """A ring of whole episodes, in main memory; the oldest make room for new ones.
+    """A ring buffer of whole episodes in main memory; new episodes replace the oldest.
 
-    A step takes little more than its frame, 19.2 kB: what was seen after a step is what was seen
-    before the next one. Nothing was seen after the last step of an episode. Where the episode
-    ended by its rules this does not matter, since no reward follows; where the step limit cut it
-    off, that one step is not learned from.
+    A step takes little more memory than its frame, 19.2 kB, because what was seen after a step is
+    what was seen before the next one. After the last step of an episode nothing was seen. If the
+    episode ended by its rules, this does not matter, since no reward follows; if the step limit
+    cut it off, that one step is not learned from.
 
-    All memory is reserved at once, so that too little of it shows at the start. The operating
-    system hands it out when it is first written to.
+    All memory is reserved at once, so that a lack of it shows at the start. The operating system
+    provides each page when it is first written to.
 
     Attributes:
         capacity: Steps that fit.
         steps: Steps in it.
-        taken_in: Steps that were ever added.
+        added: Steps that were ever added.
     """
 
     def __init__(self, spec: PolicySpec, capacity: int) -> None:
         """Reserve the memory.
 
-        Args:
-            spec: What is perceived, and how many dimensions an action has.
-            capacity: Steps that fit.
-
         Raises:
-            RuntimeError: There is not so much memory.
+            RuntimeError: There is not enough memory.
         """
         self.capacity = capacity
         self._stack = spec.stack
@@ -92,41 +88,24 @@ class ReplayBuffer:
         self._lengths: deque[int] = deque()
         self._end = 0
         self.steps = 0
-        self.taken_in = 0
+        self.added = 0
 
     @property
     def transitions(self) -> int:
         """Steps that can be drawn."""
         return len(self._usable_rows)
 
-    @property
-    def reserved_bytes(self) -> int:
-        """Memory that a full replay takes."""
-        columns = (
-            self._frames,
-            self._scans,
-            self._states,
-            self._actions,
-            self._rewards,
-            self._goes_on,
-            self._ages,
-            self._usable,
-            # The list of usable rows, once all are.
-            self._ages,
-        )
-        return sum(column.nbytes for column in columns)
-
     def add(self, rollout: Rollout) -> None:
-        """Take in the episodes of an iteration, and forget the oldest that do not fit beside them.
+        """Add the episodes of an iteration, and remove the oldest ones to make room.
 
-        Of an episode that is longer than the whole replay the end is kept.
+        Of an episode that is longer than the whole buffer only the end is kept.
         """
         ends = np.cumsum(rollout.lengths).tolist()
         episodes = zip(rollout.lengths.tolist(), ends, rollout.cut.tolist(), strict=True)
         for length, end, cut in episodes:
             self._add_episode(rollout, slice(end - min(length, self.capacity), end), cut)
         self._usable_rows = self._usable.nonzero().squeeze(-1)
-        self.taken_in += rollout.steps
+        self.added += rollout.steps
 
     def _add_episode(self, rollout: Rollout, steps: slice, cut: bool) -> None:
         length = steps.stop - steps.start
@@ -157,7 +136,7 @@ class ReplayBuffer:
         return (torch.arange(length) + start) % self.capacity
 
     def sample(self, count: int, draw: torch.Generator) -> Transitions:
-        """Draw steps, all with the same chance, again and again the same one if it so happens.
+        """Draw steps uniformly, with replacement.
 
         Args:
             count: How many.
@@ -172,7 +151,7 @@ class ReplayBuffer:
         )
 
     def _seen(self, rows: Tensor) -> Observation:
-        """What was seen at some steps; before an episode's beginning its first frame repeats."""
+        """What was seen at some steps; an episode's first frame stands for the ones before it."""
         back = torch.arange(self._stack - 1, -1, -1)
         stacked = (rows[:, None] - torch.minimum(back, self._ages[rows, None])) % self.capacity
         # index_select copies whole frames; indexing with two dimensions is several times slower.

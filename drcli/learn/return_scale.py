@@ -1,9 +1,9 @@
-"""The size of the returns, so that the critic learns numbers of one size from any reward.
+"""Scales returns by their running size, so that the critic can learn from rewards of any size.
 
 The idea is PopArt's (van Hasselt et al., 2016, "Learning values across many orders of magnitude"):
-targets are divided by a running size, and the last layer is rescaled whenever that changes, so that
-what the critic says stays as it is. Their mean is not subtracted: over five seeds that gave no
-earlier lap with the shipped example (docs/benchmarks.md), and it would be one more running number.
+targets are divided by a running size. When that changes, the last layer is rescaled, so that the
+predictions stay the same. The mean is not subtracted: over five seeds that gave no earlier lap
+with the shipped example (docs/benchmarks.md), and it would be one more running number.
 """
 
 from collections.abc import Iterable
@@ -12,26 +12,26 @@ import torch
 from torch import Tensor, nn
 
 FOLLOW = 0.3
-"""Weight of one iteration in the running size: it has caught up with returns that grow with the
-car's skill after a few iterations, and no single one decides it."""
+"""Weight of one iteration in the running size: it follows returns that grow with the car's skill
+within a few iterations, and no single iteration decides it."""
 
 UNITS = 5.0
-"""Mean size of the returns in the critic's own units. Of 3, 5 and 10 it was the one with the fewest
-steps to a first evaluation lap with the shipped example (medians of five seeds, which scatter more
-than they differ: docs/benchmarks.md)."""
+"""Mean size of the returns in the critic's own units. Of 3, 5 and 10 it needed the fewest steps to
+the first evaluation lap with the shipped example (medians of five seeds, but single seeds differ
+more than these medians: docs/benchmarks.md)."""
 
 
 class ReturnScale(nn.Module):
     """How much reward one of the critic's own units is worth.
 
     Both numbers are stored with the weights, so a resumed training goes on with them exactly. They
-    and all sums of rewards are of double precision: rewards times any constant then lead to the
-    very same single-precision numbers in the network, and train it alike to the byte.
+    and all sums of rewards have double precision. So rewards multiplied by a constant lead to the
+    same single-precision numbers in the network, and to the same weights, byte for byte.
 
     Attributes:
         scale: Reward of one unit; 0 before the first returns, so that a fresh critic expects 0
             whatever the size of a reward. Scalar, float64.
-        weight: Sum of the weights of what the scale is a mean of, 0 to 1. Scalar, float64.
+        weight: Sum of the weights in the running mean, 0 to 1. Scalar, float64.
     """
 
     scale: Tensor
@@ -41,7 +41,7 @@ class ReturnScale(nn.Module):
         super().__init__()
         self.register_buffer("scale", torch.zeros((), dtype=torch.float64))
         self.register_buffer("weight", torch.zeros((), dtype=torch.float64))
-        # The ignored check: PyTorch has no types for this function.
+        # Type ignored: PyTorch has no types for this function.
         self.register_load_state_dict_pre_hook(_as_before)  # type: ignore[no-untyped-call]
 
     def forward(self, units: Tensor) -> Tensor:
@@ -54,14 +54,13 @@ class ReturnScale(nn.Module):
 
     @torch.no_grad()
     def follow(self, size: Tensor, last: Iterable[nn.Linear]) -> None:
-        """Take in an iteration, and let the critic say the same as before.
+        """Update the scale, and rescale the critic so that its predictions stay the same.
 
         Args:
-            size: Mean size of the iteration's returns, or of what the critic said of them where
-                that was more: a scale that fell faster than the critic can learn would let its
-                outputs grow without end. Scalar, float64, finite.
-            last: Last layers of the critic, which are rescaled; those of one that has never
-                learned are left alone.
+            size: Mean size of the iteration's returns, or of the critic's predictions if that is
+                larger: if the scale fell faster than the critic can learn, the critic's outputs
+                would grow without limit. Scalar, float64, finite.
+            last: Last layers of the critic. They are left alone if it has never learned.
         """
         before = self.scale.clone()
         self.weight.lerp_(torch.ones_like(self.weight), FOLLOW)
@@ -73,6 +72,6 @@ class ReturnScale(nn.Module):
 
 
 def _as_before(module: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object) -> None:
-    """Read checkpoints of version 0.1.0, whose critics say rewards."""
+    """Read checkpoints of version 0.1.0, whose critics predict reward itself."""
     for name, value in (("scale", 1.0), ("weight", 0.0)):
         tensors.setdefault(f"{prefix}{name}", torch.tensor(value, dtype=torch.float64))

@@ -9,10 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from drcli.learn.policy import Observation
+from drcli.learn.policy import Float32s, Float64s, Observation
 
-Float32s = NDArray[np.float32]
-Float64s = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
@@ -20,7 +18,7 @@ Ints = NDArray[np.int64]
 class Rollout:
     """Whole episodes laid end to end, t steps in e episodes.
 
-    What counts in reward is of double precision; see `ReturnScale`.
+    Numbers in units of reward have double precision; see `ReturnScale`.
 
     Attributes:
         frames: What the car saw before each step, each frame once, uint8.
@@ -76,20 +74,11 @@ class Rollout:
 
 @dataclass(frozen=True)
 class RolloutTensors:
-    """A rollout with its advantages, as tensors on the learner's device.
+    """A rollout with its advantages, as tensors on the learner's device, a row for each step.
 
-    Each has a row for each of t steps, as in `Rollout`.
-
-    Attributes:
-        frames: Each frame once.
-        frame_rows: Rows of the frames that are seen together at each step. Shape (t, stack).
-        scans: Lidar values.
-        states: What only the critic may see.
-        actions: What was done.
-        log_probs: Log-probability of each action when it was taken.
-        values: The critic's estimate when the action was taken, in its own units.
-        advantages: How much better than expected each step went, normalised, float32.
-        returns: What the critic should say, in its own units.
+    `frame_rows` are the rows of the frames that are seen together at each step, of shape
+    (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
+    units, and `advantages` are normalised.
     """
 
     frames: Tensor
@@ -106,7 +95,7 @@ class RolloutTensors:
     def of(
         rollout: Rollout, stack: int, values: Tensor, advantages: Float64s, returns: Tensor
     ) -> "RolloutTensors":
-        """Put a rollout beside what an update computed from it, on the device of the latter."""
+        """Join a rollout with what an update computed from it, on the device of the latter."""
 
         def tensor(column: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)

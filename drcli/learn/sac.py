@@ -15,12 +15,12 @@ from drcli.learn.data_parallel import DataParallel
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
-from drcli.learn.update_errors import (
+from drcli.learn.update_result import (
     NonFiniteLossError,
+    SACStats,
     UpdateInterruptedError,
     require_finite_weights,
 )
-from drcli.learn.update_stats import SACStats
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far
@@ -77,7 +77,7 @@ class SAC:
             UpdateInterruptedError: `should_stop` returned True.
         """
         self.replay.add(rollout)
-        if self.replay.taken_in < self.config.learning_starts or not self.replay.transitions:
+        if self.replay.added < self.config.learning_starts or not self.replay.transitions:
             return []
         draw = torch.Generator().manual_seed(seed)
         total = max(1, round(rollout.steps * self.updates_per_step))

@@ -1,4 +1,4 @@
-"""The networks of soft actor-critic: a Gaussian squeezed into (-1, 1) by tanh, and twin critics."""
+"""The networks of soft actor-critic: a Gaussian squashed into (-1, 1) by tanh, and twin critics."""
 
 import math
 from copy import deepcopy
@@ -15,22 +15,22 @@ LOG_STD_RANGE = (-20.0, 2.0)
 """Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
 
 _LEAST_ALPHA = 1e-4
-"""Temperature at the start when it is to find itself and `sac_alpha` is 0."""
+"""Temperature at the start if it is learned and `sac_alpha` is 0."""
 
 _SUMMARY = 50
-"""Values that a head keeps of the body's features. Source: DrQ (Kostrikov et al., 2020)."""
+"""Length of a head's summary of the body's features. Source: DrQ (Kostrikov et al., 2020)."""
 
 _WIDTH = 256
 """Width of the heads' hidden layers. Source: the reference's SAC heads."""
 
 
 class SACAgent(nn.Module):
-    """Everything that is learned: what drives, what judges, and how much chance is worth.
+    """Everything that is learned: actor, critics and temperature.
 
-    The reference trains three bodies. Here there is one, which learns from the critics alone; the
+    The reference trains three bodies. Here there is one, which learns from the critics alone. The
     actor takes its features as they are, and so do the target critics, which have no body of their
-    own (Yarats et al., 2021, "DrQ-v2"). A critic that sees the state does not look at the picture,
-    and the body learns from the actor instead.
+    own (Yarats et al., 2021, "DrQ-v2"). A critic that sees the state does not see the picture; then
+    the body learns from the actor instead.
     """
 
     def __init__(self, spec: PolicySpec, sac_alpha: float = 0.2) -> None:
@@ -59,18 +59,18 @@ class SACAgent(nn.Module):
         return mean, log_std.clamp(*LOG_STD_RANGE)
 
     def features(self, seen: Observation) -> Tensor:
-        """What the body makes of n observations. Shape (n, features)."""
+        """The body's features of n observations. Shape (n, features)."""
         features: Tensor = self.body(seen)
         return features.float()
 
     def critic_input(self, features: Tensor, seen: Observation) -> Tensor:
-        """What the critics look at. Shape (n, features) or (n, state_dims)."""
+        """What the critics see. Shape (n, features) or (n, state_dims)."""
         return seen.state if self.spec.state_dims else features
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions in [-1, 1]; see `Policy.act`. There is no blind share here."""
+        """Choose actions in [-1, 1]; see `Policy.act`. `epsilon` is not used."""
         features = self.features(seen)
         mean, log_std = self(features)
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
@@ -98,7 +98,7 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
 
 
 class _TwinCritic(nn.Module):
-    """Two estimates of what an action leads to, on one summary of what is seen."""
+    """Two estimates of the return of an action, on one summary of what is seen."""
 
     def __init__(self, features: int, num_actions: int) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class _TwinCritic(nn.Module):
 
 
 def _summary(features: int) -> nn.Module:
-    """A few values of about equal size, whatever the size of the features."""
+    """A few values of similar size, whatever the size of the features."""
     return nn.Sequential(nn.Linear(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
 
 

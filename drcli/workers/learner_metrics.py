@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
 from drcli.exchange.iteration import IterationRecord
-from drcli.learn.update_stats import Stats
+from drcli.learn.update_result import Stats
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

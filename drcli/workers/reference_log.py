@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from drcli.config.settings import Settings
 from drcli.exchange.trace import Episode, log_lines
-from drcli.learn.update_stats import PPOStats, Stats
+from drcli.learn.update_result import PPOStats, Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 

@@ -18,8 +18,7 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, LastWords
 from drcli.exchange.worker_state import TrainingEnd
 from drcli.learn.compute import choose_compute, flush_denormals
-from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.update_stats import Stats
+from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys

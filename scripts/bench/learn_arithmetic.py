@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import torch
 from learn_runs import Work, beginning
+from torch.utils.flop_counter import FlopCounterMode
 
-from drcli.learn.actor_critic import ActorCritic, flops_per_sample
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 
@@ -51,7 +53,7 @@ class Arithmetic:
         self._ppo = PPO(ActorCritic(work.spec), config, replace(work.compute, bf16=bf16))
         batch_size = min(config.batch_size, self._rollout.steps)
         batches = config.num_epochs * (self._rollout.steps // batch_size)
-        self._flops = batches * batch_size * flops_per_sample(work.spec, backward=True)
+        self._flops = batches * batch_size * _flops_per_sample(work.spec)
 
     def update(self) -> float:
         """FLOP/s of a whole update: everything it does takes time, only the layers count."""
@@ -77,3 +79,13 @@ class Arithmetic:
     def _wait(self) -> None:
         if self._device.type == "cuda":
             torch.cuda.synchronize()
+
+
+def _flops_per_sample(spec: PolicySpec) -> int:
+    """Floating-point operations of a forward and backward pass for one step."""
+    with FlopCounterMode(display=False) as counter:
+        frames = torch.empty((1, spec.channels, FRAME_HEIGHT, FRAME_WIDTH), dtype=torch.uint8)
+        scan, state = torch.empty((1, spec.scan_dims)), torch.empty((1, spec.state_dims))
+        policy, value = ActorCritic(spec)(Observation(frames, scan, state))
+        (policy.sum() + value.sum()).backward()
+    return counter.get_total_flops()

@@ -98,7 +98,7 @@ def plain_body(spec: PolicySpec) -> tuple[nn.Sequential, int]:
     body = nn.Sequential()
     channels = spec.channels
     for layer in layers.convolutions:
-        body.append(nn.Conv2d(channels, layer.filters, layer.kernel, layer.strides))
+        body.append(nn.Conv2d(channels, layer.filters, layer.kernel, layer.stride))
         body.append(nn.ReLU())
         channels = layer.filters
     body.append(nn.Flatten())

@@ -1,5 +1,6 @@
 """SAC, several sensors and several workers with races of their own, through the real commands."""
 
+import csv
 import json
 
 import pytest
@@ -62,6 +63,11 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     assert latest is not None
     assert latest.optimizer is not None
     assert latest.record.counters["number_format"] in ("fp32", "bf16")
+    rows = list(csv.DictReader((model / "metrics" / "learner.csv").read_text().splitlines()))
+    assert [row["iteration"] for row in rows] == ["0", "1", "2"]
+    assert all(float(row["losses/actor_loss"]) and float(row["losses/alpha"]) for row in rows)
+    assert "losses/approx_kl" not in rows[0]
+    assert "KL" not in workspace.log("trainer")
     # Driven again after the resume or not, each of a worker's episodes is in its log once; where
     # driving and learning overlap, one iteration more may have been driven.
     for worker in ("sim-0", "sim-1"):

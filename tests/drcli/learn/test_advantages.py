@@ -1,6 +1,6 @@
 import numpy as np
 
-from drcli.learn.advantages import gae
+from drcli.learn.advantages import explained_variance, gae, normalized
 
 
 def test_gae_equals_three_steps_worked_by_hand():
@@ -29,6 +29,25 @@ def test_the_value_after_the_last_step_is_zero():
     got = gae(_f(5), _f(2), np.array([1]), gamma=0.99, lam=0.95)
 
     np.testing.assert_allclose(got, [3.0])
+
+
+def test_normalized_advantages_have_mean_0_and_deviation_1_however_small_they_are():
+    got = normalized(np.array([1.0, 2.0, 3.0]) * 1e-12)
+
+    np.testing.assert_allclose(got, np.array([-1.0, 0.0, 1.0]) * np.sqrt(1.5))
+
+
+def test_advantages_that_differ_by_rounding_only_are_0():
+    np.testing.assert_array_equal(normalized(np.array([0.1, 0.1 + 1e-17, 0.1])), [0.0, 0.0, 0.0])
+
+
+def test_explained_variance_is_1_for_a_perfect_critic_and_0_for_one_that_says_the_mean():
+    returns = np.array([1.0, 2.0, 6.0])
+
+    assert explained_variance(returns, returns) == 1.0
+    assert explained_variance(np.full(3, 3.0), returns) == 0.0
+    assert explained_variance(-returns, returns) < 0.0
+    assert np.isnan(explained_variance(returns, np.ones(3)))
 
 
 def _f(*numbers: float) -> np.ndarray:

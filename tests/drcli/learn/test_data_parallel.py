@@ -8,13 +8,13 @@ SAMPLES = 7
 INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)
 
 
-def test_parts_leave_the_gradient_of_the_whole_and_the_mean_of_the_figures():
+def test_parts_leave_the_gradient_of_the_whole_and_the_mean_of_the_statistics():
     whole, divided = _network(), _network()
 
-    figures = DataParallel(whole).backward(_loss, SAMPLES)
+    statistics = DataParallel(whole).backward(_loss, SAMPLES)
     shared = DataParallel(divided, parts=3, threads=3).backward(_loss, SAMPLES)
 
-    torch.testing.assert_close(shared, figures)
+    torch.testing.assert_close(shared, statistics)
     for one, other in zip(whole.parameters(), divided.parameters(), strict=True):
         torch.testing.assert_close(other.grad, one.grad)
 
@@ -96,6 +96,17 @@ def test_the_error_of_a_part_is_the_error_of_the_whole():
 
     with pytest.raises(ArithmeticError, match="broken"):
         DataParallel(_network(), parts=2, threads=2).backward(loss_of, SAMPLES)
+
+
+def test_the_optimizer_of_a_small_network_has_the_threads_of_one_part():
+    before = torch.get_num_threads()
+    parallel = DataParallel(_network(), parts=2, threads=2)
+
+    with parallel.optimizer_threads():
+        inside = torch.get_num_threads()
+
+    assert inside == 1
+    assert torch.get_num_threads() == before
 
 
 def test_the_threads_of_the_caller_stay_as_they_are():

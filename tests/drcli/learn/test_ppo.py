@@ -10,7 +10,7 @@ from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO, minibatches
 from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 
@@ -155,6 +155,24 @@ def test_an_update_ends_after_the_epoch_that_went_too_far():
     stats = PPO(model, config, CPU).update(_rollout(model, frames), 1)
 
     assert len(stats) < 5
+
+
+def test_each_epoch_reports_its_numbers_by_the_names_of_cleanrl():
+    model = _model(continuous=False)
+    frames = np.random.default_rng(0).integers(0, 255, (16, 1, 120, 160), dtype=np.uint8)
+    heard = []
+
+    stats = PPO(model, PPOConfig(batch_size=8, num_epochs=2, lr=1e-3), CPU).update(
+        _rollout(model, frames), 1, on_epoch=heard.append
+    )
+
+    assert heard == stats
+    assert [s.epoch for s in stats] == [0, 1]
+    metrics = stats[-1].metrics()
+    assert metrics["charts/learning_rate"] == 1e-3
+    assert metrics["losses/explained_variance"] == 0.0  # a fresh critic always predicts 0
+    assert metrics["losses/entropy"] == pytest.approx(np.log(2), rel=0.01)
+    assert metrics["losses/approx_kl"] >= 0.0
 
 
 def test_the_value_may_not_profit_from_moving_further_than_its_clip():

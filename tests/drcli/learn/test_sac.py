@@ -14,7 +14,7 @@ from drcli.learn.replay_buffer import Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
-from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.learn.update_stats import PPOStats, SACStats
+from drcli.learn.update_result import PPOStats, SACStats
 from drcli.store import keys
 from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of

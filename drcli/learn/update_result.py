@@ -1,6 +1,9 @@
-"""What an update reports, and the names under which CleanRL logs it."""
+"""How an update ends: its statistics, by the names that CleanRL logs, or its error."""
 
 from dataclasses import dataclass
+
+import torch
+from torch import nn
 
 
 @dataclass(frozen=True)
@@ -75,3 +78,21 @@ class SACStats:
 
 
 Stats = PPOStats | SACStats
+
+
+class NonFiniteLossError(ArithmeticError):
+    """The loss, a return or a weight became NaN or infinite."""
+
+
+class UpdateInterruptedError(RuntimeError):
+    """The caller asked to stop in the middle of an update."""
+
+
+def require_finite_weights(model: nn.Module) -> None:
+    """Check what an update left.
+
+    Raises:
+        NonFiniteLossError: A weight is NaN or infinite.
+    """
+    if not all(bool(torch.isfinite(p).all()) for p in model.parameters()):
+        raise NonFiniteLossError("The weights contain NaN or infinite values.")
