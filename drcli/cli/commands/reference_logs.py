@@ -27,7 +27,10 @@ _Wait = Annotated[
     typer.Option("-w", "--wait", min=0, metavar="SEC", help="Wait SEC seconds for its start."),
 ]
 _Replica = Annotated[
-    int, typer.Option("-n", "--replica", min=1, help="Number of the simulation worker, from 1.")
+    int,
+    typer.Option(
+        "-n", "--replica", min=1, metavar="N", help="Number of the simulation worker, from 1."
+    ),
 ]
 _Evaluation = Annotated[
     bool, typer.Option("-e", "--evaluation", help="Use the evaluation instead of the training.")
@@ -75,7 +78,9 @@ def find_sagemaker(as_json: AsJson = False) -> None:
 def find_robomaker(
     replica: Annotated[
         int | None,
-        typer.Option("-n", "--replica", min=1, help="Only this simulation worker, from 1."),
+        typer.Option(
+            "-n", "--replica", min=1, metavar="N", help="Only this simulation worker, from 1."
+        ),
     ] = None,
     evaluation: _Evaluation = False,
     as_json: AsJson = False,

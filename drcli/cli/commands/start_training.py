@@ -55,7 +55,7 @@ def start_training(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, metavar="S", help="Seed of all random numbers."),
+        typer.Option("--seed", min=0, metavar="S", help="Seed, to repeat a training exactly."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

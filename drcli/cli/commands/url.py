@@ -24,7 +24,7 @@ class What(StrEnum):
 
 def url(
     what: Annotated[
-        What, typer.Argument(metavar="[WHAT]", help="bucket, model, custom-files, metrics or all.")
+        What, typer.Argument(metavar="WHAT", help="bucket, model, custom-files, metrics or all.")
     ] = What.all,
     as_json: AsJson = False,
 ) -> None:
