@@ -12,7 +12,7 @@ from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.log_tail import Tail, older
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs import running_workers, speed
 from drcli.runs.running_workers import Process, ProcessReport
@@ -108,7 +108,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     if not found:
         raise _absent(_Wanted.of(replica))
     report = speed.speed_of(found[0], settings(), working_folder())
-    console.emit(report, everyday.speed(report), as_json=as_json)
+    console.emit(report, summary_view.speed(report), as_json=as_json)
 
 
 @dataclass(frozen=True)

@@ -219,7 +219,7 @@ def test_a_model_without_a_checkpoint_is_fetched_and_nobody_is_sent_to_drive_it(
     assert "It has no checkpoint yet" in printed.out
     assert "dr-evaluate" not in printed.err
     assert "lies something already: 1 file." in printed.err
-    assert "No part of it and still there: 1 file; -w deletes." in printed.out
+    assert "Not part of it: 1 file at the target; -w deletes them." in printed.out
 
 
 def test_download_as_json(dr, mover, capsys):
@@ -299,7 +299,7 @@ def test_without_a_bucket_of_uploads_each_command_says_what_it_can_do(
 
 def test_a_pattern_that_fits_nothing_says_so(dr, mover, capsys):
     assert dr("list-models", "nothing") == 0
-    assert capsys.readouterr().out == "No model in s3://bucket has nothing in its name.\n"
+    assert capsys.readouterr().out == "There is no model in s3://bucket that matches nothing.\n"
 
 
 def test_custom_files_go_up_and_come_back(dr, mover, capsys):
