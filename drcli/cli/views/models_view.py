@@ -53,9 +53,7 @@ def download(report: "DownloadReport") -> RenderableType:
         verb = "would be deleted" if report.dry_run else "deleted"
         lines.append(f"Not part of it and {verb}: {files(len(report.deleted))}.")
     if report.strays:
-        lines.append(
-            f"{files(len(report.strays))} at the target are not part of it; -w deletes them."
-        )
+        lines.append(f"Not part of it: {files(len(report.strays))} at the target; -w deletes them.")
     lines += [f"Wrote {path}" for path in report.custom_files]
     return Text("\n".join(lines))
 
