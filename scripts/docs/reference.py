@@ -88,7 +88,7 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-stop-training",
         "better",
-        "waits for the last checkpoint, metrics and logs; needs no root; not an error if nothing runs",
+        "waits for the last checkpoint, metrics and logs; needs no root",
     ),
     Row(
         "dr-start-evaluation",
