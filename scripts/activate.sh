@@ -1,4 +1,4 @@
-# Makes this shell know a working folder: its settings as variables, and the dr-* programs.
+# Sets up this shell for a working folder: its settings as variables, and the dr-* programs.
 #
 #   source scripts/activate.sh [-e EXPERIMENT] [FILE]
 #
@@ -6,8 +6,8 @@
 # The folder is the one of that bin/, else the current one, else $DR_DIR, else this checkout.
 # EXPERIMENT takes run.env and custom_files from experiments/EXPERIMENT, FILE replaces run.env.
 #
-# Silent, and as good the tenth time as the first. What goes wrong is one line on stderr and status
-# 1, and changes nothing. The commands need none of this: they read the files themselves.
+# Prints nothing, and may be sourced again. On an error it prints one line on stderr, returns 1 and
+# changes nothing. The commands do not need it: they read the files themselves.
 
 _DR_SCRIPT=${BASH_SOURCE:-$0}
 
@@ -21,12 +21,12 @@ esac
 # What this process was started as; $0 of zsh is the file that is being read.
 _DR_STARTED=${ZSH_ARGZERO:-${BASH_VERSION:+$0}}
 if [ "$_DR_STARTED" -ef "$_DR_SCRIPT" ] || [ "$_DR_STARTED" -ef "${_DR_HOME:-}/bin/activate.sh" ]; then
-    printf 'activate.sh: executed, it changes no shell. Try: source %q\n' "$_DR_STARTED" >&2
+    printf 'activate.sh: it must be sourced, not executed. Try: source %q\n' "$_DR_STARTED" >&2
     return 1 2>/dev/null || exit 1
 fi
 unset _DR_STARTED
 
-# Says what is wrong, and what to do about it.
+# Prints what is wrong and what to do about it.
 _dr_fail() {
     printf 'activate.sh: %s. Try: %s\n' "$1" "$2" >&2
     return 1
@@ -50,16 +50,16 @@ _dr_folder_with() {
     return 1
 }
 
-# Reads settings into variables: those of the folder $1, with $2 for its run.env and $3 for its
-# experiment; empty means as it is.
+# Exports the settings of the folder $1, with $2 for its run.env and $3 for its experiment; empty
+# keeps the one that is set.
 _dr_export() {
     local lines
     lines=$(DR_DIR=$1 DR_CONFIG=$2 _DR_EXPERIMENT=$3 dr shell-env) || return 1
     eval "$lines"
 }
 
-# Whether an argument that is no option of ours and no file was meant for us. A script that sources
-# this without arguments hands on its own, of which $2 has a line each; a person hands on nothing.
+# Whether an argument that is neither an option nor a file is a mistake. A script that sources this
+# without arguments passes on its own ($2 has one in each line); a person passes on nothing.
 _dr_is_mistake() {
     case $- in
     *i*) return 0 ;;
@@ -70,7 +70,7 @@ _dr_is_mistake() {
     esac
 }
 
-# Whether these are the last arguments of the running script; yes where no system file tells.
+# Whether these are the last arguments of the running script; yes where /proc does not tell.
 _dr_was_started_with() {
     [ -r "/proc/$$/cmdline" ] || return 0
     case $(tr '\0' '\n' <"/proc/$$/cmdline") in
@@ -95,16 +95,16 @@ _dr_activate() {
             shift
             ;;
         '#'*)
-            break # behind a line that was pasted into zsh, which takes a comment for words
+            break # zsh passes a pasted comment as arguments
             ;;
         *)
             if [ -f "$1" ]; then
                 file=$(_dr_absolute "$(dirname -- "$1")")/${1##*/}
             elif [ "${1%.env}" != "$1" ]; then
-                _dr_fail "there is no file $1" "name one that is there, or none for run.env"
+                _dr_fail "there is no file $1" "name an existing file, or none for run.env"
                 return 1
             elif _dr_is_mistake "$1" "$given"; then
-                _dr_fail "$1 is no option and no file" "source bin/activate.sh [-e NAME] [FILE]"
+                _dr_fail "$1 is not an option or a file" "source bin/activate.sh [-e NAME] [FILE]"
                 return 1
             fi
             ;;
@@ -125,11 +125,11 @@ _dr_activate() {
         *) PATH=$programs:$PATH ;;
         esac
     elif ! command -v dr >/dev/null; then
-        _dr_fail "there is no program dr" "install it again, or put its folder on PATH"
+        _dr_fail "the program dr was not found" "install it again, or add its folder to PATH"
         return 1
     fi
     if ! home=$(_dr_folder_with run.env "$home" "$PWD" "${DR_DIR:-}" "$beside/.."); then
-        _dr_fail "there is no run.env in $PWD" "go to your working folder, or write one: dr init"
+        _dr_fail "there is no run.env in $PWD" "go to your working folder, or create one: dr init"
         return 1
     fi
     _dr_export "$home" "$file" "$experiment" || return 1

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes .venv and installs the project into it. Does nothing when that is already done.
+# Creates .venv and installs the project into it. Does nothing when that is already done.
 #
 #   scripts/install.sh          what training needs
 #   scripts/install.sh dev      and what the tests need
@@ -20,12 +20,12 @@ find_python() {
             return
         fi
     done
-    echo "Python 3.11 or newer is needed and was not found. Install it, or set PYTHON to its path." >&2
+    echo "Python 3.11 or newer was not found. Install it, or set PYTHON to its path." >&2
     exit 1
 }
 
-# The plain index serves a build with several gigabytes of CUDA libraries. Without an NVIDIA GPU
-# they are dead weight, so the CPU build is taken from PyTorch's own index where that can be reached.
+# The usual index has a build with several gigabytes of CUDA libraries. Without an NVIDIA GPU the CPU
+# build is installed from PyTorch's own index, if that can be reached.
 install_torch() {
     local wanted cpu_index=https://download.pytorch.org/whl/cpu
     wanted=$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
@@ -45,12 +45,12 @@ if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ]; then
 fi
 [ -x "$venv/bin/python" ] || "$(find_python)" -m venv "$venv"
 echo "Installing into $venv ..." >&2
-# The pip that comes with Python 3.11 takes minutes to read the index pages of boto3. Any does.
+# The pip that comes with Python 3.11 takes minutes to read the index pages of boto3.
 "$venv/bin/python" -m pip install --quiet --upgrade pip || true
 install_torch
 "$venv/bin/python" -m pip install --quiet --editable ".${extra:+[$extra]}"
-# Python 3.11 and 3.12 read this file in the locale's character set and do not start where a path in
-# it is not of that set. Paths relative to the file need no letters at all.
+# Python 3.11 and 3.12 read this file in the locale's character set, and fail to start when a path in
+# it has other characters. Relative paths have none.
 for packages in "$venv"/lib/python3.*/site-packages; do
     printf '%s\n' ../../../.. ../../../../env >"$packages/_editable_impl_drcli.pth"
 done

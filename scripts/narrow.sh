@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Runs a command as on a processor without wide instructions (AVX and later), where sums of floats are
-# formed in another order:
+# Runs a command as on a processor without wide instructions (AVX and later), where floats are summed
+# in another order:
 #
 #   scripts/narrow.sh .venv/bin/python -m pytest tests/drsim
 #
-# Every library is told in its own words. What a processor has not got cannot be switched off.
+# Every library has its own switch. What a processor does not have cannot be switched off.
 set -euo pipefail
 python=$(dirname "${BASH_SOURCE[0]}")/../.venv/bin/python
 
-# NumPy takes the names of what it can leave out and this processor has, and warns of any other.
+# NumPy wants the names of the features that it uses on this processor, and warns of any other.
 names=$("$python" -c '
 from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 print(*(name for name in __cpu_dispatch__ if __cpu_features__.get(name)))')

@@ -2,8 +2,8 @@
 # From nothing to evaluated laps: installs, trains on the default track until the car laps,
 # evaluates the best checkpoint, shows the result. Takes a few minutes on two cores.
 #
-# Works in a folder of its own (default: quickstart/ beside this project's files), so that it
-# never touches a racer's own runs. Run it again to start over.
+# Works in its own folder (default: data/quickstart), so it never touches your runs. Run it again to
+# start over.
 set -euo pipefail
 project=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 work=${1:-$project/data/quickstart}
@@ -17,5 +17,5 @@ cd "$work"
 dr-stop-training
 dr-start-training -w --until-laps 5 --max-minutes 8
 dr-evaluate
-echo "Everything lies in $work. To use the commands there:"
+echo "Everything is in $work. To use the commands there:"
 printf '  cd %q && source %q\n' "$work" "$project/.venv/bin/activate"

@@ -1,16 +1,13 @@
-"""What is waited for, and what surprises: told by whoever meets it, shown by the command line.
-
-Kept apart from the console, which takes longer to load. Workers show nothing.
-"""
+"""Messages of packages below the command line, which shows them; workers show nothing."""
 
 from collections.abc import Callable
 
 QUIET_S = 1.0
-"""Waits shorter than this are not worth a word, seconds."""
+"""Shortest wait that is worth a message, seconds."""
 
 
 def _nobody(_text: str) -> None:
-    """Workers have nobody to tell."""
+    """Show nothing, as in workers."""
 
 
 show: Callable[[str], None] = _nobody

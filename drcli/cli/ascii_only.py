@@ -1,10 +1,10 @@
-"""Drawings and signs in ASCII, for terminals whose character set does not know ours."""
+"""Replaces characters that a terminal's character set lacks by similar ASCII characters."""
 
 import codecs
 import io
 
 HANDLER = "drcli.cli.ascii_only"
-"""Name of the handler of encoding errors."""
+"""Name of the error handler."""
 
 _BRAILLE = range(0x2800, 0x2900)
 _MOST_DOTS = 8
@@ -20,13 +20,13 @@ _SIGNS = {
 
 
 def use(stream: io.TextIOWrapper) -> None:
-    """Let a stream write a plain letter for each that it cannot encode: never a failure."""
+    """Let a stream replace each character that it cannot encode, instead of failing."""
     codecs.register_error(HANDLER, _handle)
     stream.reconfigure(errors=HANDLER)
 
 
 def plain(letter: str) -> str:
-    """One ASCII letter that looks like another; a question mark where none does."""
+    """The ASCII character most like another one; a question mark if there is none."""
     if ord(letter) in _BRAILLE:
         dots = (ord(letter) - _BRAILLE.start).bit_count()
         return "#" if dots > _MOST_DOTS // 2 else "."

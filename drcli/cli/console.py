@@ -21,21 +21,21 @@ from drcli.base.errors import OutputLost
 from drcli.config import activation
 
 Advance = Callable[[int], None]
-"""Takes how much more is done."""
+"""Takes the amount done since its last call."""
 
 
 class _Console(Console):
-    """A console whose reader may leave: `dr-status | head -1` ends as without `head`."""
+    """A console that survives a closed pipe: `dr-status | head -1` ends as without `head`."""
 
     def on_broken_pipe(self) -> None:
         _lose_reader(self.file)
 
 
 NARROWEST = 40
-"""Columns below which nothing of ours can be read; COLUMNS=0 means that nobody knows."""
+"""Narrowest width that our output can be read in; COLUMNS=0 means unknown."""
 
 BOUNDLESS = 100_000
-"""Columns of a pipe: nothing is folded, so that programs find a row of a table in one line."""
+"""Width of a pipe: nothing is folded, so that programs find each row in one line."""
 
 _UNKNOWN_COLUMNS = 80
 
@@ -69,11 +69,10 @@ def emit(report: Any, rendered: RenderableType, *, as_json: bool, folded: bool =
     """Print a result: for people, or as one JSON object on the last line of stdout.
 
     Args:
-        report: A dataclass. Its properties become keys beside its fields.
-        rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe. No
-            line ends in a blank.
-        as_json: Which of the two.
-        folded: Whether it is folded on a terminal too: an address in two pieces cannot be pasted.
+        report: A dataclass. Its fields and properties become keys.
+        rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe.
+        as_json: Whether to print JSON.
+        folded: Whether to fold it on a terminal; an address in two pieces cannot be pasted.
     """
     if as_json:
         write(json.dumps(_plain(_with_properties(report)), allow_nan=False) + "\n")
@@ -84,9 +83,9 @@ def emit(report: Any, rendered: RenderableType, *, as_json: bool, folded: bool =
 
 
 def columns() -> int:
-    """Columns that results may fill: those of the terminal, or no end of them in a pipe.
+    """Width for results: that of the terminal, or unlimited in a pipe.
 
-    Rich is not asked, which takes every dumb terminal for one of 80 columns.
+    Does not ask Rich, which gives every dumb terminal 80 columns.
     """
     if not out.file.isatty():
         return BOUNDLESS
@@ -95,12 +94,11 @@ def columns() -> int:
 
 
 def write(text: str, *, followed: bool = False) -> None:
-    """Text that is itself the result, such as a log, exactly as it is.
+    """Print text that is itself the result, such as a log, unchanged.
 
     Args:
         text: The text.
-        followed: Whether it is printed for its reader's sake alone: the command ends, and that is
-            no failure, when the reader of the pipe has left.
+        followed: Whether the command ends, without a failure, when the pipe is closed.
     """
     with _printing():
         print(text, end="", flush=True)
@@ -109,32 +107,32 @@ def write(text: str, *, followed: bool = False) -> None:
 
 
 def reader_has_left() -> bool:
-    """Whether a pipe was closed that something was printed to: what follows goes nowhere."""
+    """Whether the pipe that results go to was closed."""
     return _reader_has_left
 
 
 def say(text: str) -> None:
-    """A word on what happens, which --quiet spares."""
+    """Print what is happening, unless --quiet is given."""
     if not quiet:
         err.print(text, markup=False, soft_wrap=True)
 
 
 def warn(text: str) -> None:
-    """Something that is allowed and may surprise."""
+    """Print a warning: something that is allowed but may surprise."""
     err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
 
 
 @contextmanager
 def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator[Advance]:
-    """A bar on a terminal, nothing elsewhere.
+    """Show a progress bar on a terminal, nothing elsewhere.
 
     Args:
-        what: What is being done, as `Uploading model`.
-        total: How much there is to do.
-        unit: What is counted.
+        what: What is being done, such as `Uploading model`.
+        total: Amount of work.
+        unit: Unit of the amount.
 
     Yields:
-        A function that takes how much more is done.
+        A function that takes the amount done since its last call.
     """
     if not is_live():
         yield lambda amount: None
@@ -149,11 +147,11 @@ def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator
 
 @contextmanager
 def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
-    """Say what is waited for: a spinner on a terminal, one line elsewhere.
+    """Show what the command is waiting for: a spinner on a terminal, one line elsewhere.
 
     Args:
-        what: As "Checking the model ...".
-        only_live: Nothing elsewhere: for commands whose first line scripts look at.
+        what: Such as "Checking the model ...".
+        only_live: Print nothing elsewhere, for commands whose first line is read by scripts.
     """
     if not is_live():
         if not only_live:
@@ -165,14 +163,14 @@ def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
 
 
 def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None:
-    """Commands to paste next, each below what it does; --quiet spares them.
+    """Print commands to paste next, each below its purpose, unless --quiet is given.
 
-    A command has a line of its own, because zsh takes a comment behind it for arguments. Ours are
-    repeated with the variables that this one was called with, as far as they say where things are.
+    A command has its own line, because zsh takes a comment after it for arguments. Our commands get
+    the variables that this one was called with, if they name folders or files.
 
     Args:
-        commands: Each with its purpose.
-        elsewhere: They are for another working folder or experiment than this command was.
+        commands: Commands and their purposes.
+        elsewhere: Whether they are for another working folder or experiment than this command.
     """
     if quiet:
         return
@@ -184,12 +182,11 @@ def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None
 
 
 def fail(message: str, remedy: str) -> None:
-    """A failure and what to do about it, or several failures.
+    """Print an error and what to do about it, or several errors.
 
     Args:
-        message: A sentence, or several, a line each.
-        remedy: What to do. Where it has several lines, they belong to the lines of the message, in
-            the same order.
+        message: A sentence, or several, one per line.
+        remedy: What to do. Several lines belong to the lines of the message, in the same order.
     """
     pairs = [(message, remedy)]
     if "\n" in remedy:
@@ -201,16 +198,16 @@ def fail(message: str, remedy: str) -> None:
 
 
 def is_live() -> bool:
-    """Whether somebody looks at a terminal that can redraw itself.
+    """Whether the output goes to a terminal that can be redrawn.
 
-    Streams are asked themselves, because FORCE_COLOR makes Rich take a pipe for a terminal.
+    Asks the streams, because FORCE_COLOR makes Rich take a pipe for a terminal.
     """
     attached = sys.stdin.isatty() and sys.stderr.isatty() and not quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
 
 def _repeated(command: str, variables: Mapping[str, str]) -> str:
-    """A command of ours with these variables before it, except those that it sets itself."""
+    """One of our commands with these variables before it, except those that it sets itself."""
     words = shlex.split(command)
     own = [word.partition("=")[0] for word in takewhile(lambda word: "=" in word, words)]
     if not f"{words[len(own)]}-".startswith("dr-"):
@@ -220,14 +217,14 @@ def _repeated(command: str, variables: Mapping[str, str]) -> str:
 
 
 def _fitted(rendered: RenderableType, width: int) -> Segments:
-    """What a renderable looks like in so many columns, without blanks at the end of lines."""
+    """A renderable as segments for this width, without spaces at line ends."""
     view = Text(rendered) if isinstance(rendered, str) else rendered
     lines = out.render_lines(view, out.options.update(max_width=width), pad=False)
     return Segments([segment for line in lines for segment in (*_trimmed(line), Segment.line())])
 
 
 def _trimmed(line: list[Segment]) -> list[Segment]:
-    """A line without the blanks that tables put at its end."""
+    """A line without the spaces that tables add at its end."""
     while line and not line[-1].text.strip():
         line = line[:-1]
     if not line:
@@ -238,7 +235,7 @@ def _trimmed(line: list[Segment]) -> list[Segment]:
 
 @contextmanager
 def _printing() -> Iterator[None]:
-    """While a result is printed, which a reader who leaves or a full disk may end."""
+    """Handle a closed pipe and a full disk while a result is printed."""
     try:
         yield
     except BrokenPipeError:
@@ -247,7 +244,7 @@ def _printing() -> Iterator[None]:
         _forget(sys.stdout)
         raise OutputLost(
             f"The result cannot be written to standard output: {error.strerror or error}.",
-            remedy="Make room there, or send the output elsewhere.",
+            remedy="Free some disk space, or send the output elsewhere.",
         ) from None
 
 
@@ -268,12 +265,12 @@ def _plain(value: Any) -> Any:
 
 
 def _lose_reader(stream: IO[str]) -> None:
-    """Go on without a word: the reader has seen enough, and the exit code still counts."""
+    """Continue without a message when the pipe is closed; the exit code is kept."""
     global _reader_has_left
     _reader_has_left = True
     _forget(stream)
 
 
 def _forget(stream: IO[str]) -> None:
-    """Let what is still to be printed go nowhere, or Python tries once more when it ends."""
+    """Discard further output; otherwise Python would try again to write it at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

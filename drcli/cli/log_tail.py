@@ -1,4 +1,4 @@
-"""Reads the end of a log file and what is added to it."""
+"""Reads the end of a log file, and lines that are added later."""
 
 import os
 from collections import deque
@@ -11,16 +11,16 @@ from drcli.base import log_files
 _BLOCK_BYTES = 1 << 20
 
 _MOST_BYTES = 16 << 20
-"""How much is read at once: a log may be larger than the memory that is free."""
+"""Most bytes to read at once: a log may be larger than the free memory."""
 
 
 class Tail:
-    """A log file from near its end on. It may come late, be replaced, rotated or emptied.
+    """Reads a log file from near its end. The file may appear later, be replaced or emptied.
 
     Args:
         path: The file.
-        last_lines: How many of the lines that are there already to begin with; None for all. A
-            file that comes later is read from its beginning.
+        last_lines: Number of existing lines to begin with; None for all. A file that appears later
+            is read from its beginning.
     """
 
     def __init__(self, path: Path, last_lines: int | None = None) -> None:
@@ -30,27 +30,27 @@ class Tail:
         self._unfinished = b""
 
     def read(self, *, unfinished: bool = False) -> str:
-        """Lines that were added since the last call, of many the first; empty where none were.
+        """Lines added since the last call, at most 16 MB of them; empty if there are none.
 
         Args:
-            unfinished: Whether a last line counts that has no end yet.
+            unfinished: Whether to include a last line that has no line end yet.
         """
         data = self._added()
         end = data.rfind(b"\n") + 1
         if len(data) < _MOST_BYTES:
             end = len(data) if unfinished else end
-        elif end == 0:  # a line that has no end
+        elif end == 0:  # a line without an end
             end = len(data)
         self._unfinished = data[end:]
         return data[:end].decode("utf-8", "replace")
 
     def __del__(self) -> None:
-        """Close the file, which was kept open because it may be renamed before it is read."""
+        """Close the file. It is kept open because it may be renamed before it is read."""
         if self._file is not None:
             self._file.close()
 
     def _added(self) -> bytes:
-        """What is new, after the beginning of a line that had no end yet."""
+        """New bytes, after the part of a line that was read before."""
         if self._file is None:
             return self._begin()
         if os.fstat(self._file.fileno()).st_size < self._file.tell():
@@ -62,9 +62,9 @@ class Tail:
         try:
             if os.path.samestat(self._path.stat(), os.fstat(self._file.fileno())):
                 return data
-        except FileNotFoundError:  # a new one may come
+        except FileNotFoundError:  # a new one may appear
             return data
-        # What was written between that read and the change of files is in the old one.
+        # What was written between the read and the change of files is in the old file.
         data += self._file.read()
         self._file.close()
         self._last_lines = None
@@ -83,7 +83,7 @@ class Tail:
 
 
 def older(log: Path) -> Iterator[str]:
-    """The older parts of a log, from the oldest on, in pieces; the current file is not in it."""
+    """The rotated parts of a log, oldest first, in pieces; without the current file."""
     for part in log_files.older_parts(log):
         with part.open(encoding="utf-8", errors="replace", newline="") as file:
             while piece := file.read(_BLOCK_BYTES):
@@ -91,7 +91,7 @@ def older(log: Path) -> Iterator[str]:
 
 
 def _seek_last_lines(file: BinaryIO, count: int) -> None:
-    """Go to where at least so many lines follow, without reading what lies before."""
+    """Go to a position with at least so many lines behind it, reading only from there."""
     position = file.seek(0, os.SEEK_END)
     found = 0
     while position and found <= count:

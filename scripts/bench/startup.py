@@ -18,16 +18,18 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from drcli.cli.completion import LINE, QUESTION
 from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_folder
 from drcli.store.connect import stop_default_storage
 
-START_BAR_S = 0.4
-COMPLETION_BAR_S = 0.2
+BAR_S, HELP_BAR_S = 0.4, 0.3
+"""What a command or an answer to the Tab key may take, and what help may take."""
 
 COMMANDS = (
     "--help",
     "start-training --help",
+    "status --help",
     "status",
     "status --json",
     "summary",
@@ -75,45 +77,41 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=10, help="calls of each command")
     repeat = parser.parse_args().repeat
-    programs = Path(sys.executable).parent
     with tempfile.TemporaryDirectory() as folder, ExitStack() as afterwards:
         afterwards.callback(stop_default_storage, Path(folder))  # list-models starts a server
         write(plan_folder(Path(folder), {}))
         measured = [
-            *(
-                measure(call, [str(programs / "dr"), *call.split()], folder, START_BAR_S, repeat)
-                for call in COMMANDS
-            ),
-            *(
-                measure(
-                    call,
-                    [str(programs / "drcli-complete"), "zsh", *call.split()],
-                    folder,
-                    COMPLETION_BAR_S,
-                    repeat,
-                )
-                for call in COMPLETIONS
-            ),
+            *(measure(call, call.split(), {}, folder, repeat) for call in COMMANDS),
+            *(measure(f"Tab: {line}", [], question(line), folder, repeat) for line in COMPLETIONS),
         ]
     late = [one.call for one in measured if one.wall_s > one.bar_s]
     report = {"calls": [asdict(one) for one in measured], "over_the_bar": late}
     print(json.dumps(report, indent=1))
 
 
-def measure(call: str, command: list[str], folder: str, bar_s: float, repeat: int) -> Measured:
-    """Call a command several times."""
-    cpu_s, wall_s = zip(*(once(command, folder) for _ in range(repeat)), strict=True)
+def question(line: str) -> dict[str, str]:
+    """Variables by which a shell asks what may follow on a line."""
+    asks = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    return {**asks, LINE: line}
+
+
+def measure(
+    call: str, arguments: list[str], variables: dict[str, str], folder: str, repeat: int
+) -> Measured:
+    """Call `dr` several times."""
+    cpu_s, wall_s = zip(*(once(arguments, variables, folder) for _ in range(repeat)), strict=True)
+    bar_s = HELP_BAR_S if "--help" in arguments else BAR_S
     return Measured(call, round(min(cpu_s), 3), round(min(wall_s), 3), bar_s)
 
 
-def once(command: list[str], folder: str) -> tuple[float, float]:
+def once(arguments: list[str], variables: dict[str, str], folder: str) -> tuple[float, float]:
     """Processor time and time on the clock of one call, seconds."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
     started_s = time.perf_counter()
     process = subprocess.Popen(
-        command,
+        [str(Path(sys.executable).with_name("dr")), *arguments],
         cwd=folder,
-        env=kept,
+        env={**kept, **variables},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""Every command and script of DeepRacer-for-Cloud, and what became of it here."""
+"""Every command and script of DeepRacer-for-Cloud, and its counterpart here."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -31,11 +31,11 @@ class Row:
         return "" if self.verdict == "not needed" else self.here or self.name
 
 
-_VIEWER = "a viewer of the cars is to come; until then curves: `dr-status`"
-_NOTEBOOKS = "a notebook server is to come; traces and metrics have the reference's format"
-_METRICS = "curves in a browser are to come; until then `dr-status`, `dr-status --json`"
-_DROA = "exchange with DeepRacer on AWS is to come"
-_X_SERVER = "nothing opens a window and no X server is used"
+_VIEWER = "no viewer yet; `dr-status` shows curves"
+_NOTEBOOKS = "no notebook server yet; traces and metrics have the reference's format"
+_METRICS = "no curves in a browser yet; use `dr-status` or `dr-status --json`"
+_DROA = "no exchange with DeepRacer on AWS yet"
+_X_SERVER = "no X server is used"
 
 REFERENCE: tuple[Row, ...] = (
     # Setting up.
@@ -55,29 +55,28 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "bin/init.sh",
         "better",
-        "writes a commented working folder; never overwrites files without a word",
+        "writes a commented working folder; never replaces files without asking",
         "dr-init",
     ),
     Row(
         "bin/autorun.sh",
         "better",
-        "an instance needs run.env, system.env and one command; it continues what lies in the "
+        "an instance needs run.env, system.env and one command, and continues the model in the "
         "bucket",
         "dr-start-training",
     ),
-    Row("bin/runonce.sh", "not needed", "nothing has to be rebooted; cron runs commands"),
+    Row("bin/runonce.sh", "not needed", "no reboot is needed; cron can run the commands"),
     Row(
         "dr-update",
         "better",
-        "settings are read at every call; this says whether they are right, with file and line",
+        "settings are read at every call; this checks them, with file and line",
     ),
     Row("dr-update-env", "better", "as `dr-update`"),
     Row("dr-reload", "better", "as `dr-update`; silent with `-q`"),
     Row(
         "dr-summary",
         "better",
-        "one page, two columns from 120 on; no network but the bucket, two seconds at most; "
-        "`--json`",
+        "one page; asks only the bucket, for two seconds at most; `--json`",
     ),
     # Training and evaluation.
     Row(
@@ -89,20 +88,19 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-stop-training",
         "better",
-        "waits for a last checkpoint, metrics and logs; needs no root; nothing running is no error",
+        "waits for the last checkpoint, metrics and logs; needs no root",
     ),
     Row(
         "dr-start-evaluation",
         "better",
-        "same flags `-q -c`; refuses a model that is not there; never changes the model; without "
-        "`-q` it prints the result, with `-q` it returns once the laps are driven in the "
-        "background",
+        "same flags `-q -c`; refuses a model that does not exist; never changes the model; "
+        "without `-q` it prints the result, with `-q` it drives in the background",
     ),
     Row("dr-stop-evaluation", "same", "the evaluation ends within a second, without results"),
     Row(
         "dr-stop-all",
         "better",
-        "ends what was started in this folder, not what else runs on the machine",
+        "stops what was started in this folder, and nothing else on the machine",
     ),
     Row(
         "dr-increment-training",
@@ -113,48 +111,48 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-start-tournament",
         "not needed",
-        "dead in the reference too; evaluate with DR_RACE_TYPE=HEAD_TO_MODEL. The name says so",
+        "broken in the reference too; evaluate with DR_RACE_TYPE=HEAD_TO_MODEL instead",
     ),
     # Files and models.
     Row(
         "dr-upload-custom-files",
         "same",
-        "that of the experiment where one is chosen; nothing is deleted",
+        "copies that of the experiment if one is chosen; nothing is deleted",
     ),
-    Row("dr-download-custom-files", "same", "the way back"),
+    Row("dr-download-custom-files", "same", "copies back"),
     Row(
         "dr-upload-model",
         "better",
-        "same flags and texts; data first, index last; any checkpoint; several callers at once",
+        "same flags and messages; any checkpoint; uploads at the same time do no harm",
     ),
     Row(
         "dr-increment-upload-model",
         "better",
         "`-p` works; slashes and names without a number are right",
     ),
-    Row("dr-download-model", "better", "same flags; checked before and after; a copy is whole"),
-    Row("dr-list-aws-models", "better", "dead there; lists the models in the bucket of uploads"),
-    Row("dr-set-upload-model", "better", "dead there; writes DR_UPLOAD_S3_PREFIX"),
-    Row("dr-upload-car-zip", "later", "archives for the car are to come"),
-    Row("dr-local-aws", "same", "address, keys and region are filled in; the server is started"),
+    Row("dr-download-model", "better", "same flags; verified before and after the copy"),
+    Row("dr-list-aws-models", "better", "broken there; lists the models in the upload bucket"),
+    Row("dr-set-upload-model", "better", "broken there; writes DR_UPLOAD_S3_PREFIX"),
+    Row("dr-upload-car-zip", "later", "no archives for the car yet"),
+    Row("dr-local-aws", "same", "adds address, keys and region; starts the server"),
     # Looking.
     Row(
         "dr-logs-sagemaker",
         "same",
-        "the last 100 lines instead of the last five minutes, then what follows",
+        "starts with the last 100 lines instead of the last five minutes",
     ),
     Row("dr-logs-robomaker", "same", "as `dr-logs-sagemaker`; `-n` counts from 1"),
     Row("dr-find-sagemaker", "same", "a process number instead of a container id"),
-    Row("dr-find-robomaker", "same", "process numbers, one a line"),
+    Row("dr-find-robomaker", "same", "process numbers, one per line"),
     Row("dr-get-robomaker-stats", "better", "real-time factor and steps/s in one line; `--json`"),
     Row("dr-start-viewer", "later", _VIEWER),
-    Row("dr-stop-viewer", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-stop-viewer", "later", "prints that nothing is running and exits 0"),
     Row("dr-update-viewer", "later", _VIEWER),
     Row("dr-view-stream", "later", _VIEWER),
     Row("dr-start-metrics", "later", _METRICS),
-    Row("dr-stop-metrics", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-stop-metrics", "later", "prints that nothing is running and exits 0"),
     Row("dr-start-loganalysis", "later", _NOTEBOOKS),
-    Row("dr-stop-loganalysis", "later", "nothing runs, so it says so and exits 0"),
+    Row("dr-stop-loganalysis", "later", "prints that nothing is running and exits 0"),
     Row("dr-logs-loganalysis", "later", _NOTEBOOKS),
     Row("dr-url-loganalysis", "later", _NOTEBOOKS),
     Row("droa-list-models", "later", _DROA),
@@ -179,8 +177,8 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "utils/upload-rotate.sh",
         "better",
-        "`dr-upload-model -f1` counts the name up and uploads; `dr-config set` writes a prefix "
-        "into a settings file; iteration and entropy: `dr-status --json`",
+        "`dr-upload-model -f1` raises the number in the name and uploads; `dr-config set` writes "
+        "a prefix to a settings file; iteration and entropy: `dr-status --json`",
         "dr-upload-model",
     ),
     Row(
@@ -207,7 +205,7 @@ REFERENCE: tuple[Row, ...] = (
 )
 
 SCRIPTS = ("scripts/activate.sh", "scripts/install.sh")
-"""What takes a place in the table and is no command."""
+"""Entries of the table that are not commands."""
 
 
 def missing() -> list[str]:

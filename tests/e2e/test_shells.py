@@ -120,7 +120,7 @@ def test_an_experiment_is_chosen_and_stays_chosen(run, folder):
         ("-e", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
         ("-e ''", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
         ("-e ../x", "../x is no plain folder name. Try: Write one of fast."),
-        ("-x", "-x is no option and no file. Try: source bin/activate.sh [-e NAME] [FILE]"),
+        ("-x", "-x is not an option or a file. Try: source bin/activate.sh [-e NAME] [FILE]"),
     ],
 )
 def test_what_goes_wrong_is_one_line_and_the_shell_lives_on(run, folder, arguments, words):
@@ -158,7 +158,7 @@ def test_who_executes_the_script_is_told_to_source_it(shell, folder, script):
     )
 
     assert done.returncode == 1
-    assert done.stderr == (f"activate.sh: executed, it changes no shell. Try: source {script}\n")
+    assert done.stderr == (f"activate.sh: it must be sourced, not executed. Try: source {script}\n")
 
 
 def test_a_shell_that_cannot_use_the_script_says_so_and_lives_on(folder):
@@ -246,7 +246,7 @@ def test_a_line_that_was_pasted_with_its_comment_works(typist):
 def test_a_word_that_somebody_typed_in_vain_is_refused(typist):
     typist.type("source bin/activate.sh fast\n")
 
-    typist.wait_for("activate.sh: fast is no option and no file. Try: source bin/activate.sh")
+    typist.wait_for("activate.sh: fast is not an option or a file. Try: source bin/activate.sh")
 
 
 @pytest.mark.parametrize("typist", ["bash", "zsh"], indirect=True)

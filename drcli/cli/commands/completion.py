@@ -16,7 +16,7 @@ app = typer.Typer(
 _Shell = Annotated[
     completion.Shell | None,
     typer.Argument(
-        metavar="[SHELL]",
+        metavar="SHELL",
         help="bash, zsh or fish; taken from $SHELL when left out.",
         show_default=False,
     ),

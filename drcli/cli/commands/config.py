@@ -22,7 +22,7 @@ def show(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
             help="Only these settings.",
             autocompletion=candidates.setting_names,
         ),
@@ -82,7 +82,7 @@ def change(
     values: Annotated[
         list[str],
         typer.Argument(
-            metavar="NAME=VALUE...", help="New values.", autocompletion=candidates.assignments
+            metavar="NAME=VALUE", help="New values.", autocompletion=candidates.assignments
         ),
     ],
     file: Annotated[

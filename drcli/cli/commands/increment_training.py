@@ -21,6 +21,7 @@ def increment_training(
         typer.Option(
             "-p",
             "--prefix",
+            metavar="PREFIX",
             help="Name of the new model.",
             autocompletion=candidates.model_prefixes,
         ),

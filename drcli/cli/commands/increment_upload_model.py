@@ -20,7 +20,7 @@ def increment_upload_model(
     ] = False,
     prefix: Annotated[
         str | None,
-        typer.Option("-p", "--prefix", help="Use this name for the next upload."),
+        typer.Option("-p", "--prefix", metavar="PREFIX", help="Use this name for the next upload."),
     ] = None,
     delimiter: Delimiter = None,
     as_json: AsJson = False,

@@ -33,45 +33,57 @@ OPTIONS = {
 
 def init(
     folder: Annotated[
-        str | None, typer.Argument(help="The folder; the current one when left out.")
+        str | None,
+        typer.Argument(metavar="FOLDER", help="The folder; the current one when left out."),
     ] = None,
     world: Annotated[
-        str | None, typer.Option("--world", help="Track.", autocompletion=candidates.worlds)
+        str | None,
+        typer.Option(
+            "--world", metavar="NAME", help="Name of the track.", autocompletion=candidates.worlds
+        ),
     ] = None,
     race_type: Annotated[
         str | None,
         typer.Option(
             "--race-type",
+            metavar="TYPE",
             help="TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, or for evaluations HEAD_TO_MODEL.",
             autocompletion=candidates.race_types,
         ),
     ] = None,
     prefix: Annotated[
-        str | None, typer.Option("-p", "--prefix", help="Name of the model to train.")
+        str | None, typer.Option("-p", "--prefix", metavar="NAME", help="Name of the model.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", help="Number of simulation workers, 1 to 10.")
+        int | None,
+        typer.Option("--workers", metavar="N", help="Number of simulation workers, 1 to 10."),
     ] = None,
     cloud: Annotated[
         str | None,
         typer.Option(
             "-c",
             "--cloud",
+            metavar="WHERE",
             help="Where the bucket is: local, remote, aws or azure.",
             autocompletion=candidates.clouds,
         ),
     ] = None,
-    bucket: Annotated[str | None, typer.Option("--bucket", help="Name of the bucket.")] = None,
+    bucket: Annotated[
+        str | None, typer.Option("--bucket", metavar="NAME", help="Name of the bucket.")
+    ] = None,
     endpoint: Annotated[
-        str | None, typer.Option("--endpoint", help="S3 address for remote and azure.")
+        str | None,
+        typer.Option("--endpoint", metavar="URL", help="S3 address for remote and azure."),
     ] = None,
     profile: Annotated[
-        str | None, typer.Option("--profile", help="AWS profile that holds the keys.")
+        str | None,
+        typer.Option("--profile", metavar="NAME", help="AWS profile that holds the keys."),
     ] = None,
     experiment: Annotated[
         str | None,
         typer.Option(
             "--experiment",
+            metavar="NAME",
             help="Create experiments/NAME/ in a working folder instead.",
             autocompletion=candidates.experiments,
         ),

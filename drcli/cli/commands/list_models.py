@@ -13,7 +13,7 @@ from drcli.models import model_list, transfer_buckets
 _Pattern = Annotated[
     str,
     typer.Argument(
-        metavar="[PATTERN]",
+        metavar="PATTERN",
         help="Part of a name, or a whole name with * and ?.",
         autocompletion=candidates.model_prefixes,
     ),

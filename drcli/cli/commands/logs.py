@@ -26,7 +26,10 @@ def logs(
         ),
     ] = "sim",
     number: Annotated[
-        int, typer.Option("-n", "--number", help="Which simulation worker, from 0.", min=0)
+        int,
+        typer.Option(
+            "-n", "--number", metavar="N", help="Number of the sim worker, from 0.", min=0
+        ),
     ] = 0,
     follow: Annotated[
         bool, typer.Option("-f", "--follow", help="Follow the log until Ctrl-C.")

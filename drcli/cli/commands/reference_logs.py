@@ -12,7 +12,7 @@ from drcli.base.errors import Absent
 from drcli.cli import console
 from drcli.cli.log_tail import Tail, older
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs import speed, status
 from drcli.runs.status import Process, ProcessReport
@@ -27,7 +27,10 @@ _Wait = Annotated[
     typer.Option("-w", "--wait", min=0, metavar="SEC", help="Wait SEC seconds for its start."),
 ]
 _Replica = Annotated[
-    int, typer.Option("-n", "--replica", min=1, help="Number of the simulation worker, from 1.")
+    int,
+    typer.Option(
+        "-n", "--replica", min=1, metavar="N", help="Number of the simulation worker, from 1."
+    ),
 ]
 _Evaluation = Annotated[
     bool, typer.Option("-e", "--evaluation", help="Use the evaluation instead of the training.")
@@ -75,7 +78,9 @@ def find_sagemaker(as_json: AsJson = False) -> None:
 def find_robomaker(
     replica: Annotated[
         int | None,
-        typer.Option("-n", "--replica", min=1, help="Only this simulation worker, from 1."),
+        typer.Option(
+            "-n", "--replica", min=1, metavar="N", help="Only this simulation worker, from 1."
+        ),
     ] = None,
     evaluation: _Evaluation = False,
     as_json: AsJson = False,
@@ -103,7 +108,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     if not found:
         raise _absent(_Wanted.of(replica))
     report = speed.speed_of(found[0], settings(), working_folder())
-    console.emit(report, everyday.speed(report), as_json=as_json)
+    console.emit(report, summary_view.speed(report), as_json=as_json)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config.settings import Settings
 
 if TYPE_CHECKING:
-    from drcli.config.settings import Settings
     from drcli.runs.status import RunReport
 
 
@@ -55,7 +55,7 @@ def start_training(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, metavar="S", help="Seed of all random numbers."),
+        typer.Option("--seed", min=0, metavar="S", help="Seed, to repeat a training exactly."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -121,7 +121,7 @@ def start_training(
 
 
 def _followed(
-    loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
+    loaded: Settings, trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
     """Names of the logs that -s, -r [N] and -a select."""
     if worker is not None and not sim:

@@ -2,7 +2,7 @@
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs import stopping
 
@@ -17,4 +17,4 @@ def stop_all(as_json: AsJson = False) -> None:
     """
     with console.waiting("Stopping everything that was started in this folder ..."):
         report = stopping.stop_all(working_folder(), settings)
-    console.emit(report, everyday.stopped(report), as_json=as_json)
+    console.emit(report, summary_view.stopped(report), as_json=as_json)

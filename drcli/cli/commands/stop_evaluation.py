@@ -2,7 +2,7 @@
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs import stopping
 
@@ -17,4 +17,4 @@ def stop_evaluation(as_json: AsJson = False) -> None:
     """
     stopped = stopping.stop_evaluations(working_folder(), settings().run_id)
     report = stopping.StopReport(stopped)
-    console.emit(report, everyday.stopped_evaluations(report), as_json=as_json)
+    console.emit(report, summary_view.stopped_evaluations(report), as_json=as_json)

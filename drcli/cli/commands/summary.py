@@ -2,7 +2,7 @@
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs.summary import summarize
 
@@ -16,4 +16,4 @@ def summary(as_json: AsJson = False) -> None:
     Example: dr-summary
     """
     report = summarize(settings(), working_folder())
-    console.emit(report, everyday.summary(report), as_json=as_json)
+    console.emit(report, summary_view.summary(report), as_json=as_json)

@@ -30,6 +30,7 @@ def upload_model(
         typer.Option(
             "-p",
             "--prefix",
+            metavar="PREFIX",
             help="Copy this model instead, under its own name.",
             autocompletion=candidates.model_prefixes,
         ),

@@ -7,7 +7,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs import addresses
 
@@ -24,7 +24,7 @@ class What(StrEnum):
 
 def url(
     what: Annotated[
-        What, typer.Argument(metavar="[WHAT]", help="bucket, model, custom-files, metrics or all.")
+        What, typer.Argument(metavar="WHAT", help="bucket, model, custom-files, metrics or all.")
     ] = What.all,
     as_json: AsJson = False,
 ) -> None:
@@ -37,7 +37,7 @@ def url(
     """
     names = [name for name in get_args(addresses.PlaceName) if what in (What.all, name)]
     report = addresses.addresses(settings(), working_folder(), names)
-    console.emit(report, everyday.addresses(report), as_json=as_json, folded=False)
+    console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"
         console.say(

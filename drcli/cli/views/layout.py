@@ -1,4 +1,4 @@
-"""How views use the columns of a terminal: rows, indents, and what is drawn to measure."""
+"""Fits views to the width of a terminal: tables, indents, views drawn for a width."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ from rich.text import Text
 from drcli.cli.console import BOUNDLESS
 
 INDENT = 2
-"""Columns before what belongs to the line above it."""
+"""Indent of what belongs to the line above it."""
 
 _LEAST_NAME = 24
-"""Columns that the first cell of a row may be folded to."""
+"""Narrowest width to fold the first cell of a row to."""
 
 Cell = str | Text
 
 
 class Fitted:
-    """A view that is drawn for the columns there are.
+    """A view that is drawn for the width of the terminal.
 
     Args:
-        draw: Takes the number of columns.
+        draw: Draws it for a number of columns.
     """
 
     def __init__(self, draw: Callable[[int], RenderableType]) -> None:
@@ -37,14 +37,14 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Rows:
-    """A table as far as its rows fit a line; else the first cell of each, the others below it.
+    """A table if its rows fit the terminal; else a list, the other cells below the first one.
 
     Nothing is ever cut off.
 
     Attributes:
-        names: Of the columns. The first one tells the rows apart.
-        cells: A cell for each column, by row.
-        left: Names of the columns that hold words; the others hold numbers.
+        names: Names of the columns. The first column names the row.
+        cells: For each row, a cell for each column.
+        left: Names of the columns with words, which are aligned left; numbers are aligned right.
     """
 
     names: Sequence[str]
@@ -70,7 +70,7 @@ class Rows:
             yield indented(Text(", ").join(told))
 
     def _table(self, first: int | None = None) -> Table:
-        """The rows as a table, its first column that wide and all others as wide as they need."""
+        """The rows as a table; `first` is the width of its first column."""
         table = Table(box=None, pad_edge=False, header_style="dim")
         for name in self.names:
             folded = first is not None and name == self.names[0]
@@ -91,5 +91,5 @@ class Rows:
 
 
 def indented(text: Cell, columns: int = INDENT) -> RenderableType:
-    """Text that is broken at the edge of the terminal, below what it belongs to."""
+    """Indented text, folded at the edge of the terminal."""
     return Padding.indent(Text.assemble(text), columns)

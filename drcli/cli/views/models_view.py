@@ -1,4 +1,4 @@
-"""How models and files look that were copied, and a list of models."""
+"""How copied models and files look, and a list of models."""
 
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ _DAY, _MINUTE = 10, 16
 
 
 def upload(report: "UploadReport") -> RenderableType:
-    """What came of an upload."""
+    """The result of an upload."""
     would = "Would upload" if report.dry_run else "Uploaded"
     lines = [
         f"{would} {report.checkpoint} of {report.source} to {report.target}: "
@@ -34,32 +34,32 @@ def upload(report: "UploadReport") -> RenderableType:
         lines.append(f"{files(len(report.deleted))} of earlier uploads {verb}.")
     if report.older:
         lines.append(
-            f"Older checkpoints stay there: {len(report.older)}, {decimal(report.older_bytes)}; "
+            f"Older checkpoints are kept: {len(report.older)}, {decimal(report.older_bytes)}; "
             "-w deletes them."
         )
     return Text("\n".join(lines))
 
 
 def download(report: "DownloadReport") -> RenderableType:
-    """What came of a download."""
+    """The result of a download."""
     would = "Would download" if report.dry_run else "Downloaded"
     lines = [
         f"{would} {report.source} to {report.target}: "
         f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
     ]
     if not report.checkpoint:
-        lines.append("It has no checkpoint yet, so nobody can drive it.")
+        lines.append("It has no checkpoint yet, so it cannot drive.")
     if report.deleted:
         verb = "would be deleted" if report.dry_run else "deleted"
-        lines.append(f"No part of it and {verb}: {files(len(report.deleted))}.")
+        lines.append(f"Not part of it and {verb}: {files(len(report.deleted))}.")
     if report.strays:
-        lines.append(f"No part of it and still there: {files(len(report.strays))}; -w deletes.")
+        lines.append(f"Not part of it: {files(len(report.strays))} at the target; -w deletes them.")
     lines += [f"Wrote {path}" for path in report.custom_files]
     return Text("\n".join(lines))
 
 
 def upload_increment(step: "UploadIncrement") -> RenderableType:
-    """What the next upload is called."""
+    """The name of the next upload."""
     wiped = f" {files(step.wiped)} deleted there." if step.wiped else ""
     return Text(f"The next upload goes to {step.after}.{wiped}")
 
@@ -80,8 +80,8 @@ def files(count: int) -> str:
 def models(found: "ModelList") -> RenderableType:
     """The models of a bucket."""
     if not found.models:
-        what = f"No model in s3://{found.bucket} has {found.pattern} in its name."
-        return Text(what if found.pattern else f"There is no model in s3://{found.bucket}.")
+        matching = f" that matches {found.pattern}" if found.pattern else ""
+        return Text(f"There is no model in s3://{found.bucket}{matching}.")
     return Group(
         Text(f"s3://{found.bucket}", style="bold"),
         Fitted(lambda columns: _table(found, columns)),
@@ -115,5 +115,5 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
 
 
 def _counted(copied: list[str], size_bytes: int, unchanged: list[str]) -> str:
-    same = f", {len(unchanged)} there already" if unchanged else ""
+    same = f", {len(unchanged)} already there" if unchanged else ""
     return f"{files(len(copied))}, {decimal(size_bytes)}{same}"

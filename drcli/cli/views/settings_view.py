@@ -1,4 +1,4 @@
-"""How settings look: values with their places, findings, edits."""
+"""How settings look: values with their places, problems, edits."""
 
 import re
 from collections.abc import Iterable
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from drcli.config.inspection import Value, Values
 
 PLACE_COLUMN = 46
-"""Where the place of a value stands, unless the value is longer or the terminal narrow."""
+"""Column of a value's place, unless the value is longer or the terminal is narrow."""
 
 PLACE_COLUMNS = 22
 """Columns that most places need."""
 
 PLACE_INDENT = 4
-"""Columns before a place that has a line of its own, because there is no room behind the value."""
+"""Indent of a place on a line of its own, where the value's line has no room."""
 
 
 def values(report: "Values") -> RenderableType:
@@ -38,7 +38,7 @@ def explained(report: "Values") -> RenderableType:
 
 
 def check(report: "FullCheck") -> RenderableType:
-    """Everything there is to say about the settings, and what the other rules found."""
+    """All problems of the settings, and what the other rules found."""
     lines: list[RenderableType] = []
     for finding in report.errors[:MOST_SHOWN]:
         lines.append(Text.assemble(("Error: ", "bold red"), str(finding)))
@@ -85,7 +85,7 @@ def _explained(report: "Values", columns: int) -> RenderableType:
     for value in report.settings:
         lines += [*_lines([value], columns), indented(value.meaning)]
         default = f" Default: {value.default}." if value.default else ""
-        lines.append(indented(Text(f"May be {value.expected}.{default}", style="dim")))
+        lines.append(indented(Text(f"Allowed: {value.expected}.{default}", style="dim")))
         if value.reason:
             lines.append(indented(Text(f"No effect here: {value.reason}.", style="yellow")))
     for worker in report.workers:

@@ -122,7 +122,7 @@ def test_1_changes_no_name_where_nothing_is_uploaded(dr, mover, answer, options)
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [(["-b", "-c", "3"], "-b and -c"), (["-1", "-p", "x"], "-1 raises"), (["-c", "-1"], "-c")],
+    [(["-b", "-c", "3"], "-b and -c"), (["-1", "-p", "x"], "-1 changes"), (["-c", "-1"], "-c")],
 )
 def test_upload_options_that_contradict_each_other_exit_2(dr, mover, capsys, options, words):
     assert dr("upload-model", "-f", *options) == 2
@@ -218,8 +218,8 @@ def test_a_model_without_a_checkpoint_is_fetched_and_nobody_is_sent_to_drive_it(
     assert code == 0
     assert "It has no checkpoint yet" in printed.out
     assert "dr-evaluate" not in printed.err
-    assert "lies something already: 1 file." in printed.err
-    assert "No part of it and still there: 1 file; -w deletes." in printed.out
+    assert "is not empty: 1 file." in printed.err
+    assert "Not part of it: 1 file at the target; -w deletes them." in printed.out
 
 
 def test_download_as_json(dr, mover, capsys):
@@ -299,7 +299,7 @@ def test_without_a_bucket_of_uploads_each_command_says_what_it_can_do(
 
 def test_a_pattern_that_fits_nothing_says_so(dr, mover, capsys):
     assert dr("list-models", "nothing") == 0
-    assert capsys.readouterr().out == "No model in s3://bucket has nothing in its name.\n"
+    assert capsys.readouterr().out == "There is no model in s3://bucket that matches nothing.\n"
 
 
 def test_custom_files_go_up_and_come_back(dr, mover, capsys):
@@ -325,7 +325,7 @@ def test_a_name_that_leads_out_of_the_folder_is_warned_of(dr, mover, capsys):
     code = dr("download-custom-files")
 
     assert code == 0
-    assert "would lie outside" in capsys.readouterr().err
+    assert "leads out of" in capsys.readouterr().err
 
 
 def test_an_upload_over_a_model_in_use_keeps_the_index_whole(dr, mover):

@@ -42,10 +42,10 @@ def test_a_named_value_is_explained(dr, working_folder, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "DR_WORKERS=2                                   # run.env line 3",
         "  Simulation processes; analysis tools read at most 10.",
-        "  May be a whole number from 1 to 10. Default: 1.",
+        "  Allowed: a whole number from 1 to 10. Default: 1.",
         "DR_HOST_X=False                                # default, no effect",
         "  Use the X server of the host.",
-        "  May be True or False. Default: False.",
+        "  Allowed: True or False. Default: False.",
         "  No effect here: nothing opens a window and no X server is needed.",
     ]
 

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from drcli.base.errors import StorageError
-from drcli.cli.views import everyday
+from drcli.cli.views import summary_view
 from drcli.exchange.run_record import RunRecord
 from drcli.runs import summary
 from drcli.runs.summary import BucketState, Running, Summary
@@ -48,7 +48,7 @@ def report():
 def shown(report, width):
     screen = Console(width=width, color_system=None, file=io.StringIO())
     with screen.capture() as captured:
-        screen.print(everyday.summary(report))
+        screen.print(summary_view.summary(report))
     return captured.get().splitlines()
 
 

@@ -1,4 +1,4 @@
-"""How summary, addresses, what was stopped and speed look."""
+"""How a summary looks, and addresses, stopped runs and speed."""
 
 import time
 from typing import TYPE_CHECKING
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from drcli.runs.summary import BucketState, Running, Summary
 
 WIDE = 120
-"""Columns from which a summary stands in two columns, on a terminal."""
+"""From this width on, a terminal shows a summary in two columns."""
 
 _LABEL_WIDTH = 12
-"""As wide as `evaluation` and its indent, so that all values of a page stand in one line."""
+"""Width of the longest label with its indent, so that all values are aligned."""
 
 Rows = list[tuple[str, RenderableType]]
 
@@ -31,7 +31,7 @@ def summary(report: "Summary") -> RenderableType:
 
 
 def addresses(report: "Addresses") -> RenderableType:
-    """The addresses, each in one piece, whatever the terminal, so that it can be pasted."""
+    """The addresses, none of them folded, so that each can be pasted."""
     lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
     for place in report.places:
         lines.append(Text(f"{place.name}:", style="bold"))
@@ -114,7 +114,7 @@ def _model_rows(report: "Summary") -> Rows:
 def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
     states = {
         "answers": Text("answers", style="green"),
-        "stopped": Text("its server does not run; it starts when it is needed", style="yellow"),
+        "stopped": Text("its server is not running; it starts when needed", style="yellow"),
         "silent": Text(bucket.reason, style="red"),
     }
     model = {
@@ -149,7 +149,7 @@ def _running_rows(running: "list[Running]") -> Rows:
 
 def _machine_rows(report: "Summary") -> Rows:
     versions = ", ".join(f"{name} {value}" for name, value in report.versions.items() if value)
-    gpu = ", ".join(report.gpus) or "none; everything is computed by the processor"
+    gpu = ", ".join(report.gpus) or "none; the processor computes everything"
     if report.gpus and not report.gpu_usable:
-        gpu += ", which the installed torch cannot use (it is the build for processors alone)"
+        gpu += ", which the installed torch cannot use (it is the CPU build)"
     return [("versions", Text(versions)), ("GPU", Text(gpu))]
