@@ -1,6 +1,6 @@
-"""What is waited for, and what surprises: told by whoever meets it, shown by the command line.
+"""Words on long waits and on what surprises: the command line shows them, processes log them.
 
-Kept apart from the console, which takes longer to load. Workers show nothing.
+Apart from the console, which takes longer to load.
 """
 
 from collections.abc import Callable
@@ -10,11 +10,11 @@ QUIET_S = 1.0
 
 
 def _nobody(_text: str) -> None:
-    """Workers have nobody to tell."""
+    """Neither a command nor a process of a run."""
 
 
 show: Callable[[str], None] = _nobody
-"""Shows one line; set by the command line."""
+"""Tells what is waited for."""
 
 warn: Callable[[str], None] = _nobody
-"""Shows a warning; set by the command line."""
+"""Tells a warning."""

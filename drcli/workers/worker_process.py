@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from drcli.base import log, log_files
+from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
@@ -97,6 +97,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     LastWords.forget(job.folder, name)
     print_limit.install()
     sys.excepthook = _hook(job, name)
+    notices.show, notices.warn = _logger.info, _logger.warning
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.settings.log_max_mb << 20)
     try:
