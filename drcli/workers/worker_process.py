@@ -34,10 +34,10 @@ class Lifeline:
     def __init__(self, launcher_pid: int) -> None:
         self._launcher_pid = launcher_pid
         self._signalled = False
-        signal.signal(signal.SIGTERM, self._note)
-        signal.signal(signal.SIGINT, self._note)
+        signal.signal(signal.SIGTERM, self._note_signal)
+        signal.signal(signal.SIGINT, self._note_signal)
 
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
+    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._signalled = True
 
     def should_stop(self) -> bool:
