@@ -51,7 +51,7 @@ def test_a_closed_standard_output_does_not_hide_a_failure(lost, options):
     code, said = ended(lost, "status", *options, closed="stdout")
 
     assert code == 5
-    assert "The supervisor is gone" in said
+    assert "The supervisor died" in said
     assert "BrokenPipe" not in said
 
 
