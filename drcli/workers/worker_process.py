@@ -100,6 +100,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     notices.show, notices.warn = _logger.info, _logger.warning
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.settings.log_max_mb << 20)
+    _logger.info("%s started as process %d.", name, os.getpid())
     try:
         main(job, lifeline)
     except StopRequested:
