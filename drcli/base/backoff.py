@@ -1,4 +1,4 @@
-"""How long to wait between two looks at something that is not there yet."""
+"""Waiting for a condition, with pauses that grow."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -9,17 +9,17 @@ FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
 
 FAST_GROWTH = 2.0
-"""For failures: leave a server in trouble alone soon."""
+"""For failures: ask a server in trouble less often soon."""
 
 SLOW_GROWTH = 1.05
-"""For work in progress: each delay is a twentieth of the time waited so far, so no more than that
-is lost between the end of the work and the look that notices it."""
+"""For work in progress: each pause is a twentieth of the time waited so far, so the end of the work
+is noticed no later than that."""
 
 
 def delays_s(
     first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
 ) -> Iterator[float]:
-    """Yield waiting times for ever: the first, then longer by a factor each time up to the last."""
+    """Yield pauses without end, each longer than the one before by a factor, up to the last."""
     delay_s = first_s
     while True:
         yield delay_s
@@ -37,15 +37,15 @@ def wait_until(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Look until the condition holds or the patience ends; True when it came to hold.
+    """Check until the condition holds or the patience ends; whether it holds.
 
     Args:
         condition: What is waited for.
-        patience_s: Seconds after which it is given up.
-        first_s: Pause between the first two looks.
+        patience_s: How long to wait.
+        first_s: Pause between the first two checks.
         last_s: Longest pause.
         growth: Factor from one pause to the next.
-        what: Shown to the user once this takes long; nothing if empty.
+        what: Shown to the user where it takes long; nothing if empty.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
     """

@@ -1,8 +1,8 @@
-"""Log files that do not grow without end: a current file, older parts, logs of earlier trainings.
+"""Log files of limited size: a current file, older parts, and logs of earlier trainings.
 
-`sim-0.log` is the file that is written now, `sim-0.log.part-0001` an older part of the same log,
-and `sim-0.log.20261122-093000` the log of an earlier training. Only the current file ends in
-`.log`: log-guru imports every file that does, and stops at one that begins in the middle.
+`sim-0.log` is the current file, `sim-0.log.part-0001` an older part of the same log, and
+`sim-0.log.20261122-093000` the log of an earlier training. Only the current file ends in `.log`:
+log-guru imports every file that does, and fails at one that begins in the middle.
 """
 
 import os
@@ -12,13 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = "DRCLI_LOG"
-"""Environment variable that tells a process which log file its output goes to."""
+"""Environment variable that tells a process which log file it writes."""
 
 UPLOADED = ".uploaded"
-"""Ends the name of the note about how much of a log is in the bucket."""
+"""Ends the name of the file that says how much of a log is in the bucket."""
 
 EARLIER_TRAININGS = 3
-"""The logs of so many earlier trainings are kept."""
+"""How many earlier trainings keep their logs."""
 
 _WORKER = r"(?:trainer|supervisor|sim-\d+)\.log"
 _LOG = re.compile(rf"({_WORKER})(\.part-\d+)?")
@@ -26,15 +26,15 @@ _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
 
 def part_bytes(max_bytes: int) -> int:
-    """How large the current file may become where a whole log may have so many bytes.
+    """How large the current file may become where the whole log may have so many bytes.
 
-    Half of it: a large file keeps most trainings whole for tools that read a single one.
+    Half of it: tools read a single file, so it should hold most trainings completely.
     """
     return max_bytes // 2
 
 
 def older_parts(log: Path) -> list[Path]:
-    """The older parts of a log, oldest first; the current file is not among them."""
+    """The older parts of a log without the current file, oldest first."""
     return sorted(
         (path for path in log.parent.glob(f"{log.name}.part-*") if _suffix(path).isdigit()),
         key=number_of,
@@ -42,7 +42,7 @@ def older_parts(log: Path) -> list[Path]:
 
 
 def number_of(part: Path) -> int:
-    """The number of an older part; they count from 1."""
+    """The number of an older part, from 1."""
     return int(_suffix(part))
 
 
@@ -53,17 +53,17 @@ def current_number(log: Path) -> int:
 
 
 def rotate(log: Path, max_bytes: int) -> int:
-    """Begin a new current file and delete the oldest parts while there is too much.
+    """Begin a new current file, and delete the oldest parts where the log is too large.
 
     Args:
         log: The current file, which becomes the newest of the older parts.
-        max_bytes: How large current file and older parts may become together.
+        max_bytes: How large the current file and the older parts may become together.
 
     Returns:
-        A descriptor of the new file, which appends.
+        A descriptor of the new file, in append mode.
 
     Raises:
-        OSError: The disk is full, or the folder is gone; the log is as it was.
+        OSError: The disk is full or the folder is gone. The log has not changed.
     """
     fresh = log.with_name(f"{log.name}.new")
     descriptor = os.open(fresh, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_TRUNC, 0o666)
@@ -78,12 +78,12 @@ def rotate(log: Path, max_bytes: int) -> int:
 
 
 def set_aside(folders: list[Path], max_bytes: int) -> None:
-    """Let a training that starts anew begin new log files, and keep those of the last few.
+    """Rename the logs of the last training, so that a new one begins new files.
 
     Args:
-        folders: Those in which the logs of the model's training lie.
-        max_bytes: How large the logs of one worker may become together. The earlier ones in a
-            folder may have as much for each worker; the newest of them stays in any case.
+        folders: The folders with the logs of the model.
+        max_bytes: How large the log of one worker may become. Earlier logs in a folder may have as
+            much for each worker; the newest of them stays in any case.
     """
     stamp = _stamp(folders)
     for folder in folders:
@@ -95,11 +95,11 @@ def set_aside(folders: list[Path], max_bytes: int) -> None:
             elif found:
                 workers.add(found[1])
                 path.rename(path.with_name(f"{found[1]}.{stamp}{found[2] or ''}"))
-        _forget_earlier(folder, max_bytes * max(1, len(workers)))
+        _delete_earliest(folder, max_bytes * max(1, len(workers)))
 
 
-def _forget_earlier(folder: Path, max_bytes: int) -> None:
-    """Delete logs of the oldest trainings where there are too many, or too large ones."""
+def _delete_earliest(folder: Path, max_bytes: int) -> None:
+    """Delete the logs of the oldest trainings where these are too many or too large."""
     by_stamp: dict[str, list[Path]] = {}
     for path in _files(folder):
         found = _EARLIER.fullmatch(path.name)
@@ -114,7 +114,7 @@ def _forget_earlier(folder: Path, max_bytes: int) -> None:
 
 
 def _stamp(folders: list[Path]) -> str:
-    """When a training is set aside, in UTC; a moment later where another one was in that second."""
+    """The time of now, in UTC; later by a second where that name is taken."""
     found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
     newest = max((match[1] for match in found if match), default="")
     now = int(time.time())
@@ -131,7 +131,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _prune(parts: list[Path], max_bytes: int) -> None:
-    """Delete the oldest parts; the newest stays, because the next one's number follows from it."""
+    """Delete the oldest parts; the newest stays, because it gives the next one its number."""
     sizes = [path.stat().st_size for path in parts]
     while len(parts) > 1 and sum(sizes) > max_bytes:
         with suppress(OSError):

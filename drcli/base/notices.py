@@ -1,4 +1,4 @@
-"""Messages of packages below the command line, which shows them; workers show nothing."""
+"""Messages of packages below the command line: commands show them, processes of a run log them."""
 
 from collections.abc import Callable
 
@@ -7,11 +7,11 @@ QUIET_S = 1.0
 
 
 def _nobody(_text: str) -> None:
-    """Show nothing, as in workers."""
+    """Show nothing: neither a command nor a process of a run."""
 
 
 show: Callable[[str], None] = _nobody
-"""Shows one line; set by the command line."""
+"""Tells what is waited for."""
 
 warn: Callable[[str], None] = _nobody
-"""Shows a warning; set by the command line."""
+"""Tells a warning."""

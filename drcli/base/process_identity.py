@@ -1,9 +1,8 @@
-"""What tells one machine from another, and one process from a later one with its number.
+"""Tells one machine from another, and one process from a later one with the same number.
 
-Neither the host's name nor /etc/machine-id will do: containers made from one image share them. What
-matters is whether the numbers of processes mean the same, so the name of a machine is made of what
-the kernel draws at random when it starts and the namespace of process numbers, of which every
-container has one of its own.
+Neither the host name nor /etc/machine-id will do: containers made from one image share them. What
+matters is whether process numbers mean the same. So the name of a machine is made of the kernel's
+random boot id and the namespace of process numbers, which is different in every container.
 """
 
 import os
@@ -16,15 +15,15 @@ _START_FIELD = 19
 """Place of the start time in /proc/PID/stat, counted from the state. Source: man 5 proc."""
 
 _UNIX_S = 1e9
-"""Times from here on count from 1970 and not from the start of the machine."""
+"""Larger times count from 1970, smaller ones from the start of the machine."""
 
 _SAME_S = 1.0
-"""Times of one process differ by less than this."""
+"""Two measured start times of one process differ by less than this."""
 
 
 @lru_cache(maxsize=1)
 def this_machine() -> str:
-    """A name that only processes have that see each other's numbers."""
+    """A name that is equal only for processes that see each other's numbers."""
     host = socket.gethostname()
     try:
         boot = (_PROC / "sys/kernel/random/boot_id").read_text().strip()
@@ -36,11 +35,11 @@ def this_machine() -> str:
 
 
 def started_s(pid: int) -> float | None:
-    """When a process began; None where there is none, or only what is left of one that ended.
+    """When a process began; None where it does not exist or is a zombie.
 
     Returns:
-        Seconds since the machine started where the kernel tells them: unlike the time of day they
-        stay the same when somebody sets the clock. Else Unix seconds.
+        Seconds since the machine started, which do not change when somebody sets the clock; Unix
+        seconds where the kernel does not tell them.
     """
     try:
         after_name = (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
@@ -52,22 +51,18 @@ def started_s(pid: int) -> float | None:
 
 
 def exists(pid: int) -> bool:
-    """Whether a process runs; what is left of one that ended does not.
-
-    Args:
-        pid: As somebody wrote it down.
-    """
+    """Whether a process of this number runs; a zombie does not."""
     return started_s(pid) is not None
 
 
 def is_alive(pid: int, began_s: float) -> bool:
-    """Whether a process runs and is the one that began then, as `started_s` or Unix time has it."""
+    """Whether a process runs and is the one that began at that time (`started_s` or Unix time)."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)
     return now_s is not None and abs(now_s - began_s) < _SAME_S
 
 
 def _started_unix_s(pid: int) -> float | None:
-    import psutil  # loaded here, because where there is /proc it is hardly needed
+    import psutil  # rarely needed where /proc exists
 
     try:
         process = psutil.Process(pid)

@@ -15,7 +15,7 @@ class Periodic:
     """Calls a function at intervals, in a thread that ends with the process.
 
     Args:
-        name: Of the thread.
+        name: Of the thread and in the log.
         what: The work. A failure is logged once and does not end it: there is a next time.
         every_s: Seconds between two calls.
     """
@@ -73,7 +73,8 @@ class Periodic:
             words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
             if words != self._logged:
                 self._logged = words
-                _logger.warning(words)
+                bug = None if isinstance(error, DrError) else error
+                _logger.warning("%s: %s", self._thread.name, words, exc_info=bug)
 
 
 def within(

@@ -26,20 +26,19 @@ _FOLDERS = ("robomaker", "sagemaker")
 INTERVAL_S = 300.0
 
 PART_BYTES = 4 << 20
-"""Size of a part in the bucket. What is newer than the last part is uploaded again each time."""
+"""Size of a part in the bucket. What follows the last part is uploaded again each time."""
 
-_GLANCE_S = 0.1
-"""At the end: how often the wait for the last upload is reconsidered."""
+_CHECK_S = 0.1
+"""At the end: pause between two checks whether to wait on for the last upload."""
 
 _COMPARED_BYTES = 4 << 10
-"""Two logs that begin with the same bytes are the same log: they hold times and numbers."""
+"""Logs with so many equal bytes at the start are the same log: they hold times and numbers."""
 
 
 def log_file(settings: Settings, directory: Path, worker: str) -> Path:
     """Where a process writes its log on this machine.
 
-    Simulation logs have a folder of their own, because log-guru stops at any other log beside
-    them.
+    Simulation logs have their own folder, because log-guru fails at any other log beside them.
 
     Args:
         settings: Names the model prefix.
@@ -50,38 +49,37 @@ def log_file(settings: Settings, directory: Path, worker: str) -> Path:
 
 
 def log_kind(worker: str) -> str:
-    """The folder in which the log of a process lies, on disk and in the bucket."""
+    """The folder of the log of a process, on disk and in the bucket."""
     return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
 
 
 def begin_logs(settings: Settings, directory: Path) -> None:
-    """Have a training that starts anew write new logs; those of the last few trainings are kept.
+    """Start new logs for a training that starts anew; those of the last few trainings are kept.
 
     Args:
         settings: Name the model prefix.
         directory: The racer's working folder.
 
     Raises:
-        SettingsError: They may not be renamed.
+        SettingsError: The old ones cannot be renamed.
     """
     folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
     try:
         log_files.set_aside(folders, settings.log_max_mb << 20)
     except OSError as e:
         raise SettingsError(
-            f"{e.filename}: the log of the training before cannot be renamed ({e.strerror or e}).",
-            remedy=f"Check that you may write to {directory / 'data' / 'logs'}, or move that "
-            "folder away.",
+            f"{e.filename}: the log of the last training cannot be renamed ({e.strerror or e}).",
+            remedy=f"Check that you may write to {directory / 'data' / 'logs'}, or move it.",
         ) from e
 
 
 @dataclass
 class _Position:
-    """Up to where a log lies in the bucket as parts that will not change.
+    """How far a log has been uploaded as complete parts.
 
     Attributes:
-        number: The local file, by `logfiles.current_number`; those before it are there.
-        offset: Bytes of it that are there.
+        number: The local file, as in `log_files.current_number`; those before it are uploaded.
+        offset: How many bytes of it are uploaded.
     """
 
     number: int = 1
@@ -91,15 +89,15 @@ class _Position:
 class LogCopy:
     """The copy of one log in the bucket.
 
-    S3 cannot append. So the copy is a row of parts, `sim-0.log.part-000001` and so on, which are
-    written once, and `sim-0.log`, which is what came after them. One after the other they are the
-    log. A later start goes on with the row, also on another machine.
+    S3 cannot append. So the copy consists of parts, `sim-0.log.part-000001` and so on, which are
+    written once, and of `sim-0.log` with what follows them. Joined in this order they are the log.
+    A later start continues the parts, also on another machine.
 
     Args:
-        bucket: Where to.
-        key: The object with the newest part.
+        bucket: Where to upload.
+        key: The object with what follows the parts.
         log: The file on this machine.
-        max_bytes: How large the parts may become together; the oldest go first.
+        max_bytes: How large the parts may become together; the oldest are deleted first.
     """
 
     def __init__(self, bucket: Bucket, key: str, log: Path, max_bytes: int) -> None:
@@ -107,8 +105,8 @@ class LogCopy:
         self._key = key
         self._log = log
         self._max_bytes = max_bytes
-        self._note = log.with_name(f"{log.name}{log_files.UPLOADED}")
-        self._position = _noted(self._note, log)
+        self._position_file = log.with_name(f"{log.name}{log_files.UPLOADED}")
+        self._position = _read_position(self._position_file, log)
         self._known = False
         self._parts: list[tuple[str, int]] = []
         self._next = 1
@@ -119,7 +117,7 @@ class LogCopy:
 
         Args:
             over: Asked before each part whether to stop.
-            hurried: Whether time is short, so that the end of the log goes first.
+            hurried: Whether time is short, so that the end of the log is uploaded first.
 
         Raises:
             StorageError: The bucket cannot be used.
@@ -127,7 +125,7 @@ class LogCopy:
         if not self._log.exists():
             return
         if not self._known:
-            self._look()
+            self._list_parts()
         if hurried and self.left_bytes() > PART_BYTES:
             ends = [_end_of(path) for path in (*log_files.older_parts(self._log)[-1:], self._log)]
             self._bucket.put(self._key, b"".join(ends)[-PART_BYTES:])
@@ -145,10 +143,10 @@ class LogCopy:
                 self._put_newest(data)
                 return
             with suppress(OSError):  # a full disk: the next start uploads this part again
-                write_json(self._note, asdict(self._position))
+                write_json(self._position_file, asdict(self._position))
 
     def left_bytes(self) -> int:
-        """How much of the log is not in the bucket."""
+        """How much of the log is not uploaded yet."""
         at = self._position
         left = -at.offset - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0)
         for path in [*log_files.older_parts(self._log), self._log]:
@@ -157,8 +155,8 @@ class LogCopy:
                 left += path.stat().st_size if number is None or number >= at.number else 0
         return max(0, left)
 
-    def _look(self) -> None:
-        """See what an earlier start has left in the bucket."""
+    def _list_parts(self) -> None:
+        """List what an earlier start has uploaded."""
         folder = self._key.rpartition("/")[0] + "/"
         start = f"{self._key}.part-"
         for info in self._bucket.list(folder):
@@ -170,7 +168,7 @@ class LogCopy:
         self._known = True
 
     def _keep_other_machines(self) -> None:
-        """Make a part of what another machine wrote last, which we would write over."""
+        """Make a part of what another machine uploaded last, which we would overwrite."""
         try:
             data = self._bucket.get(self._key)
         except ObjectMissing:
@@ -179,10 +177,10 @@ class LogCopy:
             self._put_part(data, whole=True)
 
     def _is_ours(self, data: bytes) -> bool:
-        """Whether the newest part in the bucket comes from this log.
+        """Whether the newest data in the bucket comes from this log.
 
-        It goes on where the noted parts end; or it is the log's end, which was uploaded first when
-        time was short.
+        It continues where the uploaded parts end. Or it is the end of the log, which was uploaded
+        first when time was short.
         """
         at, older = self._position, log_files.older_parts(self._log)
         path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
@@ -193,11 +191,11 @@ class LogCopy:
         return data[-_COMPARED_BYTES:] in ends
 
     def _next_bytes(self) -> tuple[Path | None, bytes]:
-        """The file that comes next and what is new in it; None where it has just been rotated."""
+        """The next file to upload and its new bytes; None where it has just been rotated."""
         at = self._position
         for part in log_files.older_parts(self._log):
             number = log_files.number_of(part)
-            if number > at.number:  # what lay between was deleted, because the log grew too large
+            if number > at.number:  # files between were deleted because the log grew too large
                 at = self._position = _Position(number)
             if number == at.number:
                 return part, _read(part, at.offset)
@@ -208,7 +206,7 @@ class LogCopy:
         return (self._log if current == at.number else None), data
 
     def _put_part(self, data: bytes, *, whole: bool = False) -> int:
-        """Write a part that ends with a line; its size."""
+        """Upload a part that ends with a line; returns its size."""
         end = len(data) if whole or len(data) < PART_BYTES else data.rfind(b"\n") + 1 or len(data)
         key = f"{self._key}.part-{self._next:06d}"
         self._bucket.put(key, data[:end])
@@ -226,13 +224,13 @@ class LogCopy:
 
 
 class LogUpload:
-    """Uploads the logs of a training in a thread, over a client of its own.
+    """Uploads the logs of a training in a thread, with its own client of the bucket.
 
     Args:
         open_bucket: Makes the client.
         settings: Of the training.
         directory: The racer's working folder.
-        names: Whose logs, the most telling first.
+        names: Whose logs, the most important first.
     """
 
     def __init__(
@@ -256,20 +254,20 @@ class LogUpload:
         self._thread = threading.Thread(target=self._run, name="log upload", daemon=True)
 
     def start(self) -> None:
-        """Begin; the first upload comes after a while."""
+        """Start the thread; the first upload comes after `INTERVAL_S`."""
         self._thread.start()
 
     def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Upload what is new for the last time, and say what had to stay behind.
+        """Upload what is new for the last time, and log what could not be uploaded.
 
         Args:
-            patience_s: After so long the upload is given up, whatever it waits for.
-            given_up: Asked again and again whether to give up at once.
+            patience_s: How long the upload may take.
+            given_up: Asked again and again whether to stop waiting.
         """
         self._deadline_s = time.monotonic() + patience_s
         self._ending.set()
         while self._thread.is_alive() and not self._is_over() and not given_up():
-            self._thread.join(_GLANCE_S)
+            self._thread.join(_CHECK_S)
         left = sum(copy.left_bytes() for copy in self._copies)
         if left or self._thread.is_alive():
             how_much = f"{left / 1e6:,.1f} MB" if left else "The newest part"
@@ -306,10 +304,10 @@ def _folder(settings: Settings, directory: Path, kind: str) -> Path:
     return directory / "data" / "logs" / kind / settings.model_prefix
 
 
-def _noted(note: Path, log: Path) -> _Position:
-    """The position that an earlier start noted; the beginning where it fits no file."""
+def _read_position(path: Path, log: Path) -> _Position:
+    """The position where an earlier start stopped; the beginning where that fits no file."""
     try:
-        position = _Position(**read_json(note))
+        position = _Position(**read_json(path))
         current = log_files.current_number(log)
         size = log.stat().st_size if position.number == current else math.inf
         if 1 <= position.number <= current and 0 <= position.offset <= size:
@@ -320,12 +318,12 @@ def _noted(note: Path, log: Path) -> _Position:
 
 
 def _read(path: Path, offset: int) -> bytes:
-    """As much as a part may have."""
+    """At most as much as a part may have, from an offset on."""
     with path.open("rb") as file:
         file.seek(offset)
         return file.read(PART_BYTES)
 
 
 def _end_of(path: Path) -> bytes:
-    """At most as much as a part may have."""
+    """At most as much as a part may have, up to the end."""
     return _read(path, max(0, path.stat().st_size - PART_BYTES))

@@ -130,8 +130,8 @@ class Supervisor:
         Returns:
             The exit code of the command.
         """
-        signal.signal(signal.SIGTERM, self._note)
-        signal.signal(signal.SIGINT, self._note)
+        signal.signal(signal.SIGTERM, self._note_signal)
+        signal.signal(signal.SIGINT, self._note_signal)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
         try:
             self._server.start()
@@ -147,7 +147,7 @@ class Supervisor:
             self._end(outcome)
         return outcome.code
 
-    def _note(self, number: int, _frame: FrameType | None) -> None:
+    def _note_signal(self, number: int, _frame: FrameType | None) -> None:
         if self._signal is not None:
             self._hurried = True
             for child in self._children:

@@ -1,4 +1,4 @@
-"""Starts a training that was planned: the process of its supervisor, and what that process runs."""
+"""Starts a planned training: launches its supervisor, which runs this module as a process."""
 
 import os
 import time
@@ -22,19 +22,19 @@ from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0
-"""How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
+"""How long a supervisor waits for a silent bucket: it restarts the server itself."""
 
 READ_TIMEOUT_S = 5.0
-"""How long it lets an answer stall."""
+"""How long an answer of the bucket may stall."""
 
 READY_TIMEOUT_S = 20.0
 
 LOG_PATIENCE_S = 5.0
-"""How long the upload of logs waits for a bucket that does not answer; it tries again later."""
+"""How long the upload of logs waits for a silent bucket; it tries again later."""
 
-LEAVE_S = 15.0
-"""How long a supervisor may take to leave that was not ready in time: it may have workers by then,
-and gives those ten seconds."""
+EXIT_S = 15.0
+"""How long a supervisor that was not ready in time may take to exit: it may have workers by then,
+which get ten seconds."""
 
 
 def launch(plan: RunPlan) -> int:
@@ -45,7 +45,7 @@ def launch(plan: RunPlan) -> int:
 
     Raises:
         SettingsError: Another start was faster.
-        WorkerDied: It ended at once, or gave no sign of life.
+        WorkerDied: It ended at once or was not ready in time.
     """
     settings, directory = plan.job.settings, plan.job.directory
     process = start_process(plan.job, "supervisor", "drcli.runs.training")
@@ -56,7 +56,7 @@ def launch(plan: RunPlan) -> int:
         time.sleep(0.05)
     if process.poll() is not None and _is_ready(plan.job):  # it was, and has ended since
         return process.pid
-    end_process(process, LEAVE_S)  # or it would train after all, when nobody expects it any more
+    end_process(process, EXIT_S)  # or it would train after all, and nobody would know
     refuse_second_run(settings, plan.job.folder)
     path = log_file(settings, directory, "supervisor")
     raise WorkerDied(
@@ -65,13 +65,13 @@ def launch(plan: RunPlan) -> int:
 
 
 def supervise_job(job: Job) -> int:
-    """What the supervising process does, in the foreground or detached.
+    """Supervise a training until its end, in the foreground or detached.
 
     Returns:
         The exit code of the command.
 
     Raises:
-        SettingsError: Another start has taken the run number or the prefix meanwhile.
+        SettingsError: Another start has taken the DR_RUN_ID or the model meanwhile.
     """
     path = log_file(job.settings, job.directory, "supervisor")
     log = LogFile(path, job.settings.log_max_mb << 20)
@@ -129,7 +129,7 @@ def _supervise(job: Job) -> int:
 
 
 def _is_ready(job: Job) -> bool:
-    """Whether the supervisor of a job has said on this machine that it is there."""
+    """Whether the supervisor of a job has written its record on this machine."""
     record = RunRecord.read(job.folder)
     return record is not None and record.session == job.session
 

@@ -177,7 +177,7 @@ class Trainer:
             if rollout is not None:
                 self._learner.remember(rollout)
                 _logger.info(
-                    "Added %d steps of iteration %d to the memory.", rollout.steps, iteration
+                    "Added to the memory: %d steps of iteration %d.", rollout.steps, iteration
                 )
 
     def _forget_rollouts(self, before: int) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from drcli.base import log, log_files
+from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
@@ -34,10 +34,10 @@ class Lifeline:
     def __init__(self, launcher_pid: int) -> None:
         self._launcher_pid = launcher_pid
         self._signalled = False
-        signal.signal(signal.SIGTERM, self._note)
-        signal.signal(signal.SIGINT, self._note)
+        signal.signal(signal.SIGTERM, self._note_signal)
+        signal.signal(signal.SIGINT, self._note_signal)
 
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
+    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._signalled = True
 
     def should_stop(self) -> bool:
@@ -92,8 +92,10 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     LastWords.forget(job.folder, name)
     print_limit.install()
     sys.excepthook = _hook(job, name)
+    notices.show, notices.warn = _logger.info, _logger.warning
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.settings.log_max_mb << 20)
+    _logger.info("%s started as process %d.", name, os.getpid())
     try:
         main(job, lifeline)
     except StopRequested:

@@ -1,11 +1,13 @@
 """Worker processes: what they leave behind when they end."""
 
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
+from drcli.base import log_files
 from drcli.base.errors import SettingsError
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job, LastWords
@@ -76,6 +78,18 @@ def test_whatever_ends_a_worker_leaves_last_words(job, kind):
     assert code != 0
     assert words is not None
     assert words.message == f"sim-0 failed: {kind}: why"
+
+
+def test_a_failure_is_in_the_log_with_time_level_and_traceback(job, tmp_path):
+    path = tmp_path / "sim-0.log"
+    process = job.spawn(
+        [sys.executable, "-c", FAILING % "ValueError"], env={log_files.VARIABLE: str(path)}
+    )
+
+    assert process.wait(60) == 1
+    log = path.read_text()
+    assert re.search(r"^\d{4}-\d\d-\d\dT[\d:.]{12}Z INFO sim-0 started as process", log, re.M)
+    assert "Z ERROR sim-0 failed: ValueError: why\nTraceback (most recent call last):\n" in log
 
 
 def test_whatever_a_reward_function_prints_reaches_the_log_in_any_locale(job, monkeypatch):
