@@ -19,7 +19,7 @@ _REAR_AXLE_BEHIND_M = 0.22
 """How far the rear axle is behind the point that x and y of the parameters mean."""
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A pilot steers towards a point this far ahead, and so much farther with its speed."""
+"""A driver steers towards a point this far ahead, and so much farther with its speed."""
 
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
@@ -32,7 +32,7 @@ _WEAVE_M = 4.0
 _LEAVE_AFTER_M = 1.0
 
 _SEES_M, _PASSED_M = 2.2, 0.5
-"""How far before an object pilots keep to the other side, and how far beyond it."""
+"""How far before an object drivers keep to the other side, and how far beyond it."""
 
 _PASSING_MPS = 1.5
 """Highest speed beside an object."""
@@ -42,7 +42,7 @@ _SLOWEST_START_MPS = 1.0
 
 
 @dataclass(frozen=True)
-class Pilot:
+class ScriptedDriver:
     """A way to drive.
 
     Attributes:
@@ -70,15 +70,15 @@ class Pilot:
     turned: bool = False
 
 
-STEADY = Pilot("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
-FAST = Pilot("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
-WEAVING = Pilot("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
-LEAVING = Pilot("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
-STANDING = Pilot(
+STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
+FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
+WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
+LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
+STANDING = ScriptedDriver(
     "standing", "asks for no speed and creeps", "along", 0.0, laps=False, steps=60, start=0.5
 )
-RAMMING = Pilot("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
-TURNED = Pilot(
+RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
+TURNED = ScriptedDriver(
     "turned",
     "follows the centre line the other way",
     "along",
@@ -90,22 +90,22 @@ TURNED = Pilot(
 
 
 class Navigator:
-    """Drives one car as its pilot wants.
+    """Drives one car as its driver wants.
 
     Args:
-        pilot: The way to drive.
+        driver: The way to drive.
         track: The track, in the driving direction of this car.
     """
 
-    def __init__(self, pilot: Pilot, track: Track) -> None:
-        self.pilot = pilot
+    def __init__(self, driver: ScriptedDriver, track: Track) -> None:
+        self.driver = driver
         self._track = track
-        self._speeds_mps = _speed_profile(track, pilot)
+        self._speeds_mps = _speed_profile(track, driver)
         self._begun_m: float | None = None
 
     def first(self) -> tuple[float, float]:
         """Steering angle and speed of the first step, before anything is known."""
-        return 0.0, min(self.pilot.speed_mps, _SLOWEST_START_MPS)
+        return 0.0, min(self.driver.speed_mps, _SLOWEST_START_MPS)
 
     def act(self, params: RewardParams) -> tuple[float, float]:
         """Steering angle in degrees and speed in m/s, from the parameters of the last step."""
@@ -129,7 +129,7 @@ class Navigator:
     def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
         """How far to the left of the centre line to aim, metres."""
         width_m = float(params["track_width"])
-        manner = self.pilot.manner
+        manner = self.driver.manner
         if manner == "leave":
             gone_m = self._gap_m(params["projection_distance"], self._begun_m or 0.0)
             return (-side or 1) * 1.5 * width_m if gone_m > _LEAVE_AFTER_M else 0.0
@@ -173,17 +173,17 @@ def _steering_deg(params: RewardParams, x: float, y: float) -> float:
     return max(-30.0, min(30.0, angle_deg))
 
 
-def _speed_profile(track: Track, pilot: Pilot) -> Floats:
+def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
     """Speeds along the lap, every 0.1 m: slow enough for each bend and for braking before it."""
     along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
-    if pilot.grip_mps2 is None:
-        return np.full(len(along_m), pilot.speed_mps)
+    if driver.grip_mps2 is None:
+        return np.full(len(along_m), driver.speed_mps)
     yaw_before, yaw_after = (
         track.pose_at(along_m + aside_m)[:, 2] for aside_m in (-_BEND_M / 2, _BEND_M / 2)
     )
     turn_rad = np.abs((yaw_after - yaw_before + np.pi) % (2 * np.pi) - np.pi)
-    bend_mps = np.sqrt(pilot.grip_mps2 * _BEND_M / np.maximum(turn_rad, 1e-6))
-    speeds_mps = np.minimum(bend_mps, pilot.speed_mps)
+    bend_mps = np.sqrt(driver.grip_mps2 * _BEND_M / np.maximum(turn_rad, 1e-6))
+    speeds_mps = np.minimum(bend_mps, driver.speed_mps)
     rounds = 2 if track.closed else 1  # the braking before a bend may begin before the finish
     for k in range(rounds * len(speeds_mps) - 1, 0, -1):
         here, after = (k - 1) % len(speeds_mps), k % len(speeds_mps)

@@ -16,7 +16,7 @@ from drcli.rewards.drivers import (
     TURNED,
     WEAVING,
     Navigator,
-    Pilot,
+    ScriptedDriver,
 )
 from drcli.workers.build_race import load_race, load_world, race_of
 from drsim.car.car import CONTROL_HZ
@@ -38,14 +38,14 @@ class Trip:
     """One driver's episode.
 
     Attributes:
-        pilot: Who drove.
+        driver: Who drove.
         calls: What the reward function is told at each step, without the waypoints.
         end: How it ended, in the words of traces.
         progress: Percent of the lap, at its end.
         mishaps: How often the car was put back on the road.
     """
 
-    pilot: Pilot
+    driver: ScriptedDriver
     calls: list[RewardParams]
     end: str
     progress: float
@@ -80,9 +80,9 @@ class Drive:
     race_type: str
     trips: list[Trip]
 
-    def trip(self, pilot: Pilot) -> Trip:
+    def trip(self, driver: ScriptedDriver) -> Trip:
         """The trip of a driver that took part."""
-        return next(trip for trip in self.trips if trip.pilot == pilot)
+        return next(trip for trip in self.trips if trip.driver == driver)
 
     @property
     def start_fraction(self) -> float:
@@ -119,15 +119,15 @@ def drive(settings: Settings) -> Drive:
         )
     track = load_world(settings)
     race = load_race(settings, track)
-    pilots = [STEADY, FAST, WEAVING, LEAVING, STANDING]
+    drivers = [STEADY, FAST, WEAVING, LEAVING, STANDING]
     if race != TIME_TRIAL:
-        pilots.append(RAMMING)
+        drivers.append(RAMMING)
     if settings.train_alternate_driving_direction:
-        pilots.append(TURNED)
+        drivers.append(TURNED)
     trips = _trips(
         track,
         _merciful(race),
-        pilots,
+        drivers,
         start=settings.train_start_position_offset,
         reverse=settings.train_reverse_direction,
     )
@@ -143,58 +143,58 @@ def _merciful(race: Race) -> Race:
 
 
 def _trips(
-    track: Track, race: Race, pilots: list[Pilot], *, start: float, reverse: bool
+    track: Track, race: Race, drivers: list[ScriptedDriver], *, start: float, reverse: bool
 ) -> list[Trip]:
     directions = (track, track.reversed())
-    backward = np.array([reverse != pilot.turned for pilot in pilots])
-    drivers = [
-        Navigator(pilot, directions[way])
-        for pilot, way in zip(pilots, backward.tolist(), strict=True)
+    backward = np.array([reverse != driver.turned for driver in drivers])
+    navigators = [
+        Navigator(driver, directions[way])
+        for driver, way in zip(drivers, backward.tolist(), strict=True)
     ]
-    told: list[list[RewardParams]] = [[] for _ in pilots]
+    told: list[list[RewardParams]] = [[] for _ in drivers]
     max_steps = int(track.length_m / _SLOWEST_LAP_MPS * CONTROL_HZ)
     simulation = Simulation(
         track,
-        num_cars=len(pilots),
+        num_cars=len(drivers),
         reward_function=[_recorder(calls) for calls in told],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
         race=race,
     )
-    cars = np.arange(len(pilots))
-    starts = np.array([start + pilot.start for pilot in pilots])
-    ends = ["in_progress"] * len(pilots)
+    cars = np.arange(len(drivers))
+    starts = np.array([start + driver.start for driver in drivers])
+    ends = ["in_progress"] * len(drivers)
     try:
         # All meet the same objects.
-        simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(pilots), np.uint64))
-        progress, resets = np.zeros(len(pilots)), np.zeros(len(pilots), np.int64)
-        running = np.ones(len(pilots), np.bool_)
+        simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(drivers), np.uint64))
+        progress, resets = np.zeros(len(drivers)), np.zeros(len(drivers), np.int64)
+        running = np.ones(len(drivers), np.bool_)
         while running.any():
-            asked = _requests(drivers, told)
+            asked = _requests(navigators, told)
             known = [len(calls) for calls in told]
             result = simulation.step(asked[:, 0], asked[:, 1])
-            for car, pilot in enumerate(pilots):
+            for car, driver in enumerate(drivers):
                 if not running[car]:
                     del told[car][known[car] :]  # its trip was over before
                     continue
                 progress[car], resets[car] = result.progress[car], result.resets[car]
                 ends[car] = Status(result.status[car]).label
-                mishap = not pilot.laps and resets[car] > 0
-                enough = len(told[car]) >= pilot.steps
+                mishap = not driver.laps and resets[car] > 0
+                enough = len(told[car]) >= driver.steps
                 running[car] = not (result.done[car] or mishap or enough)
     finally:
         simulation.close()
     return [
         Trip(*facts)
-        for facts in zip(pilots, told, ends, progress.tolist(), resets.tolist(), strict=True)
+        for facts in zip(drivers, told, ends, progress.tolist(), resets.tolist(), strict=True)
     ]
 
 
-def _requests(drivers: list[Navigator], told: list[list[RewardParams]]) -> NDArray[np.float64]:
+def _requests(navigators: list[Navigator], told: list[list[RewardParams]]) -> NDArray[np.float64]:
     """Steering angle and speed of each car. Shape (n, 2)."""
     return np.array(
         [
-            driver.act(calls[-1]) if calls else driver.first()
-            for driver, calls in zip(drivers, told, strict=True)
+            navigator.act(calls[-1]) if calls else navigator.first()
+            for navigator, calls in zip(navigators, told, strict=True)
         ]
     )
 

@@ -34,7 +34,7 @@ _WHEELS_M = np.array([[-0.082, 0.081], [-0.082, -0.081], [0.082, 0.080], [0.082,
 
 
 @dataclass(frozen=True)
-class Field:
+class Grid:
     """Places on the road and beside it, with a car on each that looks along the track.
 
     Attributes:
@@ -52,7 +52,7 @@ class Field:
     calls: list[RewardParams]
 
 
-def field(drive: Drive) -> Field:
+def track_grid(drive: Drive) -> Grid:
     """Places all along the lap, as in an episode that drives it at an even speed."""
     track = drive.track
     count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
@@ -90,10 +90,10 @@ def field(drive: Drive) -> Field:
     for call in calls:
         del call["waypoints"]
     shape = (len(OFFSETS), count)
-    return Field(along_m, xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
+    return Grid(along_m, xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
 
 
-def unusual(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
+def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
     """States that trainings meet now and then and a good drive does not, with their names.
 
     Args:

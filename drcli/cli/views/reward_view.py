@@ -10,9 +10,9 @@ from drcli.cli.views import sparkline
 from drcli.cli.views.layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
+    from drcli.checks.check_report import Violation
     from drcli.rewards.check import OtherRace, RewardReport
     from drcli.rewards.compare import ComparisonReport
-    from drcli.rewards.lint import Remark
     from drcli.rewards.plot import PlotReport
 
 _CURVE_COLUMNS = 54
@@ -34,12 +34,12 @@ def check(report: "RewardReport") -> RenderableType:
         parts += [Text(""), _drivers(report)]
         curve = [value for value in report.curve if value is not None]
         parts.append(Fitted(lambda columns: _curve(curve, columns)))
-    for title, style, remarks in (
+    for title, style, problems in (
         ("Error", "bold red", report.errors),
         ("Warning", "bold yellow", report.warnings),
     ):
-        for remark in remarks:
-            parts += [Text(""), _remark(remark, title, style)]
+        for problem in problems:
+            parts += [Text(""), _problem(problem, title, style)]
     return Group(*parts)
 
 
@@ -152,11 +152,11 @@ def _curve(rewards: list[float], columns: int) -> Text:
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
 
-def _remark(remark: "Remark", title: str, style: str) -> RenderableType:
+def _problem(problem: "Violation", title: str, style: str) -> RenderableType:
     return Group(
-        Text.assemble((f"{title}: ", style), remark.where, (f" ({remark.rule})", "dim")),
-        indented(remark.message),
-        indented(Text.assemble(("Try: ", "dim"), remark.remedy)),
+        Text.assemble((f"{title}: ", style), problem.where, (f" ({problem.rule})", "dim")),
+        indented(problem.message),
+        indented(Text.assemble(("Try: ", "dim"), problem.remedy)),
     )
 
 
