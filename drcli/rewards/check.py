@@ -19,8 +19,8 @@ class Extreme:
     """The least or the greatest reward.
 
     Attributes:
-        reward: How much.
-        place: Where, in words.
+        reward: The reward.
+        place: At which step, in words.
     """
 
     reward: float
@@ -38,8 +38,8 @@ class DriverReport:
         seconds: Simulated time.
         progress: Percent of the lap.
         end: How it ended, in the words of traces.
-        total: Sum of all rewards; None where a call failed.
-        mean: Reward a step; likewise.
+        total: Sum of all rewards; None if a call failed.
+        mean: Reward per step; None if a call failed.
     """
 
     name: str
@@ -60,7 +60,7 @@ class ParameterReport:
         name: Its name.
         least: Least value, over all items of a list; None for an empty one.
         greatest: Greatest value.
-        read: The function looked at it.
+        read: The function names it.
     """
 
     name: str
@@ -71,14 +71,14 @@ class ParameterReport:
 
 @dataclass(frozen=True)
 class TimeReport:
-    """How long calls took.
+    """How long calls took, microseconds.
 
     Attributes:
-        median_us: The usual call, microseconds.
-        mean_us: Their mean.
-        worst_us: The longest.
-        worst_place: Which one that was.
-        slower_percent: By how much driving takes longer for it.
+        median_us: Median of all calls.
+        mean_us: Mean of all calls.
+        worst_us: The longest call.
+        worst_place: Which call that was.
+        slower_percent: How much longer the simulation takes because of it.
     """
 
     median_us: float
@@ -90,7 +90,7 @@ class TimeReport:
 
 @dataclass(frozen=True)
 class OtherRace:
-    """A race of another worker that the function was tried in too.
+    """The race of another worker, in which the function was tried too.
 
     Attributes:
         world: The track.
@@ -107,7 +107,7 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """All that a check has found out; numbers and drivers are those of the first worker's race.
+    """Everything that a check has found; numbers and drivers are those of the first worker's race.
 
     Attributes:
         file: The file.
@@ -122,10 +122,10 @@ class RewardReport:
         time: How long it took.
         parameters: All parameters.
         drivers: What each driver earned.
-        curve: What the steady driver earned at each step.
+        curve: Reward of the steady driver at each step.
         errors: What ends a training or does harm, in any race.
-        warnings: What may surprise, likewise.
-        others: Races of other workers that it was tried in too.
+        warnings: What may surprise its author, in any race.
+        others: Races of other workers, in which it was tried too.
     """
 
     file: str
@@ -152,11 +152,11 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on a drive over the configured track, or over that of each worker.
+    """Try a reward function on a drive over the configured track of each worker.
 
     Args:
         settings: The tracks, the races and the directions.
-        file: The file; the one that a training would take when left out.
+        file: The file; None takes the one that a training would use.
         directory: The racer's working folder.
 
     Raises:
@@ -209,7 +209,7 @@ def report(tried: TriedReward) -> RewardReport:
 
 
 def _with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
-    """A report with what other races have shown beside it."""
+    """A report with the problems that only other races show."""
     errors, warnings = list(first.errors), list(first.warnings)
     for other in others:
         place = f"On {other.world}, {other.race_type}: "

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 _PLACES = 3
 _ALIKE = 0.05
-"""Shares of the range that are not told as a difference."""
+"""A difference of less than this share of the range is not worth telling."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class DriverComparison:
         steps: Steps that were paid.
         seconds: Simulated time.
         first_total: Sum of the rewards of the first function.
-        second_total: Of the second one.
-        first_mean: Reward a step of the first one.
-        second_mean: Of the second one.
+        second_total: Sum of the rewards of the second one.
+        first_mean: Reward per step of the first one.
+        second_mean: Reward per step of the second one.
     """
 
     name: str
@@ -54,14 +54,13 @@ class DriverComparison:
 
 @dataclass(frozen=True)
 class PlaceComparison:
-    """A step that the functions see differently.
+    """A step for which the functions pay differently.
 
     Attributes:
         place: Which one, in words.
         first: Reward of the first function.
-        second: Of the second one.
-        difference: Second less first, where each is scaled to what it pays on the drive:
-            -1 to 1.
+        second: Reward of the second one.
+        difference: Second minus first, each scaled to what it pays on the drive: -1 to 1.
     """
 
     place: str
@@ -76,17 +75,17 @@ class ComparisonReport:
 
     Attributes:
         first: File of the first function.
-        second: Of the second one.
+        second: File of the second one.
         world: The track.
         race_type: The race.
-        correlation: Of the rewards of all steps, -1 to 1; None where one is always the same.
-        rank_correlation: Of their order.
-        drivers: Each driver.
+        correlation: Correlation of the rewards of all steps, -1 to 1; None if one is constant.
+        rank_correlation: Correlation of their ranks.
+        drivers: What each driver is paid.
         places: Where they differ most, each scaled to what it pays on the drive.
-        first_prefers_fast: The first one pays a fast lap more than a slow one; None where a lap
-            was not completed.
-        second_prefers_fast: The same of the second one.
-        picture: The picture, if one was asked for.
+        first_prefers_fast: The first one pays more for a fast lap than for a slow one; None if a
+            lap was not completed.
+        second_prefers_fast: The same for the second one.
+        picture: File of the picture, if one was asked for.
     """
 
     first: str
@@ -111,7 +110,7 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file; what is there is replaced.
+        out: A picture to draw, a PNG file; an older one is replaced.
         directory: The racer's working folder.
 
     Raises:
@@ -170,7 +169,7 @@ def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
 
 
 def _places(tried: TriedReward, a: Floats, b: Floats) -> list[PlaceComparison]:
-    """Where the second one pays otherwise than the first, the most first, one for each driver."""
+    """Where the functions differ most, at most one step of each driver."""
     difference = scaled(b, b) - scaled(a, a)
     steps = [(trip, k) for trip in tried.course.drive.trips for k in range(len(trip.calls))]
     order = np.argsort(-np.abs(np.nan_to_num(difference)), kind="stable").tolist()
@@ -198,7 +197,7 @@ def _correlation(a: Floats, b: Floats) -> float | None:
 
 
 def _ranks(values: Floats) -> Floats:
-    """Place of each value in their order; equal values share theirs. Shape (n,)."""
+    """Rank of each value; equal values share theirs. Shape (n,)."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
     ends = np.cumsum(counts)
     shared: Floats = (ends - (counts - 1) / 2.0)[which]

@@ -1,4 +1,4 @@
-"""Scripted drivers: what each asks of its car, from what reward functions are told."""
+"""Scripted drivers: the steering angle and speed that each requests, from the parameters."""
 
 import math
 from dataclasses import dataclass
@@ -19,26 +19,26 @@ _REAR_AXLE_BEHIND_M = 0.22
 """How far the rear axle is behind the point that x and y of the parameters mean."""
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A driver steers towards a point this far ahead, and so much farther with its speed."""
+"""A driver steers towards a point this far ahead, plus the way it covers in this time."""
 
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
 _BEND_M = 0.5
-"""Spacing of the speed profile, and the length over which a bend is measured."""
+"""Spacing of the speed profile, and the length over which the turn of a bend is measured."""
 
 _WEAVE_M = 4.0
-"""Length of one swing to the left border and the right one."""
+"""Length of one swing to the left border and back to the right one."""
 
 _LEAVE_AFTER_M = 1.0
 
 _SEES_M, _PASSED_M = 2.2, 0.5
-"""How far before an object drivers keep to the other side, and how far beyond it."""
+"""How far before and behind an object drivers keep to the other side."""
 
 _PASSING_MPS = 1.5
 """Highest speed beside an object."""
 
 _SLOWEST_START_MPS = 1.0
-"""Nobody can drive faster in the first step, while nothing is known yet."""
+"""Highest speed of the first step, in which nothing is known yet."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class ScriptedDriver:
     Attributes:
         name: One word.
         about: What it does, for people.
-        manner: Along the centre line round what stands there, from border to border, off the road,
-            or into the next object.
+        manner: Along the centre line and around objects, from border to border, off the road, or
+            into the next object.
         speed_mps: Its highest speed.
-        grip_mps2: Sideways acceleration that it drives bends with; None to keep its speed.
-        laps: It drives on to the end of the lap, whatever happens; else its first mishap, or
-            `steps`, ends the trip.
-        steps: Steps that are enough.
+        grip_mps2: Its sideways acceleration in bends; None to keep its speed.
+        laps: It drives to the end of the lap, whatever happens; otherwise the trip ends when it
+            leaves the road, hits something or has made `steps`.
+        steps: Most steps of the trip.
         start: Where on the lap it starts, 0 .. 1 from the common start.
-        turned: It drives against the direction of the others.
+        turned: It drives in the opposite direction of the others.
     """
 
     name: str
@@ -104,7 +104,7 @@ class Navigator:
         self._begun_m: float | None = None
 
     def first(self) -> tuple[float, float]:
-        """Steering angle and speed of the first step, before anything is known."""
+        """Steering angle in degrees and speed in m/s of the first step, without parameters."""
         return 0.0, min(self.driver.speed_mps, _SLOWEST_START_MPS)
 
     def act(self, params: RewardParams) -> tuple[float, float]:
@@ -163,7 +163,7 @@ class Navigator:
 
 
 def _steering_deg(params: RewardParams, x: float, y: float) -> float:
-    """The angle that leads the rear axle to a point in an arc."""
+    """The steering angle with which the rear axle reaches a point in an arc (pure pursuit)."""
     yaw_rad = math.radians(params["heading"])
     rear_x = params["x"] - _REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
     rear_y = params["y"] - _REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
@@ -174,7 +174,7 @@ def _steering_deg(params: RewardParams, x: float, y: float) -> float:
 
 
 def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
-    """Speeds along the lap, every 0.1 m: slow enough for each bend and for braking before it."""
+    """Speeds every 0.1 m of the lap, slow enough for each bend and for braking before it."""
     along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
     if driver.grip_mps2 is None:
         return np.full(len(along_m), driver.speed_mps)

@@ -23,8 +23,8 @@ class PlotReport:
         picture: Where the picture is.
         replaced: There was a file of that name before.
         least: The least reward on the map.
-        greatest: The greatest one.
-        laps: What each driver earned, by name.
+        greatest: The greatest reward on the map.
+        laps: The sum of the rewards of each driver, by name.
     """
 
     file: str
@@ -41,8 +41,8 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
 
     Args:
         settings: The track, the race and the direction.
-        file: The function; that of the training when left out.
-        out: The picture, a PNG file; what is there is replaced.
+        file: The function; None takes the one that a training would use.
+        out: The picture, a PNG file; an older one is replaced.
         directory: The racer's working folder.
 
     Raises:

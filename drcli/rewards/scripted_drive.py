@@ -1,4 +1,4 @@
-"""Drives scripted drivers over the configured track and records what a reward function is told."""
+"""Lets scripted drivers drive on the configured track and records the reward parameters."""
 
 from dataclasses import dataclass, replace
 
@@ -27,10 +27,10 @@ from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
 
 _FORGIVEN = 1_000
-"""Mishaps after which a lap goes on: it has to be a whole one, whatever stands on the road."""
+"""Resets that a lap survives: it has to be a whole one, whatever is on the road."""
 
 _SLOWEST_LAP_MPS = 0.4
-"""A lap that takes longer than at this speed is given up."""
+"""A lap that would take longer than at this speed is given up."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Trip:
 
     Attributes:
         driver: Who drove.
-        calls: What the reward function is told at each step, without the waypoints.
+        calls: The reward parameters of each step, without the waypoints.
         end: How it ended, in the words of traces.
         progress: Percent of the lap, at its end.
         mishaps: How often the car was put back on the road.
@@ -64,12 +64,12 @@ class Trip:
 
 @dataclass(frozen=True)
 class Drive:
-    """What every driver met.
+    """The trips of all drivers on one track.
 
     Attributes:
         track: The track as it is driven.
         world: Its name in the settings.
-        race: What else was on it.
+        race: What else is on it.
         race_type: Its name in the settings.
         trips: One for each driver.
     """
@@ -92,12 +92,12 @@ class Drive:
         return float((first["projection_distance"] / self.track.length_m - travelled) % 1.0)
 
     def waypoints(self) -> dict[bool, list[tuple[float, float]]]:
-        """The parameter that is left out of `calls`, by `is_reversed`."""
+        """The parameter `waypoints`, which `calls` leaves out, by `is_reversed`."""
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
 def each_race(settings: Settings) -> list[Settings]:
-    """The settings of the first worker, and of all others whose track or race is another one."""
+    """The settings of the first worker, and of the others whose track or race differs."""
     distinct: dict[tuple[object, ...], Settings] = {}
     for worker in range(len(settings.overrides) + 1):
         own = settings.for_worker(worker)
@@ -108,7 +108,7 @@ def each_race(settings: Settings) -> list[Settings]:
 
 
 def drive(settings: Settings) -> Drive:
-    """Let all drivers drive on the track and in the race of the settings, the first worker's.
+    """Let all drivers drive on the track and in the race of the first worker.
 
     Raises:
         SettingsError: There is no such track, or the race does not fit on it.
@@ -136,7 +136,7 @@ def drive(settings: Settings) -> Drive:
 
 
 def _merciful(race: Race) -> Race:
-    """The race with rules under which nobody is held up by one obstacle for ever."""
+    """The race with rules by which no obstacle can stop a driver for ever."""
     if race.obstacles is None:
         return race
     return replace(race, obstacles=replace(race.obstacles, mercy=1))
@@ -164,7 +164,7 @@ def _trips(
     starts = np.array([start + driver.start for driver in drivers])
     ends = ["in_progress"] * len(drivers)
     try:
-        # All meet the same objects.
+        # The same seed puts the same objects before all of them.
         simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(drivers), np.uint64))
         progress, resets = np.zeros(len(drivers)), np.zeros(len(drivers), np.int64)
         running = np.ones(len(drivers), np.bool_)
@@ -174,7 +174,7 @@ def _trips(
             result = simulation.step(asked[:, 0], asked[:, 1])
             for car, driver in enumerate(drivers):
                 if not running[car]:
-                    del told[car][known[car] :]  # its trip was over before
+                    del told[car][known[car] :]  # its trip had ended before
                     continue
                 progress[car], resets[car] = result.progress[car], result.resets[car]
                 ends[car] = Status(result.status[car]).label
@@ -200,7 +200,7 @@ def _requests(navigators: list[Navigator], told: list[list[RewardParams]]) -> ND
 
 
 def _recorder(calls: list[RewardParams]) -> RewardFunction:
-    """A reward function that keeps what it is told, but for the waypoints, always the same."""
+    """A reward function that records its parameters, except for the waypoints."""
 
     def record(params: RewardParams) -> float:
         del params["waypoints"]

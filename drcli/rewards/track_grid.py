@@ -1,4 +1,4 @@
-"""Places all over the road and beside it, as a reward function would be told of them."""
+"""Places all over the road and beside it, and the reward parameters of a car at each."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from drsim.race.traffic import Traffic
 Floats = NDArray[np.float64]
 
 SPEED_MPS = 1.5
-"""Speed that the action of every place asks for."""
+"""Speed that the car requests at every place."""
 
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
 OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
@@ -35,14 +35,14 @@ _WHEELS_M = np.array([[-0.082, 0.081], [-0.082, -0.081], [0.082, 0.080], [0.082,
 
 @dataclass(frozen=True)
 class Grid:
-    """Places on the road and beside it, with a car on each that looks along the track.
+    """Places on the road and beside it, with a car at each that points along the track.
 
     Attributes:
         along_m: Distances from waypoint 0. Shape (n,).
         xy: Places, offset by offset. Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
-        objects: Outlines of what stands there, corner by corner. Shape (objects, 4, 2).
-        calls: What the reward function is told, offset by offset, without the waypoints.
+        objects: Outlines of the objects, corner by corner. Shape (objects, 4, 2).
+        calls: The reward parameters, offset by offset, without the waypoints.
     """
 
     along_m: Floats
@@ -53,7 +53,7 @@ class Grid:
 
 
 def track_grid(drive: Drive) -> Grid:
-    """Places all along the lap, as in an episode that drives it at an even speed."""
+    """Places all along the lap, with the steps of an episode at constant speed."""
     track = drive.track
     count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
     along_m = np.linspace(0.0, track.length_m, count, endpoint=False)
@@ -94,11 +94,11 @@ def track_grid(drive: Drive) -> Grid:
 
 
 def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
-    """States that trainings meet now and then and a good drive does not, with their names.
+    """States that come up in trainings but not in a good drive, by name.
 
     Args:
         drive: The drive.
-        trip_calls: What the reward function was told of a driver that kept to the road.
+        trip_calls: The reward parameters of a driver that stays on the road.
     """
     usual = trip_calls[len(trip_calls) // 2]
     longest = longest_episode(drive)
@@ -117,13 +117,13 @@ def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, Re
 
 
 def longest_episode(drive: Drive) -> int:
-    """Steps of the longest episode to reckon with, with slow actions."""
+    """Steps of the longest episode to expect, with slow actions."""
     lap_s = drive.track.length_m / _SLOWEST_MPS
     return min(MAX_EPISODE_STEPS, math.ceil(SLACK * lap_s * CONTROL_HZ))
 
 
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
-    """The objects of the drive at its start, for so many cars, and their outlines."""
+    """The objects at the start of the drive, repeated for so many cars, and their outlines."""
     if drive.race == TIME_TRIAL:
         return None, np.empty((0, 4, 2))
     traffic = Traffic((drive.track, drive.track.reversed()), 1, drive.race)

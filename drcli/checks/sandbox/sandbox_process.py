@@ -30,6 +30,7 @@ from drcli.checks.sandbox.sandbox_records import (
     Difference,
     Failure,
     FailureKind,
+    Growth,
     Place,
     SandboxRequest,
     SandboxResult,
@@ -80,26 +81,19 @@ def try_function(
         calls: The calls of each sequence.
         faults: Open file for what Python says where it ends the process.
     """
-    printed = PrintCounter(str(file))
-    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-        return _Passes(request, file, calls, printed, faults).run()
+    passes = _Passes(request, file, calls, faults)
+    with contextlib.redirect_stdout(passes.printed), contextlib.redirect_stderr(passes.printed):
+        return passes.run()
 
 
 class _Passes:
     """Passes through the calls, and what was found in them."""
 
-    def __init__(
-        self,
-        request: SandboxRequest,
-        file: Path,
-        calls: Calls,
-        printed: PrintCounter,
-        faults: TextIO,
-    ) -> None:
+    def __init__(self, request: SandboxRequest, file: Path, calls: Calls, faults: TextIO) -> None:
+        self.printed = PrintCounter(str(file))
         self._request = request
         self._file = file
         self._calls = calls
-        self._printed = printed
         self._faults = faults
         self._effects = Effects(str(file))
         self._originals = Originals()
@@ -111,36 +105,41 @@ class _Passes:
 
     def run(self) -> SandboxResult:
         function = self._load(first=True)
-        if function is None:
-            return self._result({})
         everything = [Place(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))]
+        values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
+        printed = self.printed.noted()
+        growing: list[Growth] = []
+        random = memory = None
         repeated = [where for where in everything if where.sequence < self._request.repeated]
-        values = self._play(function, everything, FIRST_PASS_S, first=True)
-        found: dict[str, Any] = {
-            "line": getattr(code_of(function), "co_firstlineno", None),
-            "printed": self._printed.noted(),
-        }
-        if repeated and values and not self._hangs:
-            found |= self._repeat(function, values, repeated)
-        return self._result(values, **found)
+        if function and values and repeated and not self._hangs:
+            growing = self._growth(function, repeated)
+            random = self._difference(values, repeated)
+            # The episodes the other way round. What is remembered within one is no surprise.
+            turned = sorted(repeated, key=lambda where: -where.sequence)
+            memory = self._difference(values, turned) if random is None else None
+        return SandboxResult(
+            values=[
+                [values.get(Place(k, i)) for i in range(len(calls))]
+                for k, calls in enumerate(self._calls)
+            ],
+            failures=[*self._failures.values(), *self._replaced()],
+            returned=dict(self._returned),
+            line=getattr(code_of(function), "co_firstlineno", None) if function else None,
+            timing=_timing(self._took_s),
+            calls=len(values),
+            effects=self._effects.noted(),
+            printed=printed,
+            growing=growing,
+            random=random,
+            memory=memory,
+        )
 
-    def _repeat(
-        self, function: RewardFunction, values: Values, places: list[Place]
-    ) -> dict[str, Any]:
-        """What further passes show: growth, chance, and memory from one episode to the next."""
+    def _growth(self, function: RewardFunction, places: list[Place]) -> list[Growth]:
+        """What more its globals hold after the same calls were made once more."""
         module = getattr(function, "__globals__", {})
         before = sizes(module)
         again = self._play(function, places, OTHER_PASS_S)
-        growing = growth(before, sizes(module), len(again))
-        random = self._difference(values, places)
-        # The episodes the other way round. What is remembered within one is no surprise.
-        turned = sorted(places, key=lambda where: -where.sequence)
-        memory = self._difference(values, turned)
-        return {
-            "growing": growing,
-            "random": random,
-            "memory": memory if random is None else None,
-        }
+        return growth(before, sizes(module), len(again))
 
     def _load(self, *, first: bool = False) -> RewardFunction | None:
         """A fresh copy of the function; None where that fails."""
@@ -246,24 +245,13 @@ class _Passes:
             first=where,
         )
 
-    def _result(self, values: Values, **found: Any) -> SandboxResult:
-        failures = list(self._failures.values())
-        if self._originals.replaced:
-            names = ", ".join(self._originals.replaced)
-            reason = f"The file replaces {names}, which the simulation and other packages use too."
-            failures.append(Failure("replaces", reason))
-        return SandboxResult(
-            values=[
-                [values.get(Place(k, i)) for i in range(len(calls))]
-                for k, calls in enumerate(self._calls)
-            ],
-            failures=failures,
-            returned=dict(self._returned),
-            timing=_timing(self._took_s),
-            calls=len(values),
-            effects=self._effects.noted(),
-            **found,
-        )
+    def _replaced(self) -> list[Failure]:
+        """One failure for all functions of Python's own that were replaced."""
+        if not self._originals.replaced:
+            return []
+        names = ", ".join(self._originals.replaced)
+        reason = f"The file replaces {names}, which the simulation and other packages use too."
+        return [Failure("replaces", reason)]
 
 
 @dataclass

@@ -63,7 +63,7 @@ class SandboxRequest:
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
-        """What the parent has written."""
+        """The request in a folder."""
         return built(SandboxRequest, parsed((folder / _REQUEST_FILE).read_bytes()))
 
 
@@ -114,14 +114,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Effect:
-    """Something that a reward function does beside returning a number.
-
-    Attributes:
-        kind: What it touches.
-        what: Which file, address or program.
-        line: Line in the racer's file.
-        times: How often, while the file is loaded included.
-    """
+    """Something that a line does beside returning a number: with which file, address or program."""
 
     kind: EffectKind
     what: str
@@ -131,14 +124,9 @@ class Effect:
 
 @dataclass(frozen=True)
 class Difference:
-    """Calls with the same parameters and different rewards.
+    """Calls that returned something else in another pass: the first one, and how many of how many.
 
-    Attributes:
-        place: The first such call.
-        value: What it returned in the first pass; None if it failed.
-        other: What it returned in another pass.
-        times: How many calls differ.
-        of: Of how many.
+    A value is None where the call failed.
     """
 
     place: Place
