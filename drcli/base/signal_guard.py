@@ -1,8 +1,8 @@
-"""Lets code of the racer's end its own process and what it has started, but nobody else's.
+"""Keeps a racer's code from sending signals to other programs than those that it has started.
 
 A reward function runs in a process whose parent is the command or the supervisor:
-`os.kill(os.getppid(), 9)` would end these. It fails here instead, with the line that did it. This
-keeps off mistakes; code that wants to do harm finds other ways (docs/security.md).
+`os.kill(os.getppid(), 9)` would end these. Here it fails instead, with the line that did it. This
+protects against mistakes; code that wants to do harm finds other ways (docs/security.md).
 """
 
 import errno
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 _REFUSAL = (
-    "a reward function may not send signals to the program that runs it, nor to other programs"
+    "a reward function must not send signals to the program that runs it or to other programs"
 )
 
 
@@ -20,7 +20,7 @@ def install() -> None:
     """Guard this process, which must be the first of a process group of its own."""
     os.kill = _guarded(os.kill, _is_own)
     os.killpg = _guarded(os.killpg, _is_own_group)
-    if hasattr(signal, "pidfd_send_signal"):  # what a descriptor stands for is not told
+    if hasattr(signal, "pidfd_send_signal"):  # which process a descriptor means is unknown
         signal.pidfd_send_signal = _guarded(signal.pidfd_send_signal, lambda _descriptor: False)
 
 

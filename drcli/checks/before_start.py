@@ -9,8 +9,8 @@ from drcli.checks.check_report import Violation
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
-from drcli.checks.sandbox.inputs import try_inputs
 from drcli.checks.storage_rules import review_fit, review_prefix, review_pretrained
+from drcli.checks.try_inputs import try_inputs
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
@@ -95,7 +95,8 @@ def examine(
     given_up = Event()
     with ThreadPoolExecutor(1) as pool:
         try:
-            trial = pool.submit(try_inputs, job, reward if source is not None else None, given_up)
+            tried = reward if source is not None else None
+            trial = pool.submit(try_inputs, settings, job.directory, tried, given_up)
             if source is not None:
                 found += review_source(source)
             review = review_parameters(

@@ -1,17 +1,12 @@
 """What the rules found: violations, kept apart by severity, and rules that could not be tried."""
 
-import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
-
-_TRIAL_FILE = "trial.json"
-"""What a trial in a process of its own leaves in its job's folder."""
 
 
 @dataclass(frozen=True)
@@ -110,24 +105,3 @@ def _position(violation: Violation) -> tuple[str, str, int]:
     file, _, line = violation.where.partition(" line ")
     number = line.partition(" ")[0]
     return violation.rule, file, int(number) if number.isdigit() else 0
-
-
-def forget_tried(folder: Path) -> None:
-    """Remove what an earlier trial has left."""
-    (folder / _TRIAL_FILE).unlink(missing_ok=True)
-
-
-def leave_tried(violations: Iterable[Violation], folder: Path) -> None:
-    """Leave what a trial has found for the process that waits for it."""
-    (folder / _TRIAL_FILE).write_text(json.dumps([asdict(item) for item in violations]), "utf-8")
-
-
-def find_tried(folder: Path) -> list[Violation] | None:
-    """What a trial has found; None where it did not come to that."""
-    path = folder / _TRIAL_FILE
-    if not path.exists():
-        return None
-    try:
-        return [Violation(**fields) for fields in json.loads(path.read_text("utf-8"))]
-    except (ValueError, TypeError):  # it was ended while it wrote
-        return None

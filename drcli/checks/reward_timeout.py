@@ -1,6 +1,6 @@
-"""Explains a process that the guard of the reward function has ended from outside Python.
+"""Explains a worker that was ended because its reward function was stuck in one operation.
 
-It left no last words: it was inside one operation. The stacks of its threads are in what it wrote.
+Python could not interrupt it, so it left no last words; the stacks of its threads are in its log.
 """
 
 import re
@@ -11,7 +11,7 @@ from drcli.base.errors import SettingsError
 from drcli.exchange.job import LastWords
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
-WHY = "one operation took far longer than a call may, and Python cannot interrupt it"
+WHY = "one operation takes far longer than a call may, and Python cannot interrupt it"
 
 _TAIL_BYTES = 20_000
 _THREAD = re.compile(r"^(?:Current thread|Thread) 0x", re.MULTILINE)
@@ -20,12 +20,12 @@ _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) 
 
 
 def is_stuck(code: int) -> bool:
-    """Whether a process ended so, by its code as subprocess tells it."""
+    """Whether a process was ended for this reason, by its exit code as subprocess gives it."""
     return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
 def stuck_place(text: str) -> tuple[Path | None, int]:
-    """File and line of the reward function that the last stacks in a text show; None and 0."""
+    """File and line of the reward function in the last stacks of a text; None and 0 without one."""
     for stack in reversed(_THREAD.split(text)):
         found = _PLACE.search(stack)
         if found:
@@ -34,16 +34,16 @@ def stuck_place(text: str) -> tuple[Path | None, int]:
 
 
 def _letter(escaped: re.Match[str]) -> str:
-    """What Python's fault handler, which writes ASCII alone, has written in numbers."""
+    """A letter that Python's fault handler, which writes only ASCII, has written as a number."""
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
 def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
-    """What a worker would have said, None where something else ended it.
+    """The last words that a worker would have left; None where something else ended it.
 
     Args:
-        code: How its process ended, as subprocess tells it.
-        log: What it wrote.
+        code: Exit code of its process, as subprocess gives it.
+        log: Its log file.
         remedy: What to do about it.
     """
     if not is_stuck(code):

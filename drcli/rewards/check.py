@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.checks.sandbox.statement import Place
+from drcli.checks.check_report import Violation
+from drcli.checks.sandbox.sandbox_records import Place
 from drcli.config.settings import Settings
-from drcli.rewards.lint import SIMULATION_STEP_S, Remark, remarks
+from drcli.rewards.course import Course, TriedReward, try_rewards
+from drcli.rewards.lint import SIMULATION_STEP_S, named_parameters, problems_of
 from drcli.rewards.scripted_drive import drive, each_race
-from drcli.rewards.source import display_name, file_of
-from drcli.rewards.trial import Course, Trial, try_out
+from drcli.rewards.source import file_of
 from drsim.episode.reward import RewardParams
 
 
@@ -18,8 +19,8 @@ class Extreme:
     """The least or the greatest reward.
 
     Attributes:
-        reward: How much.
-        place: Where, in words.
+        reward: The reward.
+        place: At which step, in words.
     """
 
     reward: float
@@ -37,8 +38,8 @@ class DriverReport:
         seconds: Simulated time.
         progress: Percent of the lap.
         end: How it ended, in the words of traces.
-        total: Sum of all rewards; None where a call failed.
-        mean: Reward a step; likewise.
+        total: Sum of all rewards; None if a call failed.
+        mean: Reward per step; None if a call failed.
     """
 
     name: str
@@ -59,7 +60,7 @@ class ParameterReport:
         name: Its name.
         least: Least value, over all items of a list; None for an empty one.
         greatest: Greatest value.
-        read: The function looked at it.
+        read: The function names it.
     """
 
     name: str
@@ -70,14 +71,14 @@ class ParameterReport:
 
 @dataclass(frozen=True)
 class TimeReport:
-    """How long calls took.
+    """How long calls took, microseconds.
 
     Attributes:
-        median_us: The usual call, microseconds.
-        mean_us: Their mean.
-        worst_us: The longest.
-        worst_place: Which one that was.
-        slower_percent: By how much driving takes longer for it.
+        median_us: Median of all calls.
+        mean_us: Mean of all calls.
+        worst_us: The longest call.
+        worst_place: Which call that was.
+        slower_percent: How much longer the simulation takes because of it.
     """
 
     median_us: float
@@ -89,7 +90,7 @@ class TimeReport:
 
 @dataclass(frozen=True)
 class OtherRace:
-    """A race of another worker that the function was tried in too.
+    """The race of another worker, in which the function was tried too.
 
     Attributes:
         world: The track.
@@ -106,7 +107,7 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """All that a check has found out; numbers and drivers are those of the first worker's race.
+    """Everything that a check has found; numbers and drivers are those of the first worker's race.
 
     Attributes:
         file: The file.
@@ -121,10 +122,10 @@ class RewardReport:
         time: How long it took.
         parameters: All parameters.
         drivers: What each driver earned.
-        curve: What the steady driver earned at each step.
+        curve: Reward of the steady driver at each step.
         errors: What ends a training or does harm, in any race.
-        warnings: What may surprise, likewise.
-        others: Races of other workers that it was tried in too.
+        warnings: What may surprise its author, in any race.
+        others: Races of other workers, in which it was tried too.
     """
 
     file: str
@@ -140,8 +141,8 @@ class RewardReport:
     parameters: list[ParameterReport]
     drivers: list[DriverReport]
     curve: list[float | None]
-    errors: list[Remark]
-    warnings: list[Remark]
+    errors: list[Violation]
+    warnings: list[Violation]
     others: list[OtherRace]
 
     @property
@@ -151,120 +152,120 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on a drive over the configured track, or over that of each worker.
+    """Try a reward function on a drive over the configured track of each worker.
 
     Args:
         settings: The tracks, the races and the directions.
-        file: The file; the one that a training would take when left out.
+        file: The file; None takes the one that a training would use.
         directory: The racer's working folder.
 
     Raises:
         SettingsError: There is no such file or track, or the race does not fit on it.
     """
     path = file_of(settings, file)
-    named = [(path, display_name(path, directory))]
-    trials: list[Trial] = []
+    tried: list[TriedReward] = []
     for own in each_race(settings):
-        trials += try_out(named, Course.of(drive(own)), directory)
-    first, *others = map(report, trials)
+        tried += try_rewards([path], Course.of(drive(own)), directory)
+    first, *others = map(report, tried)
     return _with_others(first, others)
 
 
-def report(trial: Trial) -> RewardReport:
-    """What a trial has shown."""
-    found = remarks(trial)
-    drive_ = trial.course.drive
-    paid = list(_paid(trial))
+def report(tried: TriedReward) -> RewardReport:
+    """What is to be told of a function."""
+    found = problems_of(tried)
+    drive_ = tried.course.drive
+    paid = list(_paid(tried))
     least, greatest = min(paid, default=None), max(paid, default=None)
     return RewardReport(
-        file=trial.name,
+        file=tried.name,
         world=drive_.world,
         race_type=drive_.race_type,
         reversed=drive_.track.reverse,
-        calls=trial.statement.made,
-        returns=sorted(trial.statement.returned),
-        least=_extreme(trial, least),
+        calls=tried.result.calls,
+        returns=sorted(tried.result.returned),
+        least=_extreme(tried, least),
         mean=sum(reward for reward, _, _ in paid) / len(paid) if paid else None,
-        greatest=_extreme(trial, greatest),
-        time=_time(trial),
-        parameters=_parameters(trial),
+        greatest=_extreme(tried, greatest),
+        time=_time(tried),
+        parameters=_parameters(tried),
         drivers=[
             DriverReport(
-                trip.pilot.name,
-                trip.pilot.about,
+                trip.driver.name,
+                trip.driver.about,
                 len(trip.calls),
                 round(trip.seconds, 3),
                 round(trip.progress, 2),
                 trip.end,
-                trial.total(trip.pilot),
-                trial.mean(trip.pilot),
+                tried.total(trip.driver),
+                tried.mean(trip.driver),
             )
             for trip in drive_.trips
         ],
-        curve=trial.statement.values[0],
-        errors=[remark for remark in found if remark.severity == "error"],
-        warnings=[remark for remark in found if remark.severity == "warning"],
+        curve=tried.result.values[0],
+        errors=[problem for problem in found if problem.severity == "error"],
+        warnings=[problem for problem in found if problem.severity == "warning"],
         others=[],
     )
 
 
 def _with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
-    """A report with what other races have shown beside it."""
+    """A report with the problems that only other races show."""
     errors, warnings = list(first.errors), list(first.warnings)
     for other in others:
         place = f"On {other.world}, {other.race_type}: "
-        failing = {(remark.rule, remark.where) for remark in errors}
-        odd = {remark.rule for remark in warnings}
+        failing = {(problem.rule, problem.where) for problem in errors}
+        odd = {problem.rule for problem in warnings}
         errors += [
-            replace(remark, message=place + remark.message)
-            for remark in other.errors
-            if (remark.rule, remark.where) not in failing
+            replace(problem, message=place + problem.message)
+            for problem in other.errors
+            if (problem.rule, problem.where) not in failing
         ]
         warnings += [
-            replace(remark, message=place + remark.message)
-            for remark in other.warnings
-            if remark.rule not in odd
+            replace(problem, message=place + problem.message)
+            for problem in other.warnings
+            if problem.rule not in odd
         ]
     races = [OtherRace(o.world, o.race_type, o.reversed, o.calls) for o in others]
     return replace(first, errors=errors, warnings=warnings, others=races)
 
 
-def _paid(trial: Trial) -> Iterator[tuple[float, int, int]]:
+def _paid(tried: TriedReward) -> Iterator[tuple[float, int, int]]:
     """Rewards of the drivers, with their places."""
-    for sequence in range(len(trial.course.drive.trips)):
-        for index, value in enumerate(trial.statement.values[sequence]):
+    for sequence in range(len(tried.course.drive.trips)):
+        for index, value in enumerate(tried.result.values[sequence]):
             if value is not None:
                 yield value, sequence, index
 
 
-def _extreme(trial: Trial, found: tuple[float, int, int] | None) -> Extreme | None:
+def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extreme | None:
     if found is None:
         return None
     reward, sequence, index = found
-    return Extreme(reward, trial.describe(Place(sequence=sequence, index=index)))
+    return Extreme(reward, tried.course.describe(Place(sequence=sequence, index=index)))
 
 
-def _time(trial: Trial) -> TimeReport | None:
-    timing = trial.statement.timing
+def _time(tried: TriedReward) -> TimeReport | None:
+    timing = tried.result.timing
     if timing is None:
         return None
     return TimeReport(
         median_us=round(timing.median_s * 1e6, 3),
         mean_us=round(timing.mean_s * 1e6, 3),
         worst_us=round(timing.worst_s * 1e6, 3),
-        worst_place=trial.describe(timing.worst),
+        worst_place=tried.course.describe(timing.worst),
         slower_percent=round(100 * timing.mean_s / SIMULATION_STEP_S, 2),
     )
 
 
-def _parameters(trial: Trial) -> list[ParameterReport]:
-    drive_ = trial.course.drive
+def _parameters(tried: TriedReward) -> list[ParameterReport]:
+    drive_ = tried.course.drive
     calls = [
         {**call, "waypoints": drive_.track.waypoints}
         for trip in drive_.trips
         for call in trip.calls
     ]
-    return [_parameter(name, calls, name in trial.statement.reads) for name in sorted(calls[0])]
+    read = named_parameters(tried.text)
+    return [_parameter(name, calls, name in read) for name in sorted(calls[0])]
 
 
 def _parameter(name: str, calls: list[RewardParams], read: bool) -> ParameterReport:

@@ -1,23 +1,30 @@
 """Compares two reward functions: what they pay the same drivers, and where they differ most."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.base.atomic_file import rewrite
 from drcli.config.settings import Settings
-from drcli.rewards.drivers import FAST, STEADY
+from drcli.rewards.course import (
+    Course,
+    TriedReward,
+    position,
+    refuse_failing,
+    scaled,
+    try_rewards,
+)
+from drcli.rewards.pictures import draw_comparison, refuse_replacing
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import display_name, files_of
-from drcli.rewards.trial import Course, Trial, described, refuse_failing, try_out
+from drcli.rewards.source import files_of
 
 Floats = NDArray[np.float64]
 
 _PLACES = 3
 _ALIKE = 0.05
-"""Shares of the range that are not told as a difference."""
+"""A difference of less than this share of the range is not worth telling."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +37,9 @@ class DriverComparison:
         steps: Steps that were paid.
         seconds: Simulated time.
         first_total: Sum of the rewards of the first function.
-        second_total: Of the second one.
-        first_mean: Reward a step of the first one.
-        second_mean: Of the second one.
+        second_total: Sum of the rewards of the second one.
+        first_mean: Reward per step of the first one.
+        second_mean: Reward per step of the second one.
     """
 
     name: str
@@ -47,14 +54,13 @@ class DriverComparison:
 
 @dataclass(frozen=True)
 class PlaceComparison:
-    """A step that the functions see differently.
+    """A step for which the functions pay differently.
 
     Attributes:
         place: Which one, in words.
         first: Reward of the first function.
-        second: Of the second one.
-        difference: Second less first, where each is scaled to what it pays on the drive:
-            -1 to 1.
+        second: Reward of the second one.
+        difference: Second minus first, each scaled to what it pays on the drive: -1 to 1.
     """
 
     place: str
@@ -69,17 +75,17 @@ class ComparisonReport:
 
     Attributes:
         first: File of the first function.
-        second: Of the second one.
+        second: File of the second one.
         world: The track.
         race_type: The race.
-        correlation: Of the rewards of all steps, -1 to 1; None where one is always the same.
-        rank_correlation: Of their order.
-        drivers: Each driver.
+        correlation: Correlation of the rewards of all steps, -1 to 1; None if one is constant.
+        rank_correlation: Correlation of their ranks.
+        drivers: What each driver is paid.
         places: Where they differ most, each scaled to what it pays on the drive.
-        first_prefers_fast: The first one pays a fast lap more than a slow one; None where a lap
-            was not completed.
-        second_prefers_fast: The same of the second one.
-        picture: The picture, if one was asked for.
+        first_prefers_fast: The first one pays more for a fast lap than for a slow one; None if a
+            lap was not completed.
+        second_prefers_fast: The same for the second one.
+        picture: File of the picture, if one was asked for.
     """
 
     first: str
@@ -104,46 +110,26 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file; what is there is replaced.
+        out: A picture to draw, a PNG file; an older one is replaced.
         directory: The racer's working folder.
 
     Raises:
         SettingsError: One of them fails, there is no such track, or the picture cannot be written.
     """
     files = files_of([first, second])
-    course = Course.of(drive(settings))
     if out is not None:
-        from drcli.rewards.canvas import refuse_replacing
-
         refuse_replacing(out)
-    trials = try_out([(file, display_name(file, directory)) for file in files], course, directory)
-    for trial in trials:
-        refuse_failing(trial)
+    course = Course.of(drive(settings))
+    both = try_rewards(files, course, directory)
+    for tried in both:
+        refuse_failing(tried)
     if out is not None:
-        from drcli.rewards.comparison_picture import picture_of
-
-        picture_of(*trials).save(out)
-    return _report(*trials, picture=str(out) if out else None)
+        rewrite(out, draw_comparison(*both))
+    return _report(*both, picture=str(out) if out else None)
 
 
-def scaled(values: Floats, over: Floats) -> Floats:
-    """Values from 0 to 1, where these are the least and the greatest of others."""
-    known = over[~np.isnan(over)]
-    low, high = np.percentile(known, [1, 99]).tolist() if len(known) else (0.0, 0.0)
-    if high <= low:
-        return np.where(np.isnan(values), np.nan, 0.5)
-    return np.clip((values - low) / (high - low), 0.0, 1.0)
-
-
-def drive_values(trial: Trial) -> Floats:
-    """What it pays all drivers, one after the other; NaN where it was not asked. Shape (n,)."""
-    trips = len(trial.course.drive.trips)
-    values = [value for trip in trial.statement.values[:trips] for value in trip]
-    return np.array([math.nan if value is None else value for value in values])
-
-
-def _report(first: Trial, second: Trial, *, picture: str | None) -> ComparisonReport:
-    a, b = drive_values(first), drive_values(second)
+def _report(first: TriedReward, second: TriedReward, *, picture: str | None) -> ComparisonReport:
+    a, b = first.drive_values, second.drive_values
     both = ~np.isnan(a) & ~np.isnan(b)
     return ComparisonReport(
         first=first.name,
@@ -154,23 +140,23 @@ def _report(first: Trial, second: Trial, *, picture: str | None) -> ComparisonRe
         rank_correlation=_correlation(_ranks(a[both]), _ranks(b[both])),
         drivers=_drivers(first, second),
         places=_places(first, a, b),
-        first_prefers_fast=_prefers_fast(first),
-        second_prefers_fast=_prefers_fast(second),
+        first_prefers_fast=first.prefers_fast,
+        second_prefers_fast=second.prefers_fast,
         picture=picture,
     )
 
 
-def _drivers(first: Trial, second: Trial) -> list[DriverComparison]:
+def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
     found = []
     for trip in first.course.drive.trips:
-        totals = first.total(trip.pilot), second.total(trip.pilot)
+        totals = first.total(trip.driver), second.total(trip.driver)
         if totals[0] is None or totals[1] is None:
             continue
         steps = len(trip.calls)
         found.append(
             DriverComparison(
-                trip.pilot.name,
-                trip.pilot.about,
+                trip.driver.name,
+                trip.driver.about,
                 steps,
                 round(trip.seconds, 3),
                 totals[0],
@@ -182,10 +168,10 @@ def _drivers(first: Trial, second: Trial) -> list[DriverComparison]:
     return found
 
 
-def _places(trial: Trial, a: Floats, b: Floats) -> list[PlaceComparison]:
-    """Where the second one pays otherwise than the first, the most first, one for each driver."""
+def _places(tried: TriedReward, a: Floats, b: Floats) -> list[PlaceComparison]:
+    """Where the functions differ most, at most one step of each driver."""
     difference = scaled(b, b) - scaled(a, a)
-    steps = [(trip, k) for trip in trial.course.drive.trips for k in range(len(trip.calls))]
+    steps = [(trip, k) for trip in tried.course.drive.trips for k in range(len(trip.calls))]
     order = np.argsort(-np.abs(np.nan_to_num(difference)), kind="stable").tolist()
     chosen: list[int] = []
     for n in order:
@@ -195,19 +181,13 @@ def _places(trial: Trial, a: Floats, b: Floats) -> list[PlaceComparison]:
             chosen.append(n)
     return [
         PlaceComparison(
-            f"{steps[n][0].pilot.name} driver, {described(steps[n][0].calls[steps[n][1]])}",
+            f"{steps[n][0].driver.name} driver, {position(steps[n][0].calls[steps[n][1]])}",
             float(a[n]),
             float(b[n]),
             round(float(difference[n]), 4),
         )
         for n in chosen
     ]
-
-
-def _prefers_fast(trial: Trial) -> bool | None:
-    steady, fast = trial.total(STEADY), trial.total(FAST)
-    whole = trial.trip(STEADY).whole and trial.trip(FAST).whole
-    return None if steady is None or fast is None or not whole else fast > steady
 
 
 def _correlation(a: Floats, b: Floats) -> float | None:
@@ -217,7 +197,7 @@ def _correlation(a: Floats, b: Floats) -> float | None:
 
 
 def _ranks(values: Floats) -> Floats:
-    """Place of each value in their order; equal values share theirs. Shape (n,)."""
+    """Rank of each value; equal values share theirs. Shape (n,)."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
     ends = np.cumsum(counts)
     shared: Floats = (ends - (counts - 1) / 2.0)[which]

@@ -1,4 +1,4 @@
-"""Scripted drivers: what each asks of its car, from what reward functions are told."""
+"""Scripted drivers: the steering angle and speed that each requests, from the parameters."""
 
 import math
 from dataclasses import dataclass
@@ -16,44 +16,44 @@ Floats = NDArray[np.float64]
 Manner = Literal["along", "weave", "leave", "ram"]
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A pilot steers towards a point this far ahead, and so much farther with its speed."""
+"""A driver steers towards a point this far ahead, plus the way it covers in this time."""
 
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
 _BEND_M = 0.5
-"""Spacing of the speed profile, and the length over which a bend is measured."""
+"""Spacing of the speed profile, and the length over which the turn of a bend is measured."""
 
 _WEAVE_M = 4.0
-"""Length of one swing to the left border and the right one."""
+"""Length of one swing to the left border and back to the right one."""
 
 _LEAVE_AFTER_M = 1.0
 
 _SEES_M, _PASSED_M = 2.2, 0.5
-"""How far before an object pilots keep to the other side, and how far beyond it."""
+"""How far before and behind an object drivers keep to the other side."""
 
 _PASSING_MPS = 1.5
 """Highest speed beside an object."""
 
 _SLOWEST_START_MPS = 1.0
-"""Nobody can drive faster in the first step, while nothing is known yet."""
+"""Highest speed of the first step, in which nothing is known yet."""
 
 
 @dataclass(frozen=True)
-class Pilot:
+class ScriptedDriver:
     """A way to drive.
 
     Attributes:
         name: One word.
         about: What it does, for people.
-        manner: Along the centre line round what stands there, from border to border, off the road,
-            or into the next object.
+        manner: Along the centre line and around objects, from border to border, off the road, or
+            into the next object.
         speed_mps: Its highest speed.
-        grip_mps2: Sideways acceleration that it drives bends with; None to keep its speed.
-        laps: It drives on to the end of the lap, whatever happens; else its first mishap, or
-            `steps`, ends the trip.
-        steps: Steps that are enough.
+        grip_mps2: Its sideways acceleration in bends; None to keep its speed.
+        laps: It drives to the end of the lap, whatever happens; otherwise the trip ends when it
+            leaves the road, hits something or has made `steps`.
+        steps: Most steps of the trip.
         start: Where on the lap it starts, 0 .. 1 from the common start.
-        turned: It drives against the direction of the others.
+        turned: It drives in the opposite direction of the others.
     """
 
     name: str
@@ -67,15 +67,15 @@ class Pilot:
     turned: bool = False
 
 
-STEADY = Pilot("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
-FAST = Pilot("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
-WEAVING = Pilot("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
-LEAVING = Pilot("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
-STANDING = Pilot(
+STEADY = ScriptedDriver("steady", "follows the centre line at 1.2 m/s", "along", 1.2)
+FAST = ScriptedDriver("fast", "follows the centre line at up to 3 m/s", "along", 3.0, grip_mps2=2.0)
+WEAVING = ScriptedDriver("weaving", "swings from border to border at 1 m/s", "weave", 1.0)
+LEAVING = ScriptedDriver("leaving", "leaves the road", "leave", 1.2, laps=False, start=0.3)
+STANDING = ScriptedDriver(
     "standing", "asks for no speed and creeps", "along", 0.0, laps=False, steps=60, start=0.5
 )
-RAMMING = Pilot("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
-TURNED = Pilot(
+RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
+TURNED = ScriptedDriver(
     "turned",
     "follows the centre line the other way",
     "along",
@@ -87,22 +87,22 @@ TURNED = Pilot(
 
 
 class Navigator:
-    """Drives one car as its pilot wants.
+    """Drives one car as its driver wants.
 
     Args:
-        pilot: The way to drive.
+        driver: The way to drive.
         track: The track, in the driving direction of this car.
     """
 
-    def __init__(self, pilot: Pilot, track: Track) -> None:
-        self.pilot = pilot
+    def __init__(self, driver: ScriptedDriver, track: Track) -> None:
+        self.driver = driver
         self._track = track
-        self._speeds_mps = _speed_profile(track, pilot)
+        self._speeds_mps = _speed_profile(track, driver)
         self._begun_m: float | None = None
 
     def first(self) -> tuple[float, float]:
-        """Steering angle and speed of the first step, before anything is known."""
-        return 0.0, min(self.pilot.speed_mps, _SLOWEST_START_MPS)
+        """Steering angle in degrees and speed in m/s of the first step, without parameters."""
+        return 0.0, min(self.driver.speed_mps, _SLOWEST_START_MPS)
 
     def act(self, params: RewardParams) -> tuple[float, float]:
         """Steering angle in degrees and speed in m/s, from the parameters of the last step."""
@@ -126,7 +126,7 @@ class Navigator:
     def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
         """How far to the left of the centre line to aim, metres."""
         width_m = float(params["track_width"])
-        manner = self.pilot.manner
+        manner = self.driver.manner
         if manner == "leave":
             gone_m = self._gap_m(params["projection_distance"], self._begun_m or 0.0)
             return (-side or 1) * 1.5 * width_m if gone_m > _LEAVE_AFTER_M else 0.0
@@ -160,7 +160,7 @@ class Navigator:
 
 
 def _steering_deg(params: RewardParams, x: float, y: float) -> float:
-    """The angle that leads the rear axle to a point in an arc."""
+    """The steering angle with which the rear axle reaches a point in an arc (pure pursuit)."""
     yaw_rad = math.radians(params["heading"])
     rear_x = params["x"] - REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
     rear_y = params["y"] - REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
@@ -170,17 +170,17 @@ def _steering_deg(params: RewardParams, x: float, y: float) -> float:
     return max(-30.0, min(30.0, angle_deg))
 
 
-def _speed_profile(track: Track, pilot: Pilot) -> Floats:
-    """Speeds along the lap, every 0.1 m: slow enough for each bend and for braking before it."""
+def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
+    """Speeds every 0.1 m of the lap, slow enough for each bend and for braking before it."""
     along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
-    if pilot.grip_mps2 is None:
-        return np.full(len(along_m), pilot.speed_mps)
+    if driver.grip_mps2 is None:
+        return np.full(len(along_m), driver.speed_mps)
     yaw_before, yaw_after = (
         track.pose_at(along_m + aside_m)[:, 2] for aside_m in (-_BEND_M / 2, _BEND_M / 2)
     )
     turn_rad = np.abs((yaw_after - yaw_before + np.pi) % (2 * np.pi) - np.pi)
-    bend_mps = np.sqrt(pilot.grip_mps2 * _BEND_M / np.maximum(turn_rad, 1e-6))
-    speeds_mps = np.minimum(bend_mps, pilot.speed_mps)
+    bend_mps = np.sqrt(driver.grip_mps2 * _BEND_M / np.maximum(turn_rad, 1e-6))
+    speeds_mps = np.minimum(bend_mps, driver.speed_mps)
     rounds = 2 if track.closed else 1  # the braking before a bend may begin before the finish
     for k in range(rounds * len(speeds_mps) - 1, 0, -1):
         here, after = (k - 1) % len(speeds_mps), k % len(speeds_mps)

@@ -1,105 +1,59 @@
 """What is wrong with a reward function, and what will surprise its author."""
 
+import ast
+import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
 
 from drcli.base.problems import closest
-from drcli.checks.sandbox.statement import Difference, EffectKind, Failure, FailureKind
-from drcli.rewards.loopholes import worth_remarks
-from drcli.rewards.trial import Trial
+from drcli.checks.check_report import Severity, Violation
+from drcli.checks.first_step import idle_conditions
+from drcli.checks.sandbox.sandbox_records import (
+    REMEDIES,
+    Difference,
+    EffectKind,
+    Failure,
+    FailureKind,
+)
+from drcli.rewards.course import TriedReward
+from drcli.rewards.loopholes import loopholes
 
 SIMULATION_STEP_S = 0.25e-3
-"""What the simulation itself takes for a step of one car, about: 4,200 steps/s were measured."""
-
-_SLOW_SHARE = 1.0
-"""A function that takes as long as the simulation itself is called slow."""
+"""What the simulation itself takes for a step of one car, about: 4,200 steps/s were measured. A
+function that takes as long is called slow."""
 
 _SLOW_CALL_S = 1.0
 """A call that takes longer is near the limit of 5 s on a busy machine."""
 
 _CHATTY = 0.1
-"""Lines a call that make a flood."""
+"""Printed lines per call that make a flood."""
 
 _DIGITS, _ALL_DIGITS = 4, 17
 """Digits of a reward that are shown, and those that tell any two numbers apart."""
 
 _TRAINING_STEPS = 1_000_000
-"""What is told of long trainings, is told for so many steps."""
+"""What long trainings suffer from is told for so many steps."""
 
-
-@dataclass(frozen=True)
-class Remark:
-    """Something about a reward function.
-
-    Attributes:
-        rule: Name of the rule.
-        severity: "error" for what ends a training or does harm, else "warning".
-        where: File, and line where there is one.
-        message: What is the matter, one sentence or two.
-        remedy: What to do about it, starting with a verb.
-    """
-
-    rule: str
-    severity: Literal["error", "warning"]
-    where: str
-    message: str
-    remedy: str
-
-
-def remarks(trial: Trial) -> list[Remark]:
-    """All that is to be said, errors first."""
-    found = [*_failures(trial), *_effects(trial), *_habits(trial), *_speed(trial)]
-    if not any(failure.kind in _FATAL for failure in trial.statement.failures):
-        found += [
-            Remark(rule, "warning", trial.name, message, remedy)
-            for rule, message, remedy in worth_remarks(trial)
-        ]
-    return sorted(found, key=lambda remark: remark.severity != "error")
-
-
-_RULES: dict[FailureKind, tuple[str, str]] = {
-    "load": ("loads", "Correct the file, and check it again."),
-    "raises": ("works", "Correct that; a training ends where it fails."),
-    "returns": (
-        "type",
-        "Return a number on every path, as in `return float(reward)`: a path without `return` "
-        "gives None.",
-    ),
-    "range": (
-        "range",
-        "Return a finite number between -100000 and 100000; guard divisions and logarithms.",
-    ),
-    "endless": ("time", "Look for a loop that does not end: a call may take 5 s."),
-    "ends": ("process", "Remove what ends the process, such as os._exit() or os.kill()."),
-    "crashes": ("process", "Remove the call into the library that fails there."),
+_RULES: dict[FailureKind, str] = {
+    "load": "loads",
+    "signature": "loads",
+    "raises": "works",
+    "type": "type",
+    "range": "range",
+    "endless": "time",
+    "ends": "process",
+    "crashes": "process",
+    "replaces": "replaces",
 }
-"""Rule and remedy for each kind of failure."""
 
-_FATAL: tuple[FailureKind, ...] = ("load", "endless", "ends", "crashes")
-"""After these there are too few values to judge what it pays for."""
+_FATAL = {"load", "signature", "endless", "ends", "crashes"}
+"""After these failures there are too few values to judge what it pays for."""
 
-
-def _failures(trial: Trial) -> Iterator[Remark]:
-    for failure in trial.statement.failures:
-        rule, remedy = _RULES[failure.kind]
-        message = failure.sentence + _first(trial, failure)
-        yield Remark(rule, "error", _where(trial, failure.line), message, failure.remedy or remedy)
-
-
-def _first(trial: Trial, failure: Failure) -> str:
-    if failure.first is None:
-        return ""
-    often = f", {failure.times:,} of {trial.statement.made:,} calls" if failure.times > 1 else ""
-    return f" First: {trial.describe(failure.first)}{often}."
-
-
-_EFFECTS: dict[EffectKind, tuple[str, Literal["error", "warning"], str, str]] = {
+_EFFECTS: dict[EffectKind, tuple[str, Severity, str, str]] = {
     "writes": (
         "files",
         "error",
         "writes or removes files",
-        "Remove it: cars and workers would write at the same time. The trace of the training has "
+        "Remove it: cars and workers would write at the same time. The trace of the training lists "
         "each step with its reward.",
     ),
     "network": (
@@ -118,142 +72,210 @@ _EFFECTS: dict[EffectKind, tuple[str, Literal["error", "warning"], str, str]] = 
         "reads",
         "warning",
         "reads files",
-        "Write the numbers into the file itself: trainings work on a copy of this one file, and "
+        "Put the numbers into the file itself: trainings work on a copy of this one file, and "
         "other machines have no other.",
     ),
-    "thread": (
-        "threads",
-        "warning",
-        "starts threads",
-        "Remove it: they take the processor from the simulation and live on.",
-    ),
-    "waits": ("waits", "warning", "waits", "Remove it: every step of the training would wait."),
 }
 """Rule, severity, words and remedy for each kind of effect."""
 
 
-def _effects(trial: Trial) -> Iterator[Remark]:
+def problems_of(tried: TriedReward) -> list[Violation]:
+    """Everything worth telling, errors first."""
+    found = [
+        *_failures(tried),
+        *_effects(tried),
+        *_habits(tried),
+        *_names(tried),
+        *_memory(tried),
+        *_speed(tried),
+    ]
+    if not any(failure.kind in _FATAL for failure in tried.result.failures):
+        found += [_warning(tried, *loophole) for loophole in loopholes(tried)]
+    return sorted(found, key=lambda problem: problem.severity != "error")
+
+
+def named_parameters(text: bytes) -> set[str]:
+    """All words in quotes in a reward function, among them the parameters that it reads."""
+    return {
+        node.value
+        for node in ast.walk(_parsed(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+
+
+def unknown_parameters(text: bytes, known: set[str]) -> dict[str, int]:
+    """Names that a reward function asks its argument for and that are not parameters, with a line.
+
+    Args:
+        text: The file.
+        known: The parameters there are.
+    """
+    tree = _parsed(text)
+    arguments = {
+        function.args.args[0].arg
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef)
+        and function.name == "reward_function"
+        and function.args.args
+    }
+    own: set[str] = set()
+    asked: dict[str, int] = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Subscript(value=ast.Name(id=name), slice=ast.Constant(value=str(key))):
+                if name in arguments and not isinstance(node.ctx, ast.Load):
+                    own.add(key)
+                elif name in arguments:
+                    asked.setdefault(key, node.lineno)
+            case ast.Call(
+                func=ast.Attribute(value=ast.Name(id=name), attr="get"),
+                args=[ast.Constant(value=str(key)), *_],
+            ) if name in arguments:
+                asked.setdefault(key, node.lineno)
+    return {key: line for key, line in asked.items() if key not in known | own}
+
+
+def _parsed(text: bytes) -> ast.Module:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ast.Module([], [])
+
+
+def _failures(tried: TriedReward) -> Iterator[Violation]:
+    for failure in tried.result.failures:
+        message = failure.sentence() + _first(tried, failure)
+        remedy = _missing_module(tried, failure) or REMEDIES[failure.kind]
+        where = _where(tried, failure.line)
+        yield Violation(_RULES[failure.kind], "error", where, message, remedy)
+
+
+def _first(tried: TriedReward, failure: Failure) -> str:
+    if failure.first is None:
+        return ""
+    often = f", {failure.times:,} of {tried.result.calls:,} calls" if failure.times > 1 else ""
+    return f" First: {tried.course.describe(failure.first)}{often}."
+
+
+def _missing_module(tried: TriedReward, failure: Failure) -> str:
+    """What to do about a module that cannot be imported; nothing where all can."""
+    module = failure.missing.partition(".")[0]
+    if not module:
+        return ""
+    if module in (tried.file.stem, "reward_function"):
+        return "Remove the import: all that the file defines is there already."
+    if tried.file.with_name(f"{module}.py").exists() or tried.file.with_name(module).is_dir():
+        return (
+            f"Put what you need of {module} into {tried.file.name}: a training takes this one file."
+        )
+    return (
+        f"Install the package where trainings run, as with `pip install {module}`, or do without."
+    )
+
+
+def _effects(tried: TriedReward) -> Iterator[Violation]:
     for kind, (rule, severity, words, remedy) in _EFFECTS.items():
-        lines = sorted({effect.line for effect in trial.statement.effects if effect.kind == kind})
-        for line in lines:
-            done = [e for e in trial.statement.effects if e.kind == kind and e.line == line]
+        for line in sorted({effect.line for effect in tried.result.effects if effect.kind == kind}):
+            done = [e for e in tried.result.effects if e.kind == kind and e.line == line]
             times = sum(effect.times for effect in done)
             what = f": {done[0].what}" if done[0].what else ""
-            yield Remark(
+            yield Violation(
                 rule,
                 severity,
-                _where(trial, line),
+                _where(tried, line),
                 f"It {words}{what} ({_counted(times, 'time')} in "
-                f"{_counted(trial.statement.made, 'call')}).",
+                f"{_counted(tried.result.calls, 'call')}).",
                 remedy,
             )
 
 
-def _habits(trial: Trial) -> Iterator[Remark]:
-    """What it prints, remembers, changes and looks for."""
-    statement = trial.statement
-    printed, made = statement.printed, max(statement.made, 1)
-    if printed.lines > _CHATTY * made:
-        megabytes = printed.characters / made * _TRAINING_STEPS / 1e6
-        yield Remark(
+def _habits(tried: TriedReward) -> Iterator[Violation]:
+    """What it prints, and what it collects."""
+    printed, calls = tried.result.printed, max(tried.result.calls, 1)
+    if printed.lines > _CHATTY * calls:
+        megabytes = printed.characters / calls * _TRAINING_STEPS / 1e6
+        yield _warning(
+            tried,
             "prints",
-            "warning",
-            _where(trial, printed.line),
-            f"It prints {printed.lines / made:,.1f} lines a call: {megabytes:,.0f} MB in a million "
-            "steps, into the log of the worker.",
-            "Print now and then only, such as at the end of a lap.",
+            f"It prints {printed.lines / calls:,.1f} lines per call: {megabytes:,.0f} MB in a "
+            "million steps, into the log of the worker.",
+            "Print only now and then, such as at the end of a lap.",
+            printed.line,
         )
-    for growing in statement.growing:
+    for growing in tried.result.growing:
         more = (growing.after - growing.before) / growing.calls
-        yield Remark(
+        yield _warning(
+            tried,
             "globals",
-            "warning",
-            trial.name,
-            f"`{growing.name}` grows from call to call, by {more:.2g} each, and is never emptied: "
+            f"`{growing.name}` grows with every call, by {more:.2g} values, and is never emptied: "
             "a long training runs out of memory.",
-            'Empty it when an episode begins (`params["steps"] <= 2`), or keep the last few only.',
+            'Empty it when an episode begins (`params["steps"] <= 2`), or keep only the last few '
+            "values.",
         )
-    if statement.replaced:
-        yield Remark(
-            "replaces",
-            "error",
-            trial.name,
-            f"It puts something else in place of {', '.join(statement.replaced)}. The simulation "
-            "and other packages use that too.",
-            "Give your own function another name.",
-        )
-    if statement.changed:
-        yield Remark(
-            "changes-params",
-            "warning",
-            trial.name,
-            f"It changes its parameters ({', '.join(sorted(statement.changed))}). The simulation "
-            "does not mind, for each call gets a fresh copy.",
-            "Work on a copy, to be safe elsewhere.",
-        )
-    for idle in statement.idle:
-        where = _where(trial, idle.line)
-        yield Remark("first-step", "warning", where, idle.message, idle.remedy)
-    yield from _memory(trial)
-    for name, line in statement.unknown.items():
-        likely = closest(name, [*trial.course.drive.trips[0].calls[0], "waypoints"])
-        yield Remark(
+
+
+def _names(tried: TriedReward) -> Iterator[Violation]:
+    """Conditions on steps that never come, and names that are not parameters."""
+    for idle in idle_conditions(tried.text):
+        yield _warning(tried, "first-step", idle.message, idle.remedy, idle.line)
+    known = {*tried.course.drive.trips[0].calls[0], "waypoints"}
+    for name, line in unknown_parameters(tried.text, known).items():
+        likely = closest(name, known)
+        yield _warning(
+            tried,
             "parameters",
-            "warning",
-            _where(trial, line),
-            f"It asks for `{name}`, which is no parameter.",
-            f"Did you mean `{likely}`?" if likely else "See docs/reward-functions.md for all.",
+            f"It asks for `{name}`, which is not a parameter.",
+            f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists them all.",
+            line,
         )
 
 
-def _memory(trial: Trial) -> Iterator[Remark]:
-    random, memory = trial.statement.random, trial.statement.memory
+def _memory(tried: TriedReward) -> Iterator[Violation]:
+    random, memory = tried.result.random, tried.result.memory
     if random is not None:
-        yield Remark(
+        yield _warning(
+            tried,
             "random",
-            "warning",
-            trial.name,
-            f"The same drive gets a different reward when repeated: "
-            f"{_both(random, 'and')} ({trial.describe(random.place)}; {random.times:,} of "
+            "The reward changes when the same drive is repeated: "
+            f"{_both(random, 'and')} ({tried.course.describe(random.place)}; {random.times:,} of "
             f"{random.of:,} calls).",
-            "Remove random numbers and clocks: noise in the reward is learned from like any other.",
+            "Remove random numbers and clocks: the car also learns from noise in the reward.",
         )
     if memory is not None:
-        yield Remark(
+        yield _warning(
+            tried,
             "memory",
-            "warning",
-            trial.name,
-            f"The same parameters are paid by what was called before: "
-            f"{_both(memory, 'or')} ({trial.describe(memory.place)}; {memory.times:,} of "
+            "For the same parameters the reward depends on earlier calls: "
+            f"{_both(memory, 'or')} ({tried.course.describe(memory.place)}; {memory.times:,} of "
             f"{memory.of:,} calls). What it remembers outlives the episode.",
-            'Forget it when an episode begins (`params["steps"] <= 2`), or do without.',
+            'Reset it when an episode begins (`params["steps"] <= 2`), or do without it.',
         )
 
 
-def _speed(trial: Trial) -> Iterator[Remark]:
-    timing = trial.statement.timing
+def _speed(tried: TriedReward) -> Iterator[Violation]:
+    timing = tried.result.timing
     if timing is None:
         return
-    if timing.mean_s > _SLOW_SHARE * SIMULATION_STEP_S:
-        made, size = trial.statement.made, trial.course.size
-        verb = "was" if made == 1 else "were"
-        cut = f" Only {made:,} of {_counted(size, 'call')} {verb} made." if made < size else ""
-        yield Remark(
+    if timing.mean_s > SIMULATION_STEP_S:
+        calls, size = tried.result.calls, tried.course.size
+        verb = "was" if calls == 1 else "were"
+        cut = f" Only {calls:,} of {_counted(size, 'call')} {verb} made." if calls < size else ""
+        yield _warning(
+            tried,
             "costly",
-            "warning",
-            trial.name,
             f"A call takes {timing.mean_s * 1e3:,.4g} ms, more than the simulation of the step "
             f"itself: a million steps take {timing.mean_s * _TRAINING_STEPS / 60:,.0f} minutes "
             f"longer.{cut}",
-            "Work out once, outside the function, what does not change from step to step.",
+            "Compute what does not change from step to step once, outside the function.",
         )
     if timing.worst_s > _SLOW_CALL_S:
-        yield Remark(
+        yield _warning(
+            tried,
             "costly-call",
-            "warning",
-            trial.name,
-            f"One call takes {timing.worst_s:.1f} s ({trial.describe(timing.worst)}); one of 5 s "
-            "ends a training.",
+            f"One call takes {timing.worst_s:.1f} s ({tried.course.describe(timing.worst)}); a "
+            "call of 5 s ends a training.",
             "Move slow preparations out of the function, to the top of the file.",
         )
 
@@ -275,5 +297,11 @@ def _counted(count: int, thing: str) -> str:
     return f"{count:,} {thing}{'s' * (count != 1)}"
 
 
-def _where(trial: Trial, line: int | None) -> str:
-    return f"{trial.name} line {line}" if line else trial.name
+def _warning(
+    tried: TriedReward, rule: str, message: str, remedy: str, line: int | None = None
+) -> Violation:
+    return Violation(rule, "warning", _where(tried, line), message, remedy)
+
+
+def _where(tried: TriedReward, line: int | None) -> str:
+    return f"{tried.name} line {line}" if line else tried.name

@@ -2,123 +2,115 @@
 
 from collections.abc import Iterator
 
-from drcli.rewards.drivers import FAST, LEAVING, STANDING, STEADY
-from drcli.rewards.trial import Trial
+import numpy as np
 
-Worth = tuple[str, str, str]
+from drcli.rewards.course import TriedReward
+from drcli.rewards.drivers import FAST, LEAVING, STANDING, STEADY
+
+Loophole = tuple[str, str, str]
 """Rule, message and remedy."""
 
 _SAME = 1e-9
 _GROWS = 3.0
-"""How many times the greatest reward of the drive a late step may pay."""
+"""A late step that pays so many times the greatest reward of the drive grows without end."""
 
 _TIE = 0.05
 """Totals that differ by less are the same."""
 
 _NEARLY = 0.95
-"""Pay from this share on is as good."""
+"""A reward from this share on is as good."""
 
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
-def worth_remarks(trial: Trial) -> Iterator[Worth]:
-    """What is odd about its values."""
-    values = [
-        value
-        for sequence in trial.statement.values[: len(trial.course.drive.trips) + 1]
-        for value in sequence
-        if value is not None
-    ]
-    if not values:
+def loopholes(tried: TriedReward) -> Iterator[Loophole]:
+    """What its values lead a car to."""
+    values = np.concatenate([tried.drive_values, tried.grid_values.reshape(-1)])
+    values = values[~np.isnan(values)]
+    if not len(values):
         return
-    if max(values) - min(values) <= _SAME * max(abs(max(values)), 1.0):
+    if np.ptp(values) <= _SAME * max(abs(values.max()), 1.0):
         yield (
             "constant",
-            f"It always pays {values[0]:.4g}: the car learns at most to stay on the road for "
-            "long, slowly or in circles.",
+            f"It always pays {values[0]:.4g}: the car learns at most to stay on the road for a "
+            "long time, slowly or in circles.",
             "Pay more for what you want, such as being near the centre line, or being fast.",
         )
         return
-    yield from _growth(trial, values)
-    if trial.statement.memory is None:  # else it pays by what went before, not for the place
-        yield from _off_track(trial)
-        yield from _laps(trial)
+    yield from _growth(tried, float(np.abs(values).max()))
+    if tried.result.memory is None:  # else the reward depends on more than the place
+        yield from _off_track(tried)
+        yield from _laps(tried)
 
 
-def _growth(trial: Trial, values: list[float]) -> Iterator[Worth]:
-    greatest = max(map(abs, values))
-    late = trial.statement.values[-1][0]
-    if late is not None and abs(late) > _GROWS * greatest and abs(late) > 1.0:
-        name = next(iter(trial.course.unusual))
+def _growth(tried: TriedReward, greatest: float) -> Iterator[Loophole]:
+    late = tried.result.values[-1][0]
+    if late is not None and abs(late) > max(_GROWS * greatest, 1.0):
         yield (
             "unbounded",
-            f"It grows without end: {name} one step pays {late:,.4g}, on the whole drive none "
-            f"more than {greatest:,.4g}. Lasting long then counts for more than driving well.",
-            "Bound it, as in min(reward, 10.0), or pay by the pace: progress / steps.",
+            f"It grows without end: {next(iter(tried.course.unusual))}, one step pays {late:,.4g}; "
+            f"on the whole drive no step pays more than {greatest:,.4g}. Then a long episode is "
+            "worth more than one that is driven well.",
+            "Limit it, as in min(reward, 10.0), or pay for the pace: progress / steps.",
         )
 
 
-def _off_track(trial: Trial) -> Iterator[Worth]:
-    field = trial.course.field
-    pairs = list(zip(trial.field_values, field.off.reshape(-1).tolist(), strict=True))
-    count = len(field.along_m)
-    middle = len(field.off) // 2
-    beside = [value for value, off in pairs if off and value is not None]
-    centre = [
-        value
-        for value in trial.field_values[middle * count : (middle + 1) * count]
-        if value is not None
-    ]
-    if not beside or not centre:
+def _off_track(tried: TriedReward) -> Iterator[Loophole]:
+    values, off = tried.grid_values, tried.course.grid.off
+    beside, centre = values[off], values[len(values) // 2]
+    if np.isnan(beside).all() or np.isnan(centre).all():
         return
-    off_mean, on_mean = sum(beside) / len(beside), sum(centre) / len(centre)
+    off_mean, on_mean = float(np.nanmean(beside)), float(np.nanmean(centre))
     if off_mean >= on_mean - (1.0 - _NEARLY) * abs(on_mean):
         yield (
             "off-track",
-            f"A car with all wheels off the road is paid as well as one on the centre line "
-            f"({off_mean:.3g} and {on_mean:.3g} a step).",
-            'Return next to nothing where params["is_offtrack"], or not '
+            "A car with all wheels off the road is paid as much as one on the centre line "
+            f"({off_mean:.3g} and {on_mean:.3g} per step).",
+            'Return almost nothing if params["is_offtrack"], or if not '
             'params["all_wheels_on_track"].',
         )
 
 
-def _laps(trial: Trial) -> Iterator[Worth]:
-    steady, left = trial.total(STEADY), trial.total(LEAVING)
-    step, standing = trial.mean(STEADY), trial.mean(STANDING)
+def _laps(tried: TriedReward) -> Iterator[Loophole]:
+    steady, left = tried.total(STEADY), tried.total(LEAVING)
     if steady is not None and left is not None and left >= steady:
         yield (
             "short",
-            f"Leaving the road soon earns {left:.4g}, a whole lap {steady:.4g}: the car learns to "
-            "end the episode.",
-            "Pay more than zero for a good step, so that lasting longer earns more.",
+            f"Leaving the road soon earns {left:.4g}, a whole lap earns {steady:.4g}: the car "
+            "learns to end the episode.",
+            "Pay more than zero for a good step, so that a longer episode earns more.",
         )
         return
+    step, standing = tried.mean(STEADY), tried.mean(STANDING)
     creeping = ""
     if step is not None and standing is not None and standing >= _NEARLY * step > 0:
-        creeping = f" A car that creeps at 0.1 m/s earns {standing:.3g} a step, as one that drives."
-    fast = trial.total(FAST)
-    whole = trial.trip(STEADY).whole and trial.trip(FAST).whole
-    if steady is None or fast is None or not whole:
+        creeping = (
+            f"A car that creeps at 0.1 m/s earns {standing:.3g} per step, as much as one that "
+            "drives."
+        )
+    fast, prefers_fast = tried.total(FAST), tried.prefers_fast
+    if steady is None or fast is None or prefers_fast is None:
         if creeping:
-            yield ("standing", creeping.strip(), _BETTER)
+            yield "standing", creeping, _BETTER
         return
-    slow_s, fast_s = trial.trip(STEADY).seconds, trial.trip(FAST).seconds
-    both = f"{steady:,.4g} in {slow_s:.1f} s and {fast:,.4g} in {fast_s:.1f} s"
+    both = (
+        f"{steady:,.4g} in {tried.trip(STEADY).seconds:.1f} s and "
+        f"{fast:,.4g} in {tried.trip(FAST).seconds:.1f} s"
+    )
     if abs(steady - fast) <= _TIE * max(abs(steady), abs(fast)):
         yield (
             "cancels-out",
-            f"A slow lap earns as much as a fast one ({both}): more a step, but fewer steps."
-            f"{creeping}",
-            "Pay more than twice as much for twice the speed, such as its square, or a lap's end "
-            "by its steps.",
+            f"A slow lap earns as much as a fast one ({both}): the fast one is paid more per step, "
+            f"but has fewer steps. {creeping}".strip(),
+            "Pay more than twice as much for twice the speed, such as the square of the speed, or "
+            "pay for a complete lap by the number of its steps.",
         )
-    elif steady > fast:
-        rule = "standing" if creeping else "slow-lap"
+    elif not prefers_fast:
         yield (
-            rule,
+            "standing" if creeping else "slow-lap",
             f"A slow lap earns more than a fast one ({both}), so the car has no reason to get "
-            f"faster.{creeping}",
-            f"{_BETTER} To learn to stay on the road it does as it is.",
+            f"faster. {creeping}".strip(),
+            f"{_BETTER} It is fine as it is for learning to stay on the road.",
         )
     elif creeping:
-        yield ("standing", creeping.strip(), _BETTER)
+        yield "standing", creeping, _BETTER

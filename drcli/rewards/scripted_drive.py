@@ -1,4 +1,4 @@
-"""Drives scripted drivers over the configured track and records what a reward function is told."""
+"""Lets scripted drivers drive on the configured track and records the reward parameters."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from drcli.rewards.drivers import (
     TURNED,
     WEAVING,
     Navigator,
-    Pilot,
+    ScriptedDriver,
 )
 from drcli.workers.build_race import load_race, load_world, race_of
 from drsim.car.car import CONTROL_HZ
@@ -27,10 +27,10 @@ from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
 
 _FORGIVEN = 1_000
-"""Mishaps after which a lap goes on: it has to be a whole one, whatever stands on the road."""
+"""Resets that a lap survives: it has to be a whole one, whatever is on the road."""
 
 _SLOWEST_LAP_MPS = 0.4
-"""A lap that takes longer than at this speed is given up."""
+"""A lap that would take longer than at this speed is given up."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class Trip:
     """One driver's episode.
 
     Attributes:
-        pilot: Who drove.
-        calls: What the reward function is told at each step, without the waypoints.
+        driver: Who drove.
+        calls: The reward parameters of each step, without the waypoints.
         end: How it ended, in the words of traces.
         progress: Percent of the lap, at its end.
         mishaps: How often the car was put back on the road.
     """
 
-    pilot: Pilot
+    driver: ScriptedDriver
     calls: list[RewardParams]
     end: str
     progress: float
@@ -64,12 +64,12 @@ class Trip:
 
 @dataclass(frozen=True)
 class Drive:
-    """What every driver met.
+    """The trips of all drivers on one track.
 
     Attributes:
         track: The track as it is driven.
         world: Its name in the settings.
-        race: What else was on it.
+        race: What else is on it.
         race_type: Its name in the settings.
         trips: One for each driver.
     """
@@ -80,9 +80,9 @@ class Drive:
     race_type: str
     trips: list[Trip]
 
-    def trip(self, pilot: Pilot) -> Trip:
+    def trip(self, driver: ScriptedDriver) -> Trip:
         """The trip of a driver that took part."""
-        return next(trip for trip in self.trips if trip.pilot == pilot)
+        return next(trip for trip in self.trips if trip.driver == driver)
 
     @property
     def start_fraction(self) -> float:
@@ -92,12 +92,12 @@ class Drive:
         return float((first["projection_distance"] / self.track.length_m - travelled) % 1.0)
 
     def waypoints(self) -> dict[bool, list[tuple[float, float]]]:
-        """The parameter that is left out of `calls`, by `is_reversed`."""
+        """The parameter `waypoints`, which `calls` leaves out, by `is_reversed`."""
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
 def each_race(settings: Settings) -> list[Settings]:
-    """The settings of the first worker, and of all others whose track or race is another one."""
+    """The settings of the first worker, and of the others whose track or race differs."""
     distinct: dict[tuple[object, ...], Settings] = {}
     for worker in range(len(settings.overrides) + 1):
         own = settings.for_worker(worker)
@@ -108,7 +108,7 @@ def each_race(settings: Settings) -> list[Settings]:
 
 
 def drive(settings: Settings) -> Drive:
-    """Let all drivers drive on the track and in the race of the settings, the first worker's.
+    """Let all drivers drive on the track and in the race of the first worker.
 
     Raises:
         SettingsError: There is no such track, or the race does not fit on it.
@@ -119,15 +119,15 @@ def drive(settings: Settings) -> Drive:
         )
     track = load_world(settings)
     race = load_race(settings, track)
-    pilots = [STEADY, FAST, WEAVING, LEAVING, STANDING]
+    drivers = [STEADY, FAST, WEAVING, LEAVING, STANDING]
     if race != TIME_TRIAL:
-        pilots.append(RAMMING)
+        drivers.append(RAMMING)
     if settings.train_alternate_driving_direction:
-        pilots.append(TURNED)
+        drivers.append(TURNED)
     trips = _trips(
         track,
         _merciful(race),
-        pilots,
+        drivers,
         start=settings.train_start_position_offset,
         reverse=settings.train_reverse_direction,
     )
@@ -136,71 +136,71 @@ def drive(settings: Settings) -> Drive:
 
 
 def _merciful(race: Race) -> Race:
-    """The race with rules under which nobody is held up by one obstacle for ever."""
+    """The race with rules by which no obstacle can stop a driver for ever."""
     if race.obstacles is None:
         return race
     return replace(race, obstacles=replace(race.obstacles, mercy=1))
 
 
 def _trips(
-    track: Track, race: Race, pilots: list[Pilot], *, start: float, reverse: bool
+    track: Track, race: Race, drivers: list[ScriptedDriver], *, start: float, reverse: bool
 ) -> list[Trip]:
     directions = (track, track.reversed())
-    backward = np.array([reverse != pilot.turned for pilot in pilots])
-    drivers = [
-        Navigator(pilot, directions[way])
-        for pilot, way in zip(pilots, backward.tolist(), strict=True)
+    backward = np.array([reverse != driver.turned for driver in drivers])
+    navigators = [
+        Navigator(driver, directions[way])
+        for driver, way in zip(drivers, backward.tolist(), strict=True)
     ]
-    told: list[list[RewardParams]] = [[] for _ in pilots]
+    told: list[list[RewardParams]] = [[] for _ in drivers]
     max_steps = int(track.length_m / _SLOWEST_LAP_MPS * CONTROL_HZ)
     simulation = Simulation(
         track,
-        num_cars=len(pilots),
+        num_cars=len(drivers),
         reward_function=[_recorder(calls) for calls in told],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
         race=race,
     )
-    cars = np.arange(len(pilots))
-    starts = np.array([start + pilot.start for pilot in pilots])
-    ends = ["in_progress"] * len(pilots)
+    cars = np.arange(len(drivers))
+    starts = np.array([start + driver.start for driver in drivers])
+    ends = ["in_progress"] * len(drivers)
     try:
-        # All meet the same objects.
-        simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(pilots), np.uint64))
-        progress, resets = np.zeros(len(pilots)), np.zeros(len(pilots), np.int64)
-        running = np.ones(len(pilots), np.bool_)
+        # The same seed puts the same objects before all of them.
+        simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(drivers), np.uint64))
+        progress, resets = np.zeros(len(drivers)), np.zeros(len(drivers), np.int64)
+        running = np.ones(len(drivers), np.bool_)
         while running.any():
-            asked = _requests(drivers, told)
+            asked = _requests(navigators, told)
             known = [len(calls) for calls in told]
             result = simulation.step(asked[:, 0], asked[:, 1])
-            for car, pilot in enumerate(pilots):
+            for car, driver in enumerate(drivers):
                 if not running[car]:
-                    del told[car][known[car] :]  # its trip was over before
+                    del told[car][known[car] :]  # its trip had ended before
                     continue
                 progress[car], resets[car] = result.progress[car], result.resets[car]
                 ends[car] = Status(result.status[car]).label
-                mishap = not pilot.laps and resets[car] > 0
-                enough = len(told[car]) >= pilot.steps
+                mishap = not driver.laps and resets[car] > 0
+                enough = len(told[car]) >= driver.steps
                 running[car] = not (result.done[car] or mishap or enough)
     finally:
         simulation.close()
     return [
         Trip(*facts)
-        for facts in zip(pilots, told, ends, progress.tolist(), resets.tolist(), strict=True)
+        for facts in zip(drivers, told, ends, progress.tolist(), resets.tolist(), strict=True)
     ]
 
 
-def _requests(drivers: list[Navigator], told: list[list[RewardParams]]) -> NDArray[np.float64]:
+def _requests(navigators: list[Navigator], told: list[list[RewardParams]]) -> NDArray[np.float64]:
     """Steering angle and speed of each car. Shape (n, 2)."""
     return np.array(
         [
-            driver.act(calls[-1]) if calls else driver.first()
-            for driver, calls in zip(drivers, told, strict=True)
+            navigator.act(calls[-1]) if calls else navigator.first()
+            for navigator, calls in zip(navigators, told, strict=True)
         ]
     )
 
 
 def _recorder(calls: list[RewardParams]) -> RewardFunction:
-    """A reward function that keeps what it is told, but for the waypoints, always the same."""
+    """A reward function that records its parameters, except for the waypoints."""
 
     def record(params: RewardParams) -> float:
         del params["waypoints"]

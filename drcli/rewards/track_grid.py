@@ -1,4 +1,4 @@
-"""Places all over the road and beside it, as a reward function would be told of them."""
+"""Places all over the road and beside it, and the reward parameters of a car at each."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from drsim.race.traffic import Traffic
 Floats = NDArray[np.float64]
 
 SPEED_MPS = 1.5
-"""Speed that the action of every place asks for."""
+"""Speed that the car requests at every place."""
 
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
 OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
@@ -31,15 +31,15 @@ _SLOWEST_MPS = 0.5
 
 
 @dataclass(frozen=True)
-class Field:
-    """Places on the road and beside it, with a car on each that looks along the track.
+class Grid:
+    """Places on the road and beside it, with a car at each that points along the track.
 
     Attributes:
         along_m: Distances from waypoint 0. Shape (n,).
         xy: Places, offset by offset. Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
-        objects: Outlines of what stands there, corner by corner. Shape (objects, 4, 2).
-        calls: What the reward function is told, offset by offset, without the waypoints.
+        objects: Outlines of the objects, corner by corner. Shape (objects, 4, 2).
+        calls: The reward parameters, offset by offset, without the waypoints.
     """
 
     along_m: Floats
@@ -49,8 +49,8 @@ class Field:
     calls: list[RewardParams]
 
 
-def field(drive: Drive) -> Field:
-    """Places all along the lap, as in an episode that drives it at an even speed."""
+def track_grid(drive: Drive) -> Grid:
+    """Places all along the lap, with the steps of an episode at constant speed."""
     track = drive.track
     count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
     along_m = np.linspace(0.0, track.length_m, count, endpoint=False)
@@ -87,15 +87,15 @@ def field(drive: Drive) -> Field:
     for call in calls:
         del call["waypoints"]
     shape = (len(OFFSETS), count)
-    return Field(along_m, xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
+    return Grid(along_m, xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
 
 
-def unusual(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
-    """States that trainings meet now and then and a good drive does not, with their names.
+def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
+    """States that come up in trainings but not in a good drive, by name.
 
     Args:
         drive: The drive.
-        trip_calls: What the reward function was told of a driver that kept to the road.
+        trip_calls: The reward parameters of a driver that stays on the road.
     """
     usual = trip_calls[len(trip_calls) // 2]
     longest = longest_episode(drive)
@@ -114,13 +114,13 @@ def unusual(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardPar
 
 
 def longest_episode(drive: Drive) -> int:
-    """Steps of the longest episode to reckon with, with slow actions."""
+    """Steps of the longest episode to expect, with slow actions."""
     lap_s = drive.track.length_m / _SLOWEST_MPS
     return min(MAX_EPISODE_STEPS, math.ceil(SLACK * lap_s * CONTROL_HZ))
 
 
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
-    """The objects of the drive at its start, for so many cars, and their outlines."""
+    """The objects at the start of the drive, repeated for so many cars, and their outlines."""
     if drive.race == TIME_TRIAL:
         return None, np.empty((0, 4, 2))
     traffic = Traffic((drive.track, drive.track.reversed()), 1, drive.race)

@@ -2,7 +2,11 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+RewardErrorKind = Literal["load", "signature", "raises", "endless", "type", "range"]
+"""What is wrong with a reward function: its file, its parameters or its kind, an exception, a call
+that does not return, a value that is not a number, a number outside the limits."""
 
 
 class TrackError(ValueError):
@@ -17,6 +21,9 @@ class RewardError(RuntimeError):
         line: Line in that file, counted from 1, where known.
         source: The text of that line, or an empty string.
         params: The parameters of the failing call in short form; empty when loading failed.
+        kind: What is wrong.
+        reason: What went wrong in a call, such as "KeyError: 'sped'", without place and parameters;
+            empty when loading failed.
     """
 
     def __init__(
@@ -27,6 +34,8 @@ class RewardError(RuntimeError):
         line: int | None = None,
         source: str = "",
         params: Mapping[str, Any] | None = None,
+        kind: RewardErrorKind = "load",
+        reason: str = "",
     ) -> None:
         """Keep the place beside the sentence; the sentence alone must suffice for a reader."""
         super().__init__(message)
@@ -34,3 +43,5 @@ class RewardError(RuntimeError):
         self.line = line
         self.source = source
         self.params: dict[str, Any] = dict(params or {})
+        self.kind = kind
+        self.reason = reason

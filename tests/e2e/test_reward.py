@@ -39,7 +39,7 @@ def test_a_sound_function_is_checked_drawn_and_compared(workspace):
     assert told["works"] is True
     assert all(parameter["greatest"] is not None for parameter in told["parameters"][:4])
     assert drawn.stdout.startswith("Picture: reward.png")
-    assert "B pays a slow lap more." in compared.stdout
+    assert "B pays more for a slow lap." in compared.stdout
     for name in ("reward.png", "both.png"):
         with Image.open(workspace.folder / name) as picture:
             assert picture.width >= 1400

@@ -1,135 +1,79 @@
 """Notices what racers' code does beside returning a number. Works in a process of its own only."""
 
+import builtins
+import gc
 import io
+import math
 import os
+import random
 import sys
-import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
-from drcli.checks.sandbox.statement import Effect, EffectKind, Growth, Printed
+from drcli.checks.sandbox.sandbox_records import Effect, EffectKind, Growth, Printed
 
-_EVENTS: dict[str, EffectKind] = {
-    "os.chmod": "writes",
-    "os.chown": "writes",
-    "os.link": "writes",
-    "os.mkdir": "writes",
-    "os.remove": "writes",
-    "os.rename": "writes",
-    "os.rmdir": "writes",
-    "os.symlink": "writes",
-    "os.truncate": "writes",
-    "shutil.copyfile": "writes",
-    "shutil.move": "writes",
-    "shutil.rmtree": "writes",
-    "socket.bind": "network",
-    "socket.connect": "network",
-    "socket.getaddrinfo": "network",
-    "socket.gethostbyname": "network",
-    "socket.sendmsg": "network",
-    "socket.sendto": "network",
-    "sqlite3.connect": "writes",
-    "os.exec": "process",
-    "os.fork": "process",
-    "os.forkpty": "process",
-    "os.posix_spawn": "process",
-    "os.spawn": "process",
-    "os.system": "process",
-    "subprocess.Popen": "process",
+_FILE_CHANGES = ("chmod", "chown", "link", "mkdir", "remove", "rename", "rmdir", "symlink")
+_EVENTS: dict[EffectKind, tuple[str, ...]] = {
+    "writes": (*(f"os.{change}" for change in _FILE_CHANGES), "shutil.", "sqlite3.connect"),
+    "network": ("socket.bind", "socket.connect", "socket.gethost", "socket.getaddr", "socket.send"),
+    "process": ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.system", "subprocess."),
 }
-"""Events that Python reports to audit hooks. They say what is done, however it is written."""
+"""Starts of the events that Python reports to audit hooks, however the code is written."""
 
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _HARMLESS = ("/dev/", "/proc/", "/sys/")
-_IMPORTING = "<frozen importlib"
+_LIBRARIES = tuple({f"{sys.prefix}/", f"{sys.base_prefix}/"})
+_SHOWN = 80
 _MOST_COUNTED = 500_000
-"""Things counted in globals at most: enough to see growth, soon done."""
+"""Things counted in a global at most: enough to see growth, soon done."""
+
+_SHARED = (builtins, math, random, time)
+"""Modules that the simulation uses in the same process as the reward function."""
 
 
 class Effects:
-    """Listens to what a file of Python does, from now until the process ends.
-
-    Attributes:
-        listening: Whether it takes note.
-    """
+    """What a file of Python does while `listening` is set."""
 
     def __init__(self, file: str) -> None:
         self.listening = False
-        self._file = file
+        self.file = file
         self._seen: Counter[tuple[EffectKind, str, int]] = Counter()
-        self._libraries = tuple({f"{sys.prefix}/", f"{sys.base_prefix}/"})
-        sys.addaudithook(self._hear)
-
-    @contextmanager
-    def attached(self) -> Iterator[None]:
-        """Listen to threads and waiting too, of which Python 3.11 reports nothing."""
-        threads: Any = threading.Thread
-        clock: Any = time
-        start, sleep = threads.start, clock.sleep
-
-        def heard_start(thread: threading.Thread) -> None:
-            self._note("thread", "", sys._getframe(1))
-            start(thread)
-
-        def heard_sleep(seconds: float, /) -> None:
-            self._note("waits", f"{seconds:g} s", sys._getframe(1))
-            sleep(seconds)
-
-        threads.start, clock.sleep = heard_start, heard_sleep
-        try:
-            yield
-        finally:
-            threads.start, clock.sleep = start, sleep
+        _listen_with(self)
 
     def noted(self) -> list[Effect]:
         """What it did, in the order in which it began to."""
-        return [
-            Effect(kind=kind, what=what, line=line, times=times)
-            for (kind, what, line), times in self._seen.items()
-        ]
+        return [Effect(*what, times=times) for what, times in self._seen.items()]
 
-    def _hear(self, event: str, args: tuple[Any, ...]) -> None:
-        if not self.listening or not (event == "open" or event in _EVENTS):
-            return
-        kind = _EVENTS.get(event)
-        if kind is None:
-            kind = self._kind_of_open(*args)
-        if kind is None:
+    def hear(self, event: str, args: tuple[Any, ...]) -> None:
+        """Note an event of Python's if the file has caused it."""
+        if not self.listening:
             return
         self.listening = False  # what follows may itself be an event
-        self._note(kind, _what(event, args), sys._getframe(1), asked=True)
+        kind = self._kind_of_open(*args) if event == "open" else _kind_of(event)
+        line = line_in(self.file, sys._getframe(2)) if kind else None
+        if kind and line is not None:
+            self._seen[kind, _what(event, args), line] += 1
         self.listening = True
-
-    def _note(self, kind: EffectKind, what: str, frame: FrameType, *, asked: bool = False) -> None:
-        line = line_in(self._file, frame) if self.listening or asked else None
-        if line is not None:
-            self._seen[kind, what, line] += 1
 
     def _kind_of_open(self, path: object, mode: str | None, flags: int) -> EffectKind | None:
         if not isinstance(path, str | bytes | os.PathLike):
             return None
         name = os.fsdecode(path)
-        if name.startswith(_HARMLESS) or name == self._file:
+        if name.startswith(_HARMLESS) or name == self.file:
             return None
         if flags & _WRITING:
             return "writes"
-        return None if os.path.realpath(name).startswith(self._libraries) else "reads"
+        return None if os.path.realpath(name).startswith(_LIBRARIES) else "reads"
 
 
-class Listener(io.TextIOBase):
-    """Counts what is printed, and drops it: a flood must fill no disk.
-
-    Args:
-        file: The racer's file.
-    """
+class PrintCounter(io.TextIOBase):
+    """Counts what is printed, and drops it: a flood must not fill the disk."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
-        self.calls = 0
         self._file = file
         self._lines = self._characters = 0
         self._first: int | None = None
@@ -139,32 +83,51 @@ class Listener(io.TextIOBase):
         return True
 
     def write(self, text: str, /) -> int:
-        """Take note of a text."""
+        """Count a text."""
         if self._first is None:
             self._first = line_in(self._file, sys._getframe(1))
         self._lines += text.count("\n")
         self._characters += len(text)
         return len(text)
 
-    @property
-    def characters(self) -> int:
-        """How many there were so far."""
-        return self._characters
-
     def noted(self) -> Printed:
-        """What there was."""
-        return Printed(
-            lines=self._lines, characters=self._characters, line=self._first, calls=self.calls
-        )
+        """What was printed so far."""
+        return Printed(self._lines, self._characters, self._first)
+
+
+class Originals:
+    """Python's own functions, which racers' code may replace by others.
+
+    Attributes:
+        replaced: Which ones it has replaced, such as `math.sqrt`.
+    """
+
+    def __init__(self) -> None:
+        self.replaced: list[str] = []
+        self._before = [(module, dict(module.__dict__)) for module in _SHARED]
+
+    def restore(self) -> None:
+        """Put everything back. New names stay."""
+        changed = [
+            (module.__name__, name)
+            for module, before in self._before
+            for name in before
+            if name not in module.__dict__ or module.__dict__[name] is not before[name]
+        ]
+        for module, before in self._before:
+            module.__dict__.update(before)
+        # Nothing but syntax so far: any function may have been replaced.
+        names = [f"{module}.{name}" for module, name in changed]
+        self.replaced += [name for name in names if name not in self.replaced]
 
 
 def line_in(file: str, frame: FrameType | None) -> int | None:
-    """The line of a file that is being carried out; None if it is none of its doing, or imports."""
+    """The line of a file that is being executed; None if it has not caused this, or imports."""
     while frame is not None:
         name = frame.f_code.co_filename
         if name == file:
             return frame.f_lineno
-        if name.startswith(_IMPORTING):
+        if name.startswith("<frozen importlib"):
             return None
         frame = frame.f_back
     return None
@@ -172,85 +135,70 @@ def line_in(file: str, frame: FrameType | None) -> int | None:
 
 def sizes(module: Mapping[str, Any]) -> dict[str, int]:
     """How many things each global of a module holds, its functions and classes included."""
-    left = _MOST_COUNTED
-    found = {}
-    for name, value in module.items():
-        if name.startswith("__"):
-            continue
-        found[name] = _count(value, left, module)
-        left = max(left - found[name], 0)
-    return found
+    return {name: _size(value, module) for name, value in module.items() if name[:2] != "__"}
 
 
 def growth(before: Mapping[str, int], after: Mapping[str, int], calls: int) -> list[Growth]:
     """The globals that hold more than before, by at least one thing in a hundred calls."""
     return [
-        Growth(name=name, before=before.get(name, 0), after=size, calls=calls)
+        Growth(name, before.get(name, 0), size, calls)
         for name, size in after.items()
         if size - before.get(name, 0) > calls / 100
     ]
 
 
-def _count(value: Any, most: int, module: Mapping[str, Any]) -> int:
-    """Things within a value, itself not counted; never more than about `most`."""
-    seen: set[int] = set()
+def _size(value: Any, module: Mapping[str, Any]) -> int:
+    """Things within a value, itself not counted; never more than about `_MOST_COUNTED`."""
+    seen: set[int] = {id(module)}
     waiting, count = [value], 0
-    while waiting and count <= most:
+    while waiting and count <= _MOST_COUNTED:
         item = waiting.pop()
-        if id(item) in seen or isinstance(item, ModuleType):
+        if id(item) in seen or _is_foreign(item, module):
             continue
         seen.add(id(item))
         if isinstance(item, str | bytes | bytearray):
             count += len(item)
             continue
-        inside = _inside(item, module)
-        count += len(inside) + _numbers(item)
+        size = getattr(item, "size", 0)  # numbers in an array, of whatever library
+        inside = gc.get_referents(item)
+        count += len(inside) + (size if isinstance(size, int) else 0)
         waiting += inside
     return count
 
 
-def _inside(item: Any, module: Mapping[str, Any]) -> list[Any]:
-    if isinstance(item, Mapping):
-        return [*item.keys(), *item.values()]
+def _is_foreign(item: Any, module: Mapping[str, Any]) -> bool:
+    """Whether a library keeps this, so that it is not the racer's to empty."""
     if isinstance(item, FunctionType):
-        if item.__globals__ is not module:
-            return []
-        cells = [cell.cell_contents for cell in item.__closure__ or () if not _is_empty(cell)]
-        return [*vars(item).values(), *(item.__defaults__ or ()), *cells]
-    if isinstance(item, list | tuple | set | frozenset) or type(item).__name__ == "deque":
-        return list(item)
-    own = getattr(item, "__dict__", None)
-    if own and getattr(item, "__module__", None) == module.get("__name__"):
-        return list(own.values())
-    return []
+        return item.__globals__ is not module
+    if isinstance(item, type):
+        return item.__module__ != module.get("__name__")
+    return isinstance(item, ModuleType)
 
 
-def _is_empty(cell: Any) -> bool:
-    try:
-        cell.cell_contents  # noqa: B018
-    except ValueError:
-        return True
-    return False
-
-
-def _numbers(item: Any) -> int:
-    """Numbers in an array, of whatever library."""
-    size = getattr(item, "size", None)
-    return size if isinstance(size, int) else 0
+def _kind_of(event: str) -> EffectKind | None:
+    return next((kind for kind, starts in _EVENTS.items() if event.startswith(starts)), None)
 
 
 def _what(event: str, args: tuple[Any, ...]) -> str:
     """Which file, address or program an event is about."""
-    if event.startswith(("socket.connect", "socket.bind", "socket.send")):
-        return _shown(args[1])
-    if event == "os.posix_spawn" or event.startswith(("os.exec", "os.system", "subprocess")):
-        return _shown(args[0])
-    if event.startswith("os.fork"):
-        return ""
+    if event.startswith("socket."):
+        return _shown(args[0] if event.startswith("socket.get") else args[1])
+    if event.startswith(_EVENTS["process"]):
+        return _shown(args[0]) if args else ""
     paths = args[:1] if event == "open" else args[:2]
     return ", ".join(_shown(path) for path in paths if isinstance(path, str | bytes | os.PathLike))
 
 
 def _shown(value: object) -> str:
     text = os.fsdecode(value) if isinstance(value, bytes) else str(value)
-    return text if len(text) <= 80 else f"...{text[-80:]}"
+    return text if len(text) <= _SHOWN else f"...{text[-_SHOWN:]}"
+
+
+_listening: list[Effects] = []
+"""The one that listens now: Python never forgets an audit hook, so there is one."""
+
+
+def _listen_with(effects: Effects) -> None:
+    if not _listening:
+        sys.addaudithook(lambda event, args: _listening[-1].hear(event, args))
+    _listening[:] = [effects]

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.cli import candidates
+from drcli.base.errors import SettingsError
+from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
+from drcli.cli.views import reward_view
 from drcli.cli.working_folder import working_folder
 
 if TYPE_CHECKING:
@@ -16,7 +18,7 @@ app = typer.Typer(no_args_is_help=True, help="Check, plot and compare reward fun
 
 _File = Annotated[
     Path | None,
-    typer.Argument(metavar="FILE", help="A reward function; custom_files/ if left out."),
+    typer.Argument(metavar="FILE", help="A reward function; the one in custom_files/ if left out."),
 ]
 _World = Annotated[
     str | None,
@@ -33,25 +35,24 @@ _World = Annotated[
 def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
     """Try a reward function on a drive over the track, and say what is wrong with it.
 
-    Scripted drivers meet every parameter: on the centre line, slow and fast, from border to border,
-    off the road, and in a crash where the race has something to crash into. Exits 3 if a training
-    would fail, or come to harm.
+    Scripted drivers drive along the centre line, slowly and fast, from border to border, off the
+    road, and into an obstacle if the race has any. Exits with code 3 if a training would fail or
+    come to harm.
 
     Example: dr-reward check
     """
-    from drcli.base.errors import SettingsError
-    from drcli.cli import console
-    from drcli.cli.views import reward_view
     from drcli.rewards import check as checking
 
-    with console.waiting("Drivers try the reward function ..."):
+    with console.waiting("Trying the reward function ..."):
         report = checking.check(_settings(world), file, working_folder())
     console.emit(report, reward_view.check(report), as_json=as_json)
     if not report.works:
         count = len(report.errors)
         raise SettingsError(
             f"{report.file} has {count} error{'s' * (count > 1)}.",
-            remedy=report.errors[0].remedy if count == 1 else "Correct them, the first one first.",
+            remedy=report.errors[0].remedy
+            if count == 1
+            else "Correct them, beginning with the first.",
         )
 
 
@@ -59,7 +60,7 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
 def plot(
     file: _File = None,
     out: Annotated[
-        Path, typer.Option("-o", "--out", help="The picture; replaced if it is there.")
+        Path, typer.Option("-o", "--out", help="The picture; an older one is replaced.")
     ] = Path("reward.png"),
     world: _World = None,
     as_json: AsJson = False,
@@ -68,11 +69,9 @@ def plot(
 
     Example: dr-reward plot -o reward.png
     """
-    from drcli.cli import console
-    from drcli.cli.views import reward_view
     from drcli.rewards import plot as plotting
 
-    with console.waiting("Drivers try the reward function ..."):
+    with console.waiting("Trying the reward function ..."):
         report = plotting.plot(_settings(world), file, out, working_folder())
     console.emit(report, reward_view.plot(report), as_json=as_json)
 
@@ -91,11 +90,9 @@ def compare(
 
     Example: dr-reward compare custom_files/reward_function.py other.py -o both.png
     """
-    from drcli.cli import console
-    from drcli.cli.views import reward_view
     from drcli.rewards import compare as comparing
 
-    with console.waiting("Drivers try both reward functions ..."):
+    with console.waiting("Trying both reward functions ..."):
         report = comparing.compare(_settings(world), first, second, out, working_folder())
     console.emit(report, reward_view.comparison(report), as_json=as_json)
 

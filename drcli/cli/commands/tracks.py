@@ -5,8 +5,11 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
+from drcli.cli.views import tracks_view
 from drcli.cli.working_folder import settings, working_folder
 
 app = typer.Typer(
@@ -14,7 +17,7 @@ app = typer.Typer(
     help="List, show, add and fetch tracks.\n\nExample: dr-tracks show reinvent_base",
 )
 
-_Force = Annotated[bool, typer.Option("--force", help="Replace a track of that name.")]
+_Force = Annotated[bool, typer.Option("--force", help="Replace a track of the same name.")]
 
 
 @app.command("list")
@@ -23,8 +26,6 @@ def list_all(as_json: AsJson = False) -> None:
 
     Example: dr-tracks list --json
     """
-    from drcli.cli import console
-    from drcli.cli.views import tracks_view
     from drcli.tracks.track_list import list_tracks
 
     memory = working_folder() / "data" / "cache" / "tracks.json"
@@ -51,10 +52,6 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli.base.errors import SettingsError
-    from drcli.base.problems import shown
-    from drcli.cli import console
-    from drcli.cli.views import tracks_view
     from drcli.config.worlds import ROUTE_FILES, is_here, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
@@ -83,8 +80,6 @@ def add(
 
     Example: dr-tracks add my_track.svg --length 25 --width 0.9
     """
-    from drcli.cli import console
-    from drcli.cli.views import tracks_view
     from drcli.tracks.tracks_folder import add_track
 
     facts = add_track(
@@ -113,8 +108,6 @@ def fetch(
 
     Example: dr-tracks fetch Oval_track
     """
-    from drcli.cli import console
-    from drcli.cli.views import tracks_view
     from drcli.tracks.community import fetch_track
 
     s = settings()
@@ -125,7 +118,6 @@ def fetch(
 
 def _say_what_it_hides(name: str) -> None:
     """Tell that a new file takes the place of a built-in track."""
-    from drcli.cli import console
     from drcli.config.worlds import built_in
 
     if name in built_in():

@@ -10,9 +10,9 @@ from drcli.cli.views import sparkline
 from drcli.cli.views.layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
+    from drcli.checks.check_report import Violation
     from drcli.rewards.check import OtherRace, RewardReport
     from drcli.rewards.compare import ComparisonReport
-    from drcli.rewards.lint import Remark
     from drcli.rewards.plot import PlotReport
 
 _CURVE_COLUMNS = 54
@@ -22,7 +22,7 @@ _CURVE_NAME = "steady lap "
 
 
 def check(report: "RewardReport") -> RenderableType:
-    """What a check has found out."""
+    """What a check has found."""
     verdict = Text("works", "bold green") if report.works else Text("does not work", "bold red")
     parts: list[RenderableType] = [
         Text.assemble((report.file, "bold"), " ", verdict),
@@ -34,12 +34,12 @@ def check(report: "RewardReport") -> RenderableType:
         parts += [Text(""), _drivers(report)]
         curve = [value for value in report.curve if value is not None]
         parts.append(Fitted(lambda columns: _curve(curve, columns)))
-    for title, style, remarks in (
+    for title, style, problems in (
         ("Error", "bold red", report.errors),
         ("Warning", "bold yellow", report.warnings),
     ):
-        for remark in remarks:
-            parts += [Text(""), _remark(remark, title, style)]
+        for problem in problems:
+            parts += [Text(""), _problem(problem, title, style)]
     return Group(*parts)
 
 
@@ -51,7 +51,7 @@ def plot(report: "PlotReport") -> RenderableType:
         Text.assemble("Picture: ", (report.picture, "bold"), replaced),
         Text(
             f"{report.file} on {report.world}: {_number(report.least)} to "
-            f"{_number(report.greatest)} for a place."
+            f"{_number(report.greatest)} per step on the map."
         ),
         Text(f"Sums: {laps}."),
     )
@@ -82,13 +82,16 @@ def comparison(report: "ComparisonReport") -> RenderableType:
         Text(""),
         table,
         Text(""),
-        Text(_likeness(report)),
+        Text(_correlation(report)),
     ]
     for name, prefers in (("A", report.first_prefers_fast), ("B", report.second_prefers_fast)):
         if prefers is not None:
-            parts.append(Text(f"{name} pays {'a fast' if prefers else 'a slow'} lap more."))
+            parts.append(Text(f"{name} pays more for {'a fast' if prefers else 'a slow'} lap."))
     if report.places:
-        parts += [Text(""), Text("They differ most, each scaled to what it pays:")]
+        parts += [
+            Text(""),
+            Text("The steps at which they differ most, each scaled to what it pays:"),
+        ]
         parts += [
             indented(f"{place.place}: A {_number(place.first)}, B {_number(place.second)}")
             for place in report.places
@@ -152,20 +155,20 @@ def _curve(rewards: list[float], columns: int) -> Text:
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
 
-def _remark(remark: "Remark", title: str, style: str) -> RenderableType:
+def _problem(problem: "Violation", title: str, style: str) -> RenderableType:
     return Group(
-        Text.assemble((f"{title}: ", style), remark.where, (f" ({remark.rule})", "dim")),
-        indented(remark.message),
-        indented(Text.assemble(("Try: ", "dim"), remark.remedy)),
+        Text.assemble((f"{title}: ", style), problem.where, (f" ({problem.rule})", "dim")),
+        indented(problem.message),
+        indented(Text.assemble(("Try: ", "dim"), problem.remedy)),
     )
 
 
-def _likeness(report: "ComparisonReport") -> str:
+def _correlation(report: "ComparisonReport") -> str:
     if report.correlation is None or report.rank_correlation is None:
-        return "One of them pays the same everywhere, so there is no likeness to tell."
+        return "One of them pays the same everywhere, so there is no correlation."
     return (
         f"Correlation of all steps: {report.correlation:.2f}, of their order "
-        f"{report.rank_correlation:.2f} (1: the same wishes)."
+        f"{report.rank_correlation:.2f} (1: the same goals)."
     )
 
 

@@ -24,7 +24,7 @@ from drsim.episode.reward_errors import (
     shown,
     source,
 )
-from drsim.errors import RewardError
+from drsim.errors import RewardError, RewardErrorKind
 
 RewardParams = dict[str, Any]
 RewardFunction = Callable[[RewardParams], float]
@@ -70,6 +70,7 @@ def load_reward_function(path: Path) -> RewardFunction:
         raise RewardError(
             f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`.",
             file=path,
+            kind="signature",
         )
     _check_arity(path, function)
     _check_kind(path, function)
@@ -165,6 +166,10 @@ def centre_line_reward(params: RewardParams) -> float:
 class _NoRewardError(Exception):
     """The value returned is no reward; the text says why."""
 
+    def __init__(self, reason: str, kind: RewardErrorKind) -> None:
+        super().__init__(reason)
+        self.kind = kind
+
 
 def _read(path: Path) -> str:
     try:
@@ -218,7 +223,8 @@ def _check_arity(path: Path, function: Callable[..., Any]) -> None:
         code = code_of(function)
         line = code.co_firstlineno if code is not None else None
         what = "must take exactly one argument, params"
-        raise _refused(f"`{_FUNCTION_NAME}`{place(path, line)} {what}.", path, line) from error
+        refusal = f"`{_FUNCTION_NAME}`{place(path, line)} {what}."
+        raise _refused(refusal, path, line, kind="signature") from error
 
 
 def _check_kind(path: Path, function: Callable[..., Any]) -> None:
@@ -246,19 +252,21 @@ def _raise_syntax(path: Path, error: Exception) -> NoReturn:
     ) from error
 
 
-def _refused(what: str, path: Path, line: int | None) -> RewardError:
+def _refused(
+    what: str, path: Path, line: int | None, *, kind: RewardErrorKind = "load"
+) -> RewardError:
     """A file that cannot be used, with the line in question."""
-    return RewardError(
-        f"{what}{quoted(path, line)}", file=path, line=line, source=source(path, line)
-    )
+    text = f"{what}{quoted(path, line)}"
+    return RewardError(text, file=path, line=line, source=source(path, line), kind=kind)
 
 
 def _number(value: object) -> float:
     number = as_number(value)
     if number is None:
-        raise _NoRewardError(f"it returned {shown(value)}, which is not a number")
+        raise _NoRewardError(f"it returned {shown(value)}, which is not a number", "type")
     if not -REWARD_LIMIT <= number <= REWARD_LIMIT:  # false for NaN as well
-        raise _NoRewardError(f"it returned {number}; rewards must lie between -100000 and 100000")
+        reason = f"it returned {number}; rewards must lie between -100000 and 100000"
+        raise _NoRewardError(reason, "range")
     return number
 
 
@@ -290,10 +298,12 @@ def _raise_failed(
     code = code_of(function)
     path = Path(code.co_filename) if code else None
     line = line_in(code.co_filename, error.__traceback__) if code else None
+    kind: RewardErrorKind = "raises"
     if isinstance(error, _NoRewardError):
         line = code.co_firstlineno if code else None
-        what = str(error)
+        kind, what = error.kind, str(error)
     elif isinstance(error, DeadlinePassed):
+        kind = "endless"
         what = f"{_late(deadline_s)}, probably an endless loop"
     else:
         what = described(error)
@@ -305,4 +315,6 @@ def _raise_failed(
         line=line,
         source=source(path, line),
         params=short,
+        kind=kind,
+        reason=what,
     ) from (None if isinstance(error, _NoRewardError | DeadlinePassed) else error)

@@ -1,16 +1,18 @@
 """A working folder in which nothing is wrong, to spoil in one place at a time."""
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import pytest
 
 from drcli.checks.check_report import Report, Violation
-from drcli.checks.sandbox import inputs_process
+from drcli.checks.sandbox.sandbox_process import calls_of, try_function
+from drcli.checks.try_inputs import problems_of, request_of
 from drcli.checks.validate import validate
-from drcli.exchange.job import Job
+from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.memory_bucket import MemoryBucket
@@ -86,18 +88,38 @@ class Folder:
 
 
 @pytest.fixture
-def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
-    """A folder whose bucket is in memory and whose trial needs no process."""
+def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Violation]]:
+    """What a start finds about the worlds and the reward function, in this process."""
+
+    def find(
+        settings: Settings, reward: InputFile | None = None, **options: float
+    ) -> list[Violation]:
+        request = replace(request_of(settings, reward), **options)
+        calls, problems = calls_of(request)
+        if reward is None:
+            return problems
+        scratch = tmp_path_factory.mktemp("sandbox")
+        file = scratch / "reward_function.py"
+        file.write_bytes(reward.data)
+        with (scratch / "faults.txt").open("w") as faults:
+            result = try_function(request, file, calls, faults)
+        return list(problems_of(replace(result, problems=problems), request.name))
+
+    return find
+
+
+@pytest.fixture
+def folder(
+    working_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    try_here: Callable[..., list[Violation]],
+) -> Folder:
+    """A folder whose bucket is in memory and whose sandbox needs no process."""
     made = Folder(working_folder)
 
-    def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Violation]:
-        if reward is None:
-            return inputs_process.try_inputs(job.settings, None)
-        job.folder.mkdir(parents=True, exist_ok=True)
-        path = job.folder / "reward_function.py"
-        path.write_bytes(reward.data)
-        return inputs_process.try_inputs(job.settings, (path, reward.origin))
-
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
-    monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_inputs)
+    monkeypatch.setattr(
+        "drcli.checks.before_start.try_inputs",
+        lambda settings, _directory, reward, _given_up: try_here(settings, reward),
+    )
     return made

@@ -10,10 +10,10 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import rules
-from drcli.checks.sandbox import inputs_process
 from drcli.checks.validate import validate
 from drcli.config.settings import load_settings
 from drcli.exchange.run_record import RunRecord
+from drcli.modelfiles.custom_files import InputFile
 from drcli.runs.plan import StartOptions, prepare
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -291,13 +291,14 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
     assert "progress == 1" in warning
 
 
-def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder):
-    path = folder.path / "loop.py"
-    path.write_text("def reward_function(params):\n    while True:\n        pass\n")
+def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
+    loop = b"def reward_function(params):\n    while True:\n        pass\n"
     started_s = time.monotonic()
 
-    [found] = inputs_process.try_inputs(
-        load_settings(folder.path, environ={}), (path, "mine.py"), 0.2
+    [found] = try_here(
+        load_settings(folder.path, environ={}),
+        InputFile("reward_function.py", loop, "mine.py"),
+        call_s=0.2,
     )
 
     assert (found.rule, found.where) == ("V-21", "mine.py line 2")

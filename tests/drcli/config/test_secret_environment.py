@@ -171,7 +171,7 @@ def test_racers_code_cannot_send_signals_to_whoever_started_it(code):
     )
 
     assert done.returncode == 0
-    assert "may not send signals" in done.stdout
+    assert "must not send signals" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -5,22 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.sandbox.recording import testify as testify_to
-from drcli.checks.sandbox.statement import Order, Statement
+from drcli.checks.sandbox.sandbox_records import SandboxResult
 from drcli.config.settings import Settings, load_settings
+from drcli.rewards.course import Course, TriedReward
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.trial import Course, Trial
 from drsim.episode.reward import RewardFunction
-
-
-class NoGuard:
-    """Nothing is guarded: a test that hangs is ended by pytest."""
-
-    def begin(self, limit_s: float) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
 
 
 @pytest.fixture(scope="session")
@@ -56,33 +45,27 @@ def obstacle_course(settings_of: Callable[..., Settings]) -> Course:
 
 
 @pytest.fixture
-def trial_of(course: Course) -> Callable[[RewardFunction], Trial]:
-    """A function called along the course, here, with what it returns and nothing else."""
+def with_result(course: Course) -> Callable[..., TriedReward]:
+    """A function of which this was found."""
 
-    def call(function: RewardFunction) -> Trial:
-        waypoints = course.drive.waypoints()
-        sequences = course.questions().sequences
-        values = [
-            [function({**call, "waypoints": waypoints[call["is_reversed"]]}) for call in calls]
-            for calls in sequences
-        ]
-        return Trial("mine.py", course, Statement(values=values, made=course.size))
+    def make(result: SandboxResult, text: str = "", name: str = "mine.py") -> TriedReward:
+        return TriedReward(name, course, result, Path(name), text.encode())
 
-    return call
+    return make
 
 
 @pytest.fixture
-def testify(course: Course, tmp_path: Path) -> Callable[..., Statement]:
-    """What a witness has to say about a file, after two short episodes, in this process."""
+def tried_of(
+    course: Course, with_result: Callable[..., TriedReward]
+) -> Callable[[RewardFunction], TriedReward]:
+    """A function called along the course, here, with what it returns and nothing else."""
 
-    def hear(text: str, *, steps: int = 40) -> Statement:
-        file = tmp_path / "reward_function.py"
-        file.write_text(text)
-        trips = [trip.calls[:steps] for trip in course.drive.trips[:2]]
-        order = Order(
-            file=str(file), sequences=trips, repeated=2, waypoints=course.drive.waypoints()
-        )
-        with (tmp_path / "faults.txt").open("w") as faults:
-            return testify_to(order, faults, NoGuard())
+    def call(function: RewardFunction) -> TriedReward:
+        waypoints = course.drive.waypoints()
+        values = [
+            [function({**call, "waypoints": waypoints[call["is_reversed"]]}) for call in calls]
+            for calls in course.sequences
+        ]
+        return with_result(SandboxResult(values=values, calls=course.size))
 
-    return hear
+    return call

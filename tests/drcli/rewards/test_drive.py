@@ -6,22 +6,22 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.sandbox.statement import Statement
+from drcli.checks.sandbox.sandbox_records import SandboxResult
 from drcli.rewards.check import _parameters
+from drcli.rewards.course import TriedReward
 from drcli.rewards.drivers import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.trial import Trial
 
 ALWAYS_THE_SAME = {"track_length"}
 
 
 def ranges(course):
-    parameters = _parameters(Trial("", course, Statement(values=[])))
+    parameters = _parameters(TriedReward("", course, SandboxResult(), Path("mine.py"), b""))
     return {found.name: (found.least, found.greatest) for found in parameters}
 
 
 def test_slow_fast_and_weaving_drivers_complete_their_laps(course):
-    trips = [course.drive.trip(pilot) for pilot in (STEADY, FAST, WEAVING)]
+    trips = [course.drive.trip(driver) for driver in (STEADY, FAST, WEAVING)]
 
     assert all(trip.whole for trip in trips)
     assert trips[1].seconds < 0.8 * trips[0].seconds
@@ -52,7 +52,7 @@ def test_the_driver_that_rams_ends_in_a_crash(obstacle_course):
 
 def test_both_directions_are_driven_where_training_turns_round(obstacle_course):
     directions = {
-        trip.pilot: {call["is_reversed"] for call in trip.calls}
+        trip.driver: {call["is_reversed"] for call in trip.calls}
         for trip in obstacle_course.drive.trips
     }
 
@@ -89,16 +89,16 @@ def test_every_parameter_of_a_car_takes_on_its_values_in_a_time_trial(course):
     assert found["objects_location"] == (None, None)
 
 
-def test_places_of_the_field_are_told_like_those_of_a_drive(course):
-    field, driven = course.field, course.drive.trip(STEADY).calls[0]
-    middle = field.calls[len(field.along_m) * (len(field.off) // 2) :][: len(field.along_m)]
+def test_places_of_the_grid_are_told_like_those_of_a_drive(course):
+    grid, driven = course.grid, course.drive.trip(STEADY).calls[0]
+    middle = grid.calls[len(grid.along_m) * (len(grid.off) // 2) :][: len(grid.along_m)]
 
     assert {key: type(value) for key, value in middle[0].items()} == {
         key: type(value) for key, value in driven.items()
     }
     assert max(call["distance_from_center"] for call in middle) < 1e-6
-    assert field.off[[0, -1]].all()
-    assert not field.off[2:-2].any()
+    assert grid.off[[0, -1]].all()
+    assert not grid.off[2:-2].any()
 
 
 def test_a_race_of_two_models_is_refused_with_the_setting_to_change(settings_of):

@@ -5,19 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.first_step import idle_conditions
-from drcli.checks.sandbox.statement import (
+from drcli.checks.sandbox.sandbox_records import (
     Difference,
     Effect,
     Failure,
     Growth,
     Place,
     Printed,
-    Statement,
+    SandboxResult,
     Timing,
 )
-from drcli.rewards.lint import remarks
-from drcli.rewards.trial import Trial
+from drcli.rewards.lint import problems_of
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
@@ -27,9 +25,9 @@ def on_the_road(params):
 
 
 @pytest.fixture
-def rules(trial_of):
+def rules(tried_of):
     def of(function) -> list[str]:
-        return [remark.rule for remark in remarks(trial_of(function))]
+        return [problem.rule for problem in problems_of(tried_of(function))]
 
     return of
 
@@ -38,10 +36,10 @@ def test_a_constant_reward_is_told_and_nothing_follows_from_it(rules):
     assert rules(lambda params: 1.0) == ["constant"]
 
 
-def test_pay_for_speed_alone_cancels_out(rules, trial_of):
-    found = remarks(trial_of(lambda params: params["speed"] if on_the_road(params) else 0.0))
+def test_pay_for_speed_alone_cancels_out(rules, tried_of):
+    found = problems_of(tried_of(lambda params: params["speed"] if on_the_road(params) else 0.0))
 
-    assert [remark.rule for remark in found] == ["cancels-out"]
+    assert [problem.rule for problem in found] == ["cancels-out"]
     assert "12.1 s" in found[0].message
 
 
@@ -88,43 +86,78 @@ def test_the_shipped_example_is_known_to_pay_a_slow_lap_more(rules):
 
 
 @pytest.fixture
-def told(course):
-    """What is said about a statement, by rule."""
+def values(course):
+    """Rewards without a loophole that anything is said about."""
+    return [[float(k % 7) for k in range(len(calls))] for calls in course.sequences]
 
-    def of(**facts):
-        values = [[float(k % 7) for k in range(len(c))] for c in course.questions().sequences]
-        statement = Statement(values=values, **{"made": course.size, **facts})
-        return {remark.rule: remark for remark in remarks(Trial("mine.py", course, statement))}
+
+@pytest.fixture
+def told(with_result, course, values):
+    """What is said about a result, by rule."""
+
+    def of(*, text: str = "", **found):
+        result = SandboxResult(values=values, **{"calls": course.size, **found})
+        return {problem.rule: problem for problem in problems_of(with_result(result, text))}
 
     return of
 
 
-def test_a_failure_may_bring_a_remedy_of_its_own(told):
-    failure = Failure(kind="load", what="It fails.", line=1, source="", remedy="Do so.", times=1)
+@pytest.mark.parametrize(
+    ("module", "remedy"),
+    [
+        ("no_such.geometry", "as with `pip install no_such`, or do without"),
+        ("line", "Put what you need of line into mine.py"),
+        ("reward_function", "Remove the import"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_has_a_remedy(told, tmp_path, monkeypatch, module, remedy):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "line.py").write_text("POINTS = []\n")
+    failure = Failure("load", "It fails.", line=1, missing=module)
 
-    assert told(failures=[failure])["loads"].remedy == "Do so."
+    assert remedy in told(failures=[failure])["loads"].remedy
 
 
-def test_what_is_put_in_place_of_pythons_own_is_an_error(told):
-    remark = told(replaced=["math.sqrt", "builtins.len"])["replaces"]
+def test_replacing_pythons_own_functions_is_an_error(told):
+    problem = told(failures=[Failure("replaces", "The file replaces math.sqrt.")])["replaces"]
 
-    assert remark.severity == "error"
-    assert "in place of math.sqrt, builtins.len." in remark.message
+    assert (problem.severity, problem.where) == ("error", "mine.py")
 
 
 def test_waiting_for_a_step_that_never_comes_is_told_with_its_line(told):
-    idle = idle_conditions("def reward_function(params):\n    return params['steps'] == 1\n")
+    problem = told(text="def reward_function(params):\n    return params['steps'] == 1\n")[
+        "first-step"
+    ]
 
-    remark = told(idle=idle)["first-step"]
+    assert (problem.severity, problem.where) == ("warning", "mine.py line 2")
+    assert "is never true" in problem.message
 
-    assert (remark.severity, remark.where) == ("warning", "mine.py line 2")
-    assert "is never true" in remark.message
+
+@pytest.mark.parametrize(
+    "asks",
+    ["params['distance_from_centre']", "params.get('distance_from_centre', 0)"],
+)
+def test_a_name_that_is_not_a_parameter_is_told_with_its_line(told, asks):
+    text = (
+        f"def reward_function(params):\n    params['own'] = 1\n    return params['own'] + {asks}\n"
+    )
+
+    problem = told(text=text)["parameters"]
+
+    assert problem.where == "mine.py line 3"
+    assert problem.remedy == "Did you mean `distance_from_center`?"
+
+
+def test_names_of_other_dictionaries_are_not_told(told):
+    text = "START = {}\ndef reward_function(params):\n    return START['begun'] + params['x']\n"
+
+    assert "parameters" not in told(text=text)
 
 
 def test_one_is_counted_as_one(told):
-    found = told(effects=[Effect(kind="waits", what="10 s", line=3, times=1)], made=1)
+    found = told(effects=[Effect(kind="reads", what="line.npy", line=3, times=1)], calls=1)
 
-    assert "(1 time in 1 call)" in found["waits"].message
+    assert "(1 time in 1 call)" in found["reads"].message
 
 
 @pytest.mark.parametrize(
@@ -147,32 +180,26 @@ def test_two_values_are_shown_with_enough_digits_to_tell_them_apart(
     assert f"{shown[0]} {word} {shown[1]} (" in told(**{rule: found})[rule].message
 
 
-def test_effects_and_habits_are_put_into_words_errors_first(course):
-    values = [[float(k % 7) for k in range(len(calls))] for calls in course.questions().sequences]
-    statement = Statement(
+def test_effects_and_habits_are_put_into_words_errors_first(with_result, course, values):
+    result = SandboxResult(
         values=values,
-        made=course.size,
+        calls=course.size,
         effects=[
             Effect(kind="reads", what="line.npy", line=3, times=1),
             Effect(kind="writes", what="log.txt", line=9, times=500),
         ],
-        printed=Printed(lines=course.size, characters=20 * course.size, line=7, calls=course.size),
+        printed=Printed(lines=course.size, characters=20 * course.size, line=7),
         growing=[Growth(name="SEEN", before=10, after=110, calls=100)],
-        changed={"speed": 3},
-        unknown={"sped": 5},
-        timing=Timing(
-            median_s=1e-3, mean_s=1e-3, worst_s=2.0, worst=Place(sequence=0, index=1), load_s=0.1
-        ),
+        timing=Timing(median_s=1e-3, mean_s=1e-3, worst_s=2.0, worst=Place(sequence=0, index=1)),
     )
 
-    found = remarks(Trial("custom_files/reward_function.py", course, statement))
+    found = problems_of(with_result(result, name="custom_files/reward_function.py"))
 
     assert found[0].severity == "error"
     assert found[0].where == "custom_files/reward_function.py line 9"
     assert "log.txt (500 times" in found[0].message
-    told = {remark.rule: remark for remark in found[1:]}
+    told = {problem.rule: problem for problem in found[1:]}
     assert "20 MB in a million steps" in told["prints"].message
-    assert told["parameters"].remedy == "Did you mean `speed`?"
     assert "17 minutes" in told["costly"].message
     assert "2.0 s (steady driver, step 3" in told["costly-call"].message
-    assert {"reads", "globals", "changes-params"} <= set(told)
+    assert {"reads", "globals"} <= set(told)

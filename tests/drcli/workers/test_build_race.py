@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.sandbox.inputs_process import sample_params, try_inputs
+from drcli.checks.sandbox.sample_calls import sample_params
 from drcli.config.settings import Settings, load_settings
 from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
 from drsim.car.realism import Realism
@@ -142,19 +142,3 @@ def test_a_reward_function_is_tried_among_the_objects_of_its_race():
 
     assert {len(params["objects_location"]) for params in calls} == {4}
     assert {params["is_crashed"] for params in calls} == {True, False}
-
-
-def test_a_trial_begins_with_the_first_call_of_an_episode(settings, tmp_path):
-    keeps_state = """
-START = {}
-
-
-def reward_function(params):
-    if params["steps"] == 2:
-        START["progress"] = params["progress"]
-    return params["progress"] - START["progress"]
-"""
-    file = tmp_path / "reward_function.py"
-    file.write_text(keeps_state)
-
-    assert try_inputs(settings(), (file, "mine.py")) == []

@@ -23,7 +23,6 @@ from drcli.rewards.check import (
     TimeReport,
 )
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
-from drcli.rewards.lint import Remark
 from drcli.rewards.plot import PlotReport
 from drcli.runs.evaluation import EvaluationReport
 from drcli.runs.increment import Increment
@@ -226,7 +225,7 @@ def _settings():
 
 
 def _reward_report() -> SimpleNamespace:
-    remark = Remark("works", "error", "reward_function.py line 3", "It fails. " * 9, "Mend it.")
+    remark = Violation("works", "error", "reward_function.py line 3", "It fails. " * 9, "Mend it.")
     return SimpleNamespace(
         works=False,
         others=[],

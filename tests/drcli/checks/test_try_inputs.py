@@ -1,4 +1,4 @@
-"""A reward function that harms the process it is tried in is told as a finding."""
+"""Worlds and the reward function as they are tried before a start."""
 
 import os
 import re
@@ -6,15 +6,13 @@ import signal
 import subprocess
 import sys
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
 import pytest
 
 from drcli.checks.before_start import examine
-from drcli.checks.check_report import find_tried
-from drcli.checks.sandbox.inputs import try_inputs
+from drcli.checks.try_inputs import request_of, try_inputs
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
@@ -23,23 +21,31 @@ ROOT = Path(__file__).resolve().parents[3]
 
 HANGING = "def reward_function(params):\n    while True:\n        pass\n"
 
-DEAF = "import signal\nwhile True:\n    try: signal.pause()\n    except: pass\n"
+KEEPS_STATE = """
+START = {}
+
+
+def reward_function(params):
+    if params["steps"] == 2:
+        START["progress"] = params["progress"]
+    return params["progress"] - START["progress"]
+"""
 
 
 @pytest.fixture
-def job(folder, tmp_path):
-    """A start of the working folder."""
-    settings = load_settings(folder.path, environ={})
-    return Job(settings, folder.path, "abc", 0, None, None, tmp_path / "trial", os.getpid())
+def settings(folder):
+    """Those of the working folder."""
+    return load_settings(folder.path, environ={})
 
 
 @pytest.fixture
-def tried(job):
+def tried(settings, folder):
     """What is found about a reward function, in a process as when a training starts."""
 
     def find(before: str, body: str):
         code = f"{before}\n\n\ndef reward_function(params):\n    {body}\n"
-        return try_inputs(job, InputFile("reward_function.py", code.encode(), "mine.py"), Event())
+        reward = InputFile("reward_function.py", code.encode(), "mine.py")
+        return try_inputs(settings, folder.path, reward, Event())
 
     return find
 
@@ -47,16 +53,17 @@ def tried(job):
 @pytest.mark.parametrize(
     ("before", "body", "words"),
     [
-        ("import os", "os._exit(0)", "ended the process that tried it (exit code 0)"),
-        ("import os", "os.killpg(0, 15)", "ended the process that tried it (exit code -15)"),
-        ("", "raise KeyboardInterrupt", "breaks the process that tried it: KeyboardInterrupt"),
-        ("import builtins; builtins.len = None", "return 1.0", "breaks the process that tried it:"),
+        ("import os", "os._exit(0)", "The reward function ends the process (exit code 0)."),
+        ("import os", "os.killpg(0, 15)", "The reward function ends the process (SIGTERM)."),
+        ("", "raise KeyboardInterrupt", "ends the process with KeyboardInterrupt"),
+        ("import builtins; builtins.len = None", "return 1.0", "The file replaces builtins.len,"),
     ],
 )
 def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, words):
     [found] = tried(before, body)
 
-    assert (found.rule, found.where) == ("V-21", "mine.py")
+    assert found.rule == "V-21"
+    assert found.where.startswith("mine.py")
     assert words in found.message
 
 
@@ -78,17 +85,16 @@ def test_files_of_the_working_folder_are_no_modules(tried, folder):
     assert tried("import json", "return float(json.loads('1'))") == []
 
 
-def test_a_trial_that_is_given_up_ends_at_once_and_finds_nothing(job):
+def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, folder):
     given_up = Event()
     given_up.set()
+    reward = InputFile("reward_function.py", HANGING.encode(), "mine.py")
 
-    found = try_inputs(job, InputFile("reward_function.py", HANGING.encode(), "mine.py"), given_up)
-
-    assert found == []
+    assert try_inputs(settings, folder.path, reward, given_up) == []
 
 
-def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
-    def wait(_job, _reward, given_up):
+def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
+    def wait(_settings, _directory, _reward, given_up):
         ends.append(given_up.wait(60))
         return []
 
@@ -98,6 +104,7 @@ def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
     ends = []
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
+    job = Job(settings, folder.path, "abc", 0, None, None, tmp_path, os.getpid())
 
     with pytest.raises(KeyboardInterrupt):
         examine(job, {}, None)
@@ -105,39 +112,26 @@ def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
     assert ends == [True]
 
 
-def test_a_trial_ends_with_its_launcher(job, tmp_path):
-    path = tmp_path / "reward_function.py"
-    path.write_text(HANGING)
+def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):
+    (tmp_path / "reward_function.py").write_text(HANGING)
+    request_of(settings, None).write(tmp_path)
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], stdout=-1)
-    orphaned = replace(job, launcher_pid=int(gone.stdout), folder=tmp_path)
 
-    process = orphaned.spawn(
-        [sys.executable, "-P", "-m", "drcli.checks.sandbox.inputs_process", path, "mine.py"],
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-P", "-m", "drcli.checks.sandbox.sandbox_process"),
+            *(str(tmp_path), str(int(gone.stdout))),
+        ],
         start_new_session=True,
     )
 
     assert process.wait(60) == -signal.SIGKILL
 
 
-def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
-    path = tmp_path / "reward_function.py"
-    path.write_text(DEAF)
-    script = (
-        "import sys, drsim.episode.reward_deadline, drsim.episode.reward\n"
-        "import drcli.checks.sandbox.inputs_process as trial\n"
-        "from pathlib import Path\n"
-        "drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05\n"
-        "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
-        "trial.main(Path(sys.argv[1]), 'mine.py')\n"
-    )
-    own = replace(job, folder=tmp_path)
+def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
+    reward = InputFile("reward_function.py", KEEPS_STATE.encode(), "mine.py")
 
-    process = own.spawn([sys.executable, "-c", script, path], start_new_session=True)
-    process.wait(60)
-
-    [found] = find_tried(tmp_path)
-    assert (found.rule, found.where) == ("V-21", "mine.py line 3")
-    assert "swallows what is raised to end it" in found.message
+    assert try_here(settings, reward) == []
 
 
 def test_a_reward_function_may_import_all_that_the_console_allowed(tried):

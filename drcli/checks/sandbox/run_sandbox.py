@@ -1,0 +1,128 @@
+"""Runs a racer's reward function in the sandbox: a process of its own, which can be given up."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from threading import Event
+from time import monotonic
+
+from drcli.base.json_record import Misfit
+from drcli.checks.reward_timeout import stuck_place
+from drcli.checks.sandbox.sandbox_records import (
+    FAULTS_FILE,
+    Failure,
+    FailureKind,
+    SandboxRequest,
+    SandboxResult,
+)
+from drcli.config import secret_environment
+from drcli.exchange.job import LOG_ENCODING, PROCESS_TUNING
+from drcli.store.keys import REWARD_FUNCTION_FILE
+
+_MODULE = "drcli.checks.sandbox.sandbox_process"
+_PATIENCE_S = 200.0
+"""Longest run: loading the file three times, which may take a minute each."""
+
+_POLL_S = 0.05
+
+
+class Sandbox:
+    """A sandbox that is running; a context manager, which ends it and all that it has started.
+
+    Args:
+        request: What to try.
+        content: The file of the reward function; None loads worlds and races only.
+        directory: Working folder of the process, that of the racer as in a training.
+    """
+
+    def __init__(self, request: SandboxRequest, content: bytes | None, directory: Path) -> None:
+        self._request = request
+        self._scratch = tempfile.TemporaryDirectory(prefix="dr-reward-")
+        self._folder = Path(self._scratch.name)
+        # A training works on a copy too: a function finds the same beside its file.
+        self._copy = self._folder / REWARD_FUNCTION_FILE
+        if content is not None:
+            self._copy.write_bytes(content)
+        request.write(self._folder)
+        if secret_environment.all_secrets():
+            secret_environment.hide_process()
+        plain, _ = secret_environment.split(os.environ)
+        self._process = subprocess.Popen(
+            # -P: files of the working folder must not be taken for modules of that name.
+            [sys.executable, "-P", "-m", _MODULE, str(self._folder), str(os.getpid())],
+            cwd=directory,
+            env={**PROCESS_TUNING, **plain, **LOG_ENCODING},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # signals that it sends to its group are for itself
+        )
+
+    def __enter__(self) -> "Sandbox":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._scratch.cleanup()
+
+    def result(self, given_up: Event | None = None) -> SandboxResult:
+        """Wait for what it finds.
+
+        Args:
+            given_up: Once set, nothing is waited for and nothing is found.
+
+        Raises:
+            RuntimeError: It ended before the racer's code was loaded.
+        """
+        code: int | None = None
+        end_s = monotonic() + _PATIENCE_S
+        while code is None and monotonic() < end_s:
+            if given_up is not None and given_up.is_set():
+                return SandboxResult()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(_POLL_S)
+        faults = self._folder / FAULTS_FILE
+        trace = faults.read_text("utf-8", "replace") if faults.is_file() else ""
+        try:
+            result = SandboxResult.read(self._folder)
+        except Misfit as why:
+            failure = Failure("ends", f"It has overwritten the result of the sandbox: {why}.")
+            return SandboxResult(failures=[failure])
+        if result is None:
+            raise RuntimeError(f"The sandbox did not start (exit code {code}):\n{trace}")
+        return result if result.finished else self._ended(result, code, trace)
+
+    def _ended(self, result: SandboxResult, code: int | None, trace: str) -> SandboxResult:
+        """What is known of a function that ended the process."""
+        kind: FailureKind = "ends"
+        if code is None or trace.startswith("Timeout"):
+            kind, what = "endless", "does not return, and cannot be interrupted"
+        elif "Fatal Python error" in trace:
+            kind, what = "crashes", f"crashes Python ({_reason(code)})"
+        elif code == -signal.SIGKILL:
+            what = "ends the process, or has the system end it (SIGKILL)"
+        elif trace.startswith("Traceback"):
+            what = f"ends the process with {trace.splitlines()[-1]}"
+        else:
+            what = f"ends the process ({_reason(code)})"
+        _, line = stuck_place(trace)
+        lines = self._copy.read_text("utf-8", "replace").splitlines()
+        failure = Failure(
+            kind,
+            f"The reward function {what}.",
+            line=line or None,
+            source=lines[line - 1].strip() if 0 < line <= len(lines) else "",
+        )
+        values: list[list[float | None]] = [[None] * len(c) for c in self._request.sequences]
+        return SandboxResult(problems=result.problems, failures=[failure], values=values)
+
+
+def _reason(code: int) -> str:
+    """Why a process ended."""
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -1,0 +1,336 @@
+"""Calls a racer's reward function in a process of its own: the code may end, hang or crash that.
+
+Run as `python -m drcli.checks.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request
+and the copy of the file; without the copy only worlds and races are loaded. The result is written
+there before the racer's code is loaded, and again at the end. Needs no torch and no bucket.
+"""
+
+import contextlib
+import faulthandler
+import os
+import resource
+import signal
+import statistics
+import sys
+import threading
+import traceback
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from pathlib import Path
+from time import monotonic, perf_counter, sleep  # which racers' code may replace in `time`
+from typing import Any, NoReturn, TextIO
+
+from drcli.base import signal_guard
+from drcli.checks.check_report import Violation
+from drcli.checks.sandbox.sample_calls import sample_races
+from drcli.checks.sandbox.sandbox_records import (
+    FAULTS_FILE,
+    Difference,
+    Failure,
+    FailureKind,
+    Growth,
+    Place,
+    SandboxRequest,
+    SandboxResult,
+    Timing,
+)
+from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter, growth, sizes
+from drcli.store.keys import REWARD_FUNCTION_FILE
+from drsim.episode.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
+from drsim.episode.reward_errors import code_of, place
+from drsim.errors import RewardError
+
+FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
+"""How long the calls of a pass may take; what is left over is not called."""
+
+_GRACE_S = 2.0
+"""A call and loading are interrupted in time. What goes on for so much longer ends the process."""
+
+_MEMORY_BYTES = 16 << 30
+"""Memory that may be asked for: a list that grows in an endless loop must not fill the machine."""
+
+_PARENT_S = 0.5
+"""How often to check whether the parent is alive."""
+
+Calls = Sequence[Sequence[RewardParams]]
+Values = dict[Place, float | None]
+
+
+def calls_of(request: SandboxRequest) -> tuple[Calls, list[Violation]]:
+    """The calls that are asked for, waypoints included, and what cannot be loaded."""
+    waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
+    for calls in request.sequences:
+        for params in calls:
+            params["waypoints"] = waypoints[params["is_reversed"]]
+    if request.settings is None:
+        return request.sequences, []
+    samples, problems = sample_races(request.settings)
+    return [*request.sequences, *samples], problems
+
+
+def try_function(
+    request: SandboxRequest, file: Path, calls: Calls, faults: TextIO
+) -> SandboxResult:
+    """Make all calls, then the repeated ones again in several ways.
+
+    Args:
+        request: What to do.
+        file: The copy of the racer's file.
+        calls: The calls of each sequence.
+        faults: Open file for what Python says where it ends the process.
+    """
+    passes = _Passes(request, file, calls, faults)
+    with contextlib.redirect_stdout(passes.printed), contextlib.redirect_stderr(passes.printed):
+        return passes.run()
+
+
+class _Passes:
+    """Passes through the calls, and what was found in them."""
+
+    def __init__(self, request: SandboxRequest, file: Path, calls: Calls, faults: TextIO) -> None:
+        self.printed = PrintCounter(str(file))
+        self._request = request
+        self._file = file
+        self._calls = calls
+        self._faults = faults
+        self._effects = Effects(str(file))
+        self._originals = Originals()
+        self._failures: dict[tuple[FailureKind, str, int | None], Failure] = {}
+        self._returned: Counter[str] = Counter()
+        self._took_s: dict[Place, float] = {}
+        self._watched_until_s = 0.0
+        self._hangs = False
+
+    def run(self) -> SandboxResult:
+        function = self._load(first=True)
+        everything = [Place(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))]
+        values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
+        printed = self.printed.noted()
+        growing: list[Growth] = []
+        random = memory = None
+        repeated = [where for where in everything if where.sequence < self._request.repeated]
+        if function and values and repeated and not self._hangs:
+            growing = self._growth(function, repeated)
+            random = self._difference(values, repeated)
+            # The episodes the other way round. What is remembered within one is no surprise.
+            turned = sorted(repeated, key=lambda where: -where.sequence)
+            memory = self._difference(values, turned) if random is None else None
+        return SandboxResult(
+            values=[
+                [values.get(Place(k, i)) for i in range(len(calls))]
+                for k, calls in enumerate(self._calls)
+            ],
+            failures=[*self._failures.values(), *self._replaced()],
+            returned=dict(self._returned),
+            line=getattr(code_of(function), "co_firstlineno", None) if function else None,
+            timing=_timing(self._took_s),
+            calls=len(values),
+            effects=self._effects.noted(),
+            printed=printed,
+            growing=growing,
+            random=random,
+            memory=memory,
+        )
+
+    def _growth(self, function: RewardFunction, places: list[Place]) -> list[Growth]:
+        """What more its globals hold after the same calls were made once more."""
+        module = getattr(function, "__globals__", {})
+        before = sizes(module)
+        again = self._play(function, places, OTHER_PASS_S)
+        return growth(before, sizes(module), len(again))
+
+    def _load(self, *, first: bool = False) -> RewardFunction | None:
+        """A fresh copy of the function; None where that fails."""
+        self._effects.listening = first
+        self._watch(self._request.load_s)
+        try:
+            return load_reward_function(self._file)
+        except RewardError as error:
+            self._note(error, None)
+            return None
+        finally:
+            self._regain()
+            self._unwatch()
+
+    def _play(
+        self,
+        function: RewardFunction,
+        places: Sequence[Place],
+        budget_s: float,
+        *,
+        first: bool = False,
+    ) -> Values:
+        """Call the function for the places in turn, for as long as the budget lasts."""
+        last = _LastCall()
+        timed = _timed(function, last)
+        values: Values = {}
+        end_s = monotonic() + budget_s
+        for where in places:
+            self._watch(self._request.call_s)
+            params = _copied(self._calls[where.sequence][where.index])
+            self._effects.listening = first
+            try:
+                values[where] = checked_reward(timed, params, self._request.call_s)
+            except RewardError as error:
+                values[where] = None
+                self._hangs = self._hangs or error.kind == "endless"
+                if first:
+                    self._note(error, where, last.returned)
+            finally:
+                self._regain()
+            if first and last.returned:
+                self._returned[last.returned] += 1
+            if first and values[where] is not None:
+                self._took_s[where] = last.took_s
+            if self._hangs or monotonic() > end_s:
+                break
+        self._unwatch()
+        return values
+
+    def _watch(self, limit_s: float) -> None:
+        """End the process where one call takes far too long, within a library or without end.
+
+        The watch is a thread of Python's own that needs no lock. To start one for each call would
+        cost more than most calls.
+        """
+        if monotonic() > self._watched_until_s - limit_s - _GRACE_S / 2:
+            until_s = limit_s + _GRACE_S
+            faulthandler.dump_traceback_later(until_s, exit=True, file=self._faults)
+            self._watched_until_s = monotonic() + until_s
+
+    def _unwatch(self) -> None:
+        faulthandler.cancel_dump_traceback_later()
+        self._watched_until_s = 0.0
+
+    def _regain(self) -> None:
+        """The racer's code has returned: the process is ours again."""
+        self._originals.restore()
+        self._effects.listening = False
+
+    def _difference(self, values: Values, places: Sequence[Place]) -> Difference | None:
+        """The first place where a fresh copy, called in this order, pays something else."""
+        function = self._load()
+        if function is None:
+            return None
+        others = self._play(function, places, OTHER_PASS_S)
+        both = [where for where in others if where in values]
+        unlike = sorted(
+            (where for where in both if others[where] != values[where]),
+            key=lambda where: (where.sequence, where.index),
+        )
+        if not unlike:
+            return None
+        first = unlike[0]
+        return Difference(first, values[first], others[first], len(unlike), len(both))
+
+    def _note(self, error: RewardError, where: Place | None, returned: str = "") -> None:
+        """Note a failure; of those that differ in numbers only, the first is enough."""
+        alike = "" if error.kind == "range" else returned
+        key = (error.kind, type(error.__cause__).__name__ if error.__cause__ else alike, error.line)
+        known = self._failures.get(key)
+        if known is not None:
+            self._failures[key] = replace(known, times=known.times + 1)
+            return
+        missing = error.__cause__.name if isinstance(error.__cause__, ImportError) else None
+        sentence = str(error).splitlines()[0].replace(place(error.file, error.line), "")
+        self._failures[key] = Failure(
+            kind=error.kind,
+            reason=error.reason or sentence.replace(str(self._file), self._request.name),
+            line=error.line,
+            source=error.source,
+            params=str(error.params) if error.params else "",
+            missing=missing or "",
+            first=where,
+        )
+
+    def _replaced(self) -> list[Failure]:
+        """One failure for all functions of Python's own that were replaced."""
+        if not self._originals.replaced:
+            return []
+        names = ", ".join(self._originals.replaced)
+        reason = f"The file replaces {names}, which the simulation and other packages use too."
+        return [Failure("replaces", reason)]
+
+
+@dataclass
+class _LastCall:
+    """How long the last call took, and the type that it returned; empty if it returned nothing."""
+
+    took_s: float = 0.0
+    returned: str = ""
+
+
+def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
+    """The same function, which notes about each call what can be told only from inside."""
+
+    @wraps(function)  # failures are placed by the code of the function itself
+    def timed(params: RewardParams) -> float:
+        last.returned = ""
+        begun_s = perf_counter()
+        try:
+            value = function(params)
+        finally:
+            last.took_s = perf_counter() - begun_s
+        kind = type(value)
+        own = kind.__module__ in ("builtins", function.__module__)
+        last.returned = kind.__name__ if own else f"{kind.__module__}.{kind.__name__}"
+        return value
+
+    return timed
+
+
+def _copied(value: Any) -> Any:
+    """Parameters as the simulation gives them, fresh lists included."""
+    if isinstance(value, dict):
+        return {key: _copied(item) for key, item in value.items()}
+    return [_copied(item) for item in value] if isinstance(value, list) else value
+
+
+def _timing(took_s: Mapping[Place, float]) -> Timing | None:
+    if not took_s:
+        return None
+    worst = max(took_s, key=lambda where: took_s[where])
+    seconds = took_s.values()
+    return Timing(statistics.median(seconds), statistics.fmean(seconds), took_s[worst], worst)
+
+
+def main(folder: Path, parent_pid: int) -> None:
+    """Do what the request in the folder says, and leave the result there."""
+    threading.Thread(target=_end_after, args=(parent_pid,), daemon=True).start()
+    faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
+    faulthandler.enable(faults)
+    sys.excepthook = lambda _, error, trace: traceback.print_exception(error, file=faults)
+    signal_guard.install()
+    ends_at_once = os._exit
+
+    def tell_and_end(status: int) -> NoReturn:
+        faulthandler.dump_traceback(faults)
+        ends_at_once(status)
+
+    os._exit = tell_and_end
+    # The simulation's own timer would end this process before the watch, which tells the line.
+    signal.signal(signal.SIGPROF, signal.SIG_IGN)
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = _MEMORY_BYTES if hard == resource.RLIM_INFINITY else min(_MEMORY_BYTES, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    request = SandboxRequest.read(folder)
+    calls, problems = calls_of(request)
+    file = folder / REWARD_FUNCTION_FILE
+    result = SandboxResult(problems=problems, finished=not file.exists())
+    result.write(folder)
+    if not result.finished:
+        replace(try_function(request, file, calls, faults), problems=problems).write(folder)
+    ends_at_once(0)  # threads of the racer's code hold nothing up
+
+
+def _end_after(parent_pid: int) -> None:
+    """End this process, and whatever the racer's code has started, once the parent is gone."""
+    while os.getppid() == parent_pid:
+        sleep(_PARENT_S)
+    os.killpg(0, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,84 @@
+"""Tries a racer's inputs before a start: do the worlds load, does the reward work on them?"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event
+
+from drcli.checks.check_report import Violation
+from drcli.checks.sandbox.run_sandbox import Sandbox
+from drcli.checks.sandbox.sandbox_records import (
+    REMEDIES,
+    Failure,
+    FailureKind,
+    SandboxRequest,
+    SandboxResult,
+)
+from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import InputFile
+
+STATES = ("on the start line", "on the road", "after half a lap", "off the track", "at the finish")
+"""The first calls of each sequence of `sample_calls`."""
+
+_RULES: dict[FailureKind, str] = {
+    "load": "V-02",
+    "signature": "V-20",
+    "type": "V-20",
+    "range": "V-20",
+}
+"""Rules that failures break; all others break V-21."""
+
+_FLOATS = {"float", "numpy.float64"}
+
+
+def try_inputs(
+    settings: Settings, directory: Path, reward: InputFile | None, given_up: Event
+) -> list[Violation]:
+    """Load the worlds of all workers and try the reward function on them.
+
+    The launcher itself never imports a racer's code.
+
+    Args:
+        settings: Those of the training.
+        directory: The racer's working folder.
+        reward: The reward function; None loads the worlds only.
+        given_up: Once set, the sandbox is ended, and nothing is found.
+    """
+    request = request_of(settings, reward)
+    with Sandbox(request, None if reward is None else reward.data, directory) as sandbox:
+        return list(problems_of(sandbox.result(given_up), request.name))
+
+
+def request_of(settings: Settings, reward: InputFile | None) -> SandboxRequest:
+    """What the sandbox is asked to do before a start."""
+    # What the files name beside settings is nobody's business there.
+    plain = settings.replaced(extra={}).dump()
+    return SandboxRequest(reward.origin if reward is not None else "", settings=plain)
+
+
+def problems_of(result: SandboxResult, name: str) -> Iterator[Violation]:
+    """What keeps a training from starting, and values that are not floats.
+
+    Args:
+        result: What the sandbox found.
+        name: What the author calls the file of the reward function.
+    """
+    yield from result.problems
+    for failure in result.failures:
+        where = f"{name} line {failure.line}" if failure.line else name
+        rule = _RULES.get(failure.kind, "V-21")
+        yield Violation(rule, "error", where, _message(failure), REMEDIES[failure.kind])
+    others = sorted(set(result.returned) - _FLOATS)
+    if others and not result.failures:
+        yield Violation(
+            "V-20",
+            "warning",
+            f"{name} line {result.line}" if result.line else name,
+            f"It returned {' and '.join(others)}, which is converted to float.",
+            "End it with `return float(reward)`.",
+        )
+
+
+def _message(failure: Failure) -> str:
+    index = failure.first.index if failure.first is not None else len(STATES)
+    text = failure.sentence(STATES[index] if index < len(STATES) else "")
+    return f"{text}\n  params = {failure.params}" if failure.params else text

@@ -1,0 +1,377 @@
+"""Pictures of what reward functions pay: maps of the track, and curves along the lap."""
+
+import io
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.base.errors import SettingsError
+from drcli.rewards.course import TriedReward, as_array, scaled
+from drcli.rewards.drivers import FAST, STEADY
+from drcli.rewards.scripted_drive import Trip
+from drcli.rewards.track_grid import SPEED_MPS
+from drsim.track.track import Track
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+_DPI = 100
+_WIDTH_IN = 14.0
+_STYLE: dict[Any, Any] = {
+    "font.size": 11.0,
+    "axes.titlesize": 12.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#787e86",
+    "axes.grid": True,
+    "grid.color": "#e2e4e6",
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+}
+_INK, _UNKNOWN = "#262a30", "#cdcfd1"
+_LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
+"""Colours that colour-blind people tell apart. Source: Okabe and Ito, 2008, the yellow darkened."""
+
+_MARKS = (0.25, 0.5, 0.75)
+"""Places on the lap that the map and the curves have in common."""
+
+_FINISH = 2.0
+"""A finish that pays so many times more than the rest would flatten every curve: it is cut off."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+"""How every picture of ours begins."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line along the lap.
+
+    Attributes:
+        name: For the legend.
+        color: Of the line.
+        progress: Percent of the lap. Shape (n,).
+        values: NaN where there is none. Shape (n,).
+        style: As matplotlib writes it.
+    """
+
+    name: str
+    color: str
+    progress: Floats
+    values: Floats
+    style: str = "-"
+
+
+def draw_reward(tried: TriedReward) -> bytes:
+    """The picture of one function, a PNG file."""
+    drive = tried.course.drive
+    map_in = _map_height_in(drive.track, _WIDTH_IN - 1.6)
+    values = tried.grid_values
+    curves = [
+        _curve_of(tried, trip, color)
+        for trip, color in zip(drive.trips, itertools.cycle(_LINES), strict=False)
+    ]
+    low, high, cut = curve_range(curves)
+
+    def draw(figure: "Figure") -> None:
+        upper, lower = figure.subplots(2, height_ratios=[map_in, 3.2])
+        figure.suptitle(
+            f"{tried.name} on {drive.world}, {drive.race_type}", x=0.01, ha="left", size=15
+        )
+        _draw_map(upper, tried, values, *color_range(values), "viridis", "reward per step")
+        upper.set_title(
+            f"Reward of a car that is at this place, looks along the track and asks for "
+            f"{SPEED_MPS:g} m/s"
+        )
+        _draw_curves(lower, curves, low, high)
+        lower.set_title(f"Reward of each driver along the lap, and its sum{cut}")
+        lower.set_ylabel("reward per step")
+
+    return _png(draw, (_WIDTH_IN, map_in + 4.9))
+
+
+def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
+    """The picture of two functions on one course, a PNG file."""
+    drive = first.course.drive
+    map_in = max(_map_height_in(drive.track, _WIDTH_IN / 2 - 1.4), 3.4)
+    a, b = first.grid_values, second.grid_values
+
+    def draw(figure: "Figure") -> None:
+        (left, right), (difference, lower) = figure.subplots(2, 2)
+        figure.suptitle(
+            f"A: {first.name}     B: {second.name}\non {drive.world}, {drive.race_type}",
+            x=0.01,
+            ha="left",
+            size=14,
+        )
+        _draw_map(left, first, a, *color_range(a), "viridis", "reward per step")
+        left.set_title(f"A: reward of a car that asks for {SPEED_MPS:g} m/s")
+        _draw_map(right, first, b, *color_range(b), "viridis", "reward per step")
+        right.set_title("B: the same")
+        apart = scaled(b, b) - scaled(a, a)
+        _draw_map(difference, first, apart, -1.0, 1.0, "RdBu_r", "B minus A, both scaled to 0..1")
+        difference.set_title("Red: B pays more. Blue: A pays more.")
+        _draw_curves(lower, _scaled_curves(first, second), 0.0, 1.0)
+        lower.set_title("Reward along the lap, and its sum before scaling")
+        lower.set_ylabel("reward, scaled to 0..1")
+
+    return _png(draw, (_WIDTH_IN, 2 * map_in + 3.4))
+
+
+def color_range(values: Floats) -> tuple[float, float]:
+    """The least and the greatest value that get a colour of their own; a few extremes do not."""
+    known = values[~np.isnan(values)]
+    low, high = np.percentile(known, [0.5, 99.5]).tolist() if len(known) else (0.0, 0.0)
+    return low, high
+
+
+def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
+    """The least and the greatest value to show, and a remark where a finish goes beyond."""
+    values = np.concatenate([curve.values for curve in curves])
+    finish = np.concatenate([curve.progress for curve in curves]) >= 100.0
+    known = ~np.isnan(values)
+    if not known.any():
+        return 0.0, 1.0, ""
+    low, high = float(values[known].min()), float(values[known].max())
+    before = values[known & ~finish]
+    if len(before) and finish[known].any():
+        usual = float(before.max())
+        if high - low > _FINISH * (usual - min(low, float(before.min()))) > 0:
+            return low, usual, f" (not shown: the finish pays up to {number(high)})"
+    return low, high, ""
+
+
+def refuse_replacing(path: Path) -> None:
+    """Refuse to draw over a file that is not a picture of ours, or into a missing folder.
+
+    Raises:
+        SettingsError: It is one of these.
+    """
+    remedy = "Name a file in a folder that exists and that you may write to."
+    if not path.parent.is_dir():
+        raise SettingsError(
+            f"{path} cannot be written: the folder {path.parent} does not exist.", remedy=remedy
+        )
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(_PNG))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise SettingsError(
+            f"{path} cannot be written: {error.strerror or error}.", remedy=remedy
+        ) from None
+    if start and start != _PNG:
+        raise SettingsError(
+            f"{path} exists and is not a PNG picture, so it is not replaced.",
+            remedy="Name another file with --out, such as --out rewards.png.",
+        )
+
+
+def number(value: float) -> str:
+    """A short number."""
+    if value == 0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+    return f"{value:.2g}"
+
+
+def _png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
+    """What is drawn on a figure of a size in inches, as a PNG file."""
+    import matplotlib  # loaded here: it takes half a second, and most commands draw nothing
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    with matplotlib.rc_context(_STYLE):
+        layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
+        figure = Figure(size_in, dpi=_DPI, layout=layout)
+        FigureCanvasAgg(figure)
+        draw(figure)
+        data = io.BytesIO()
+        figure.savefig(data, format="png", metadata={"Software": None})
+    return data.getvalue()
+
+
+def _draw_map(
+    axes: "Axes",
+    tried: TriedReward,
+    values: Floats,
+    low: float,
+    high: float,
+    colors: str,
+    label: str,
+) -> None:
+    """The track, each place in the colour of its value, and the scale of the colours.
+
+    Args:
+        axes: Where to draw.
+        tried: Says which places these are, and what stands on the road.
+        values: NaN where there is none. Shape (offsets, n).
+        low: Value of the first colour.
+        high: Value of the last one.
+        colors: A colour map of matplotlib.
+        label: What the values are.
+    """
+    import matplotlib
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patches import Polygon
+
+    grid, drive = tried.course.grid, tried.course.drive
+    track = drive.track
+    edges = _edges(grid.xy)
+    if track.closed:
+        edges = np.concatenate([edges, edges[:, :1]], axis=1)
+    corners = [edges[:-1, :-1], edges[:-1, 1:], edges[1:, 1:], edges[1:, :-1]]
+    areas = np.stack(corners, axis=2)
+    # From the outside in: where stretches of the track lie close together, the road is on top.
+    order = np.argsort(-np.abs(np.arange(len(values)) - len(values) // 2), kind="stable")
+    shown = values[order, : areas.shape[1]].reshape(-1)
+    cells = PolyCollection(
+        areas[order].reshape(-1, 4, 2).tolist(),
+        array=np.ma.masked_invalid(shown),
+        cmap=matplotlib.colormaps[colors].with_extremes(bad=_UNKNOWN),
+        edgecolors="face",
+        linewidths=0.4,
+    )
+    cells.set_clim(low, high)
+    axes.add_collection(cells)
+    for border in (track.inner, track.outer):
+        line = np.concatenate([border, border[:1]]) if track.closed else border
+        axes.plot(*line.T, color="white", linewidth=2.6)
+        axes.plot(*line.T, color=_INK, linewidth=1.1)
+    for outline in grid.objects:
+        axes.add_patch(Polygon(outline, facecolor="white", edgecolor=_INK, linewidth=1.6, zorder=3))
+    _draw_marks(axes, track, drive.start_fraction)
+    low_x, low_y, high_x, high_y = track.bounds
+    margin_m = _margin_m(track)
+    axes.set(
+        xlim=(low_x - margin_m, high_x + margin_m),
+        ylim=(low_y - margin_m, high_y + margin_m),
+        aspect="equal",
+        xlabel="x (m)",
+        ylabel="y (m)",
+    )
+    axes.grid(False)
+    bar = axes.inset_axes((1.02, 0.0, 0.02, 1.0))
+    axes.figure.colorbar(cells, cax=bar, label=label, extend="neither")
+
+
+def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
+    """The start, the driving direction, and quarters of the lap."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=4.0, foreground="white")]
+    for fraction in (0.0, *_MARKS):
+        along_m = np.array([(start_fraction + fraction) % 1.0 * track.length_m])
+        x, y, yaw_rad = track.pose_at(along_m)[0].tolist()
+        width_m = float(track.locate(np.array([[x, y]])).track_width_m[0])
+        ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+        left, here = np.array([-ahead[1], ahead[0]]), np.array([x, y])
+        across = here + width_m * np.array([[-0.5], [0.5]]) * left
+        start = fraction == 0.0
+        axes.plot(*across.T, color="white", linewidth=4.5 if start else 2.0)
+        axes.plot(*across.T, color=_INK, linewidth=2.2 if start else 1.0)
+        if start:
+            axes.annotate(
+                "",
+                xy=tuple(here + 0.7 * ahead),
+                xytext=tuple(here + 0.1 * ahead),
+                arrowprops={
+                    "arrowstyle": "-|>,head_width=0.35,head_length=0.7",
+                    "color": _INK,
+                    "linewidth": 2.2,
+                    "path_effects": halo,
+                },
+            )
+        outward = left if _is_outside(track, here + 0.6 * width_m * left) else -left
+        axes.annotate(
+            "start" if start else f"{100 * fraction:.0f} %",
+            xy=tuple(here + 0.85 * width_m * outward),
+            xytext=tuple(15.0 * outward),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            color=_INK,
+            path_effects=halo,
+        )
+
+
+def _draw_curves(axes: "Axes", curves: Sequence[Curve], low: float, high: float) -> None:
+    """Lines over the progress of the lap, with a legend below; what is beyond high is cut off."""
+    for curve in reversed(curves):
+        progress, values = _with_gaps(curve)
+        axes.plot(progress, values, curve.style, color=curve.color, lw=1.6, label=curve.name)
+    span = high - low or 1.0
+    axes.set(xlim=(0.0, 100.0), ylim=(low - 0.04 * span, high + 0.04 * span))
+    axes.set_xticks([0.0, 25.0, 50.0, 75.0, 100.0], ["start", "25 %", "50 %", "75 %", "100 %"])
+    axes.set_xlabel("progress")
+    handles, names = axes.get_legend_handles_labels()
+    axes.legend(
+        handles[::-1],
+        names[::-1],
+        loc="upper left",
+        bbox_to_anchor=(0.0, -0.16),
+        ncols=2 if len(curves) == 4 else 3,
+        frameon=False,
+    )
+
+
+def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
+    """What it pays a driver, with the sum in its name."""
+    total = tried.total(trip.driver)
+    earned = "" if total is None else f"{number(total)} "
+    progress = np.array([call["progress"] for call in trip.calls])
+    name = f"{trip.driver.name}: {earned}in {trip.seconds:.1f} s"
+    return Curve(name, color, progress, as_array(tried.values(trip.driver)))
+
+
+def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
+    """The slow and the fast lap of two functions, each scaled to what it pays on the drive."""
+    curves = []
+    for name, tried, color in (("A", first, _LINES[0]), ("B", second, _LINES[1])):
+        for driver, style in ((STEADY, "-"), (FAST, "--")):
+            curve = _curve_of(tried, tried.trip(driver), color)
+            values = scaled(curve.values, tried.drive_values)
+            curves.append(Curve(f"{name} {curve.name}", color, curve.progress, values, style))
+    return curves
+
+
+def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
+    """Progress and values, with NaN where the car is put back on the road."""
+    steps = np.abs(np.diff(curve.progress))
+    far = 6.0 * np.median(steps) + 1.0 if len(steps) else 0.0
+    jumps = np.flatnonzero(steps > far) + 1
+    return np.insert(curve.progress, jumps, np.nan), np.insert(curve.values, jumps, np.nan)
+
+
+def _map_height_in(track: Track, width_in: float) -> float:
+    """How high a map of that width is, within reason."""
+    low_x, low_y, high_x, high_y = track.bounds
+    margin_m = 2 * _margin_m(track)
+    shape = (high_y - low_y + margin_m) / (high_x - low_x + margin_m)
+    return float(np.clip(width_in * shape, 0.3 * width_in, 0.62 * width_in))
+
+
+def _margin_m(track: Track) -> float:
+    """Room around the road for what lies beside it, and for the marks."""
+    return 1.1 * float(np.hypot(*(track.outer - track.inner).T).max())
+
+
+def _edges(xy: Floats) -> Floats:
+    """Lines midway between rows of places, and beyond the outermost. Shape (rows + 1, n, 2)."""
+    between = (xy[:-1] + xy[1:]) / 2
+    first, last = 2 * xy[:1] - between[:1], 2 * xy[-1:] - between[-1:]
+    return np.concatenate([first, between, last])
+
+
+def _is_outside(track: Track, point: Floats) -> bool:
+    """Whether a point beside the road lies on the side of the outer border."""
+    return bool(np.hypot(*(track.outer - point).T).min() < np.hypot(*(track.inner - point).T).min())
