@@ -1,11 +1,11 @@
-"""What trains here and may not elsewhere: on the reference, on the console, on the car."""
+"""What trains here but may not elsewhere: on the reference, on the console, on the car."""
 
 import re
 from collections.abc import Iterator
 from dataclasses import replace
 from math import gcd
 
-from drcli.checks.check_report import Severity, Violation
+from drcli.base.problems import Problem, Severity
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -29,7 +29,7 @@ MOST_EPISODES = 100
 """An iteration has no more."""
 
 
-def review_names(settings: Settings, *, console: bool) -> Iterator[Violation]:
+def review_names(settings: Settings, *, console: bool) -> Iterator[Problem]:
     """V-01: names under which a model may be imported."""
     for setting, prefix in (
         ("DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix),
@@ -39,10 +39,10 @@ def review_names(settings: Settings, *, console: bool) -> Iterator[Violation]:
         derived = setting != "DR_LOCAL_S3_MODEL_PREFIX" and setting not in settings.sources
         if derived or (re.fullmatch(r"[A-Za-z0-9-]+", name) and len(name) <= LONGEST_NAME):
             continue
-        yield Violation(
+        yield Problem(
             "V-01",
             _severity(console),
-            settings.source(setting),
+            *settings.place(setting),
             f"{setting}={prefix}: a model cannot be imported elsewhere as {name}.",
             f"Use letters, digits and hyphens only, {LONGEST_NAME} at most, behind the last /.",
         )
@@ -55,41 +55,45 @@ def review_actions(
     where: str,
     *,
     console: bool,
-) -> Iterator[Violation]:
+) -> Iterator[Problem]:
     """V-31 to V-34: what the car and the console make of model_metadata.json."""
     space = metadata.action_space
     if space.low is not None and space.high is not None:
         if abs(space.low[0]) > space.high[0]:
-            yield Violation(
+            yield Problem(
                 "V-31",
                 "warning",
                 where,
+                None,
                 f"action_space.steering_angle from {space.low[0]:g} to {space.high[0]:g}: the "
                 "physical car cannot steer further to the right than to the left.",
                 f'Write "high": {abs(space.low[0]):g}, or a "low" of {-space.high[0]:g} or more.',
             )
         if not CONSOLE_SPEED_MPS[0] <= space.low[1] <= space.high[1] <= CONSOLE_SPEED_MPS[1]:
-            yield Violation(
+            yield Problem(
                 "V-32",
                 "warning",
                 where,
+                None,
                 f"action_space.speed from {space.low[1]:g} to {space.high[1]:g} is outside of what "
                 "the console takes.",
                 f"Stay within {CONSOLE_SPEED_MPS[0]:g} to {CONSOLE_SPEED_MPS[1]:g} for its sake.",
             )
     elif len(space.values) < CONSOLE_ACTIONS:
-        yield Violation(
+        yield Problem(
             "V-32",
             "warning",
             where,
+            None,
             "action_space has a single action, and the console takes from 2 to 30.",
             "Add an action.",
         )
     if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
-        yield Violation(
+        yield Problem(
             "V-33",
             "warning",
             where,
+            None,
             "sensor holds DISCRETIZED_SECTOR_LIDAR, with which the physical car loads no model.",
             "Use SECTOR_LIDAR for a model that shall drive there.",
         )
@@ -98,14 +102,14 @@ def review_actions(
         yield from _sac(parameters, workers, where, _severity(console))
 
 
-def as_console(item: Violation) -> Violation:
+def as_console(item: Problem) -> Problem:
     """The same where the console counts: actions beyond its limits are refused there."""
     return replace(item, severity="error") if item.rule == "V-32" else item
 
 
 def review_balance(
     settings: Settings, parameters: Hyperparameters, origin: str
-) -> Iterator[Violation]:
+) -> Iterator[Problem]:
     """V-42 and V-45: episodes, workers and starts that go into each other."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     advance = settings.train_round_robin_advance_dist
@@ -113,10 +117,10 @@ def review_balance(
         return  # an error of its own
     if episodes % workers:
         around = (episodes // workers * workers, (episodes // workers + 1) * workers)
-        yield Violation(
+        yield Problem(
             "V-45",
             "warning",
-            settings.source("DR_WORKERS"),
+            *settings.place("DR_WORKERS"),
             f"DR_WORKERS={workers} does not divide num_episodes_between_training={episodes} in "
             f"{origin}: some workers drive an episode more than others.",
             f"Write {' or '.join(str(n) for n in around if n <= MOST_EPISODES)} episodes, or "
@@ -124,10 +128,10 @@ def review_balance(
         )
     lap = episodes / workers * advance
     if settings.train_change_start_position and abs(lap - LAP) > _ROUNDING:
-        yield Violation(
+        yield Problem(
             "V-42",
             "warning",
-            settings.source("DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"),
+            *settings.place("DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"),
             f"({episodes} episodes / {workers} workers) x "
             f"DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST={advance:g} is {lap:.4g} and not 1: elsewhere "
             "evaluations would start at another place each time. Here they do not.",
@@ -146,7 +150,7 @@ def _better_episodes(workers: int, advance: float) -> str:
 
 def _sac(
     parameters: Hyperparameters, workers: int, where: str, severity: Severity
-) -> Iterator[Violation]:
+) -> Iterator[Problem]:
     """V-34: sac with several workers or episodes stalls elsewhere; here it does not."""
     for written, value, wanted in (
         ("num_episodes_between_training", parameters.num_episodes_between_training, 1),
@@ -154,10 +158,11 @@ def _sac(
         ("exploration_type", parameters.exploration_type, "additive_noise"),
     ):
         if value != wanted:
-            yield Violation(
+            yield Problem(
                 "V-34",
                 severity,
                 where,
+                None,
                 f"training_algorithm=sac with {written}={value}: it works here, the console and "
                 f"the reference take {wanted} only.",
                 f"Write {written}={wanted} for a model that shall train there.",

@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
-from drcli.checks.check_report import Report, Violation
-from drcli.config.effects import NAMED_BY_CHECK
+from drcli.base.problems import Problem
+from drcli.checks.check_report import Report
 from drcli.config.inspection import Check, check_settings
 
 
@@ -14,7 +15,7 @@ class FullCheck(Check):
     """The settings, and everything beside them.
 
     Attributes:
-        rules: What the rules found that is not told above; None where they were not tried.
+        rules: What the rules found beside that; None where they were not checked.
     """
 
     rules: Report | None = None
@@ -24,22 +25,19 @@ class FullCheck(Check):
         """Whether nothing is wrong."""
         return not self.errors and (self.rules is None or self.rules.ok)
 
+    def as_json(self) -> dict[str, Any]:
+        """The keys that programs read."""
+        return {**super().as_json(), "rules": self.rules}
+
 
 def check_alone(directory: Path) -> FullCheck:
-    """Check the settings; no other rule is tried.
-
-    Args:
-        directory: The working folder.
-
-    Raises:
-        SettingsError: There is no run.env.
-    """
+    """Check the settings of a working folder, and no other rule."""
     own = check_settings(directory)
     return FullCheck(**{field.name: getattr(own, field.name) for field in fields(own)})
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    """Try all rules on a folder whose settings are right."""
+    """Check all rules on a folder whose settings are right."""
     from drcli.checks.validate import validate  # settings are checked without what it loads
 
     rules = validate(Path(check.directory))
@@ -54,13 +52,7 @@ def with_rules(check: FullCheck) -> FullCheck:
     )
 
 
-def _untold(violations: tuple[Violation, ...], check: Check) -> Iterator[Violation]:
-    """Those that the check of the settings has not told already."""
+def _untold(problems: tuple[Problem, ...], check: Check) -> Iterator[Problem]:
+    """Those that the check of the settings has not reported already."""
     idle = {name for group in check.without_effect for name in group.names}
-    for item in violations:
-        sentences = (item.sentence, f"{item.sentence} {item.remedy}")
-        told = any(text in check.warnings for text in sentences) or item.message.endswith(
-            NAMED_BY_CHECK
-        )
-        if not told and item.message.partition("=")[0] not in idle:
-            yield item
+    return (item for item in problems if item not in check.problems and item.key not in idle)

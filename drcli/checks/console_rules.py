@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterator
 
-from drcli.checks.check_report import Severity, Violation
+from drcli.base.problems import Problem, Severity
 from drcli.checks.reward_rules import Source
 
 FUNCTION = "reward_function"
@@ -60,7 +60,7 @@ MOST_LINES = 5
 """Lines that a remark on style names."""
 
 
-def review_style(source: Source, *, console: bool) -> list[Violation]:
+def review_style(source: Source, *, console: bool) -> list[Problem]:
     """Rules V-20, V-22 and V-23; breaches are errors where the console shall take the model."""
     severity: Severity = "error" if console else "warning"
     found = [
@@ -72,7 +72,7 @@ def review_style(source: Source, *, console: bool) -> list[Violation]:
     return [*found, *_imports(source), *_calls(source)] if console else found
 
 
-def _signature(source: Source, severity: Severity) -> Iterator[Violation]:
+def _signature(source: Source, severity: Severity) -> Iterator[Problem]:
     for node in source.tree.body:
         if not isinstance(node, ast.FunctionDef) or node.name != FUNCTION:
             continue
@@ -83,16 +83,16 @@ def _signature(source: Source, severity: Severity) -> Iterator[Violation]:
         needed = len(named) - len(a.defaults)
         if needed > 1 or any(default is None for default in a.kw_defaults):
             continue  # it cannot be called, which the trial says
-        yield Violation(
+        yield Problem(
             "V-20",
             severity,
-            source.at(node.lineno),
+            *source.at(node.lineno),
             f"{FUNCTION}({ast.unparse(a)}) takes more than its one parameter.",
             f"Write `def {FUNCTION}(params):`.",
         )
 
 
-def _flakes(source: Source, severity: Severity) -> Iterator[Violation]:
+def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
     """V-22, class F, but for the undefined names, which are errors everywhere."""
     from pyflakes.checker import Checker
     from pyflakes.messages import UndefinedName
@@ -101,12 +101,12 @@ def _flakes(source: Source, severity: Severity) -> Iterator[Violation]:
         if isinstance(message, UndefinedName) or source.is_silenced(message.lineno):
             continue
         text = message.message % message.message_args
-        yield Violation(
-            "V-22", severity, source.at(message.lineno), f"{text}.", "Correct or remove it."
+        yield Problem(
+            "V-22", severity, *source.at(message.lineno), f"{text}.", "Correct or remove it."
         )
 
 
-def _style(source: Source, severity: Severity) -> Iterator[Violation]:
+def _style(source: Source, severity: Severity) -> Iterator[Problem]:
     """V-22, class E: each remark once, with the lines it is about."""
     import pycodestyle
 
@@ -129,10 +129,10 @@ def _style(source: Source, severity: Severity) -> Iterator[Violation]:
         more = ", ".join(map(str, told[1:MOST_LINES]))
         rest = f" and {len(told) - MOST_LINES} more" if len(told) > MOST_LINES else ""
         also = f" (also in {'lines' if len(told) > 2 else 'line'} {more}{rest})" if more else ""
-        yield Violation(
+        yield Problem(
             "V-22",
             severity,
-            source.at(told[0]),
+            *source.at(told[0]),
             f"{text}{also}.",
             f"{_mending(text)}, or end the line with `# noqa`.",
         )
@@ -143,21 +143,21 @@ def _mending(remark: str) -> str:
     return next((text for code, text in _MENDING.items() if remark.startswith(code)), "Correct it")
 
 
-def _late_imports(source: Source, severity: Severity) -> Iterator[Violation]:
+def _late_imports(source: Source, severity: Severity) -> Iterator[Problem]:
     """V-22: imports belong to the top of the file."""
     top = {id(node) for node in source.tree.body}
     for node in ast.walk(source.tree):
         if isinstance(node, ast.Import | ast.ImportFrom) and id(node) not in top:
-            yield Violation(
+            yield Problem(
                 "V-22",
                 severity,
-                source.at(node.lineno),
+                *source.at(node.lineno),
                 f"`{ast.unparse(node)}` stands inside a function or block.",
                 "Move it to the top of the file.",
             )
 
 
-def _imports(source: Source) -> Iterator[Violation]:
+def _imports(source: Source) -> Iterator[Problem]:
     for node in ast.walk(source.tree):
         if not isinstance(node, ast.Import | ast.ImportFrom):
             continue
@@ -167,23 +167,23 @@ def _imports(source: Source) -> Iterator[Violation]:
             names = ["." if node.level else str(node.module)]
         for name in names:
             if name.partition(".")[0] not in MODULES:
-                yield Violation(
+                yield Problem(
                     "V-23",
                     "error",
-                    source.at(node.lineno),
+                    *source.at(node.lineno),
                     f"imports {name}, which the console does not allow.",
                     f"Import only {', '.join(sorted(MODULES))}.",
                 )
 
 
-def _calls(source: Source) -> Iterator[Violation]:
+def _calls(source: Source) -> Iterator[Problem]:
     for node in ast.walk(source.tree):
         builtin = isinstance(node, ast.Name) and node.id in BUILTINS
         if builtin or (isinstance(node, ast.Attribute) and node.attr in FILE_CALLS):
-            yield Violation(
+            yield Problem(
                 "V-23",
                 "error",
-                source.at(getattr(node, "lineno", 1)),
+                *source.at(getattr(node, "lineno", 1)),
                 f"uses {ast.unparse(node)}, which the console does not allow.",
                 "Do without it: reward functions there reach no files.",
             )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -30,7 +30,7 @@ LEAST_GPU_BYTES = 1_500_000_000
 GPU_PATIENCE_S = 3.0
 
 
-def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
+def review_disk(settings: Settings, directory: Path) -> Iterator[Problem]:
     """Room for models (where this machine keeps the bucket) and for logs."""
     folders = {directory}
     if settings.cloud == "local":
@@ -42,10 +42,11 @@ def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
         free = shutil.disk_usage(place).free
         if free < LEAST_DISK_BYTES and disk not in said:
             said.add(disk)
-            yield Violation(
+            yield Problem(
                 "V-50",
                 "warning",
                 str(place),
+                None,
                 f"Only {_shown(free)} of the disk are free, and a training may need "
                 f"{_shown(LEAST_DISK_BYTES)}.",
                 "Delete models or logs that you no longer need, or set DR_S3_DATA_DIR to a folder "
@@ -55,24 +56,24 @@ def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
 
 def review_memory(
     settings: Settings, parameters: Hyperparameters | None, metadata: ModelMetadata | None
-) -> Iterator[Violation]:
+) -> Iterator[Problem]:
     """Room for all processes of the training."""
     needed = settings.workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
     if free < needed:
-        yield Violation(
+        yield Problem(
             "V-50",
             "warning",
-            settings.source("DR_WORKERS"),
+            *settings.place("DR_WORKERS"),
             f"{_shown(free)} of memory are free, and a trainer with {settings.workers} simulation "
             f"workers may need {_shown(needed)}.",
             "End other programs, or lower DR_WORKERS (or sac_replay_steps).",
         )
 
 
-def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Violation]:
+def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Problem]:
     """Room on one of the GPUs that the trainer gets, where there are any.
 
     Args:
@@ -83,10 +84,11 @@ def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterato
     allowed = chosen or environ.get("CUDA_VISIBLE_DEVICES")
     free = _free_gpu_bytes(allowed)
     if free and max(free) < LEAST_GPU_BYTES:
-        yield Violation(
+        yield Problem(
             "V-50",
             "warning",
             "nvidia-smi",
+            None,
             f"Only {_shown(max(free))} of GPU memory are free, and learning may need "
             f"{_shown(LEAST_GPU_BYTES)}.",
             "End other programs on the GPU, or let the processor learn with "

@@ -1,4 +1,4 @@
-"""All rules on a working folder, whatever is in it: what `dr validate` reports."""
+"""What `dr validate` reports: all rules on a working folder, whatever is in it."""
 
 import os
 import secrets
@@ -7,23 +7,22 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from drcli.base.errors import SettingsError, StorageError
-from drcli.base.problems import Finding
-from drcli.checks.before_start import FILE_RULES, Examined, Plans, examine
-from drcli.checks.check_report import Report, Skipped, Violation, by_severity, of_severity
+from drcli.base.errors import StorageError
+from drcli.base.problems import Problem, ProblemsError, of_severity
+from drcli.checks.before_start import Examined, Plans, examine
+from drcli.checks.check_report import Report, Skipped
 from drcli.checks.compatibility import as_console, review_actions, review_balance, review_names
 from drcli.checks.console_rules import review_style
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
 from drcli.checks.settings_rules import SettingsReview, review_settings
-from drcli.checks.storage_rules import probe, review_rivals
-from drcli.checks.translation import from_error
+from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.modelfiles.custom_files import InputFile, find
+from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -40,41 +39,46 @@ def validate(
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
 ) -> Report:
-    """Try all rules and report everything that is wrong or odd; nothing in the folder changes.
+    """Check all rules and report everything that is wrong or odd; nothing in the folder changes.
 
     Args:
         directory: The racer's working folder.
-        console_compatible: Whether the model shall train on a DeepRacer console too: then what a
-            console refuses is an error.
+        console_compatible: Whether the model shall train on a DeepRacer console too; what a
+            console refuses is an error then.
         environ: Process environment; `os.environ` when None.
     """
     directory = directory.absolute()
     reviewed = review_settings(directory, environ)
-    found, skipped = list(reviewed.violations), list[Skipped]()
+    found, skipped = list(reviewed.problems), list[Skipped]()
     if reviewed.settings is None:
         found += _files_alone(directory, skipped)
     else:
         found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
     found += review_gpu(reviewed.settings, os.environ if environ is None else environ)
     told = [_relative(item, directory) for item in found]
-    errors, warnings = by_severity(told)
-    notes = of_severity(told, "note")
-    return Report(str(directory), console_compatible, errors, warnings, tuple(skipped), notes)
+    return Report(
+        str(directory),
+        console_compatible,
+        of_severity(told, "error"),
+        of_severity(told, "warning"),
+        tuple(skipped),
+        of_severity(told, "note"),
+    )
 
 
 def _with_settings(
     reviewed: SettingsReview, settings: Settings, skipped: list[Skipped], console: bool
-) -> list[Violation]:
+) -> list[Problem]:
     directory = settings.directory
-    found: list[Violation] = []
+    found: list[Problem] = []
     record = RunRecord.read(run_folder(settings, directory))
     trains = record is not None and record.alive
     if record is not None and trains:
         found.append(
-            Violation(
+            Problem(
                 "V-13",
                 "warning",
-                settings.source("DR_RUN_ID"),
+                *settings.place("DR_RUN_ID"),
                 f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} "
                 f"(process {record.pid}).",
                 "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID.",
@@ -101,14 +105,14 @@ def _with_settings(
 def _bucket(
     reviewed: SettingsReview,
     settings: Settings,
-    found: list[Violation],
+    found: list[Problem],
     skipped: list[Skipped],
     *,
     trains: bool,
 ) -> Bucket | None:
-    """The bucket, if it can be used; what is wrong with it goes to the findings."""
+    """The bucket, if it can be used; what is wrong with it is added to `found`."""
     if not reviewed.whole:
-        reason = "The bucket is not asked before the settings are right."
+        reason = "The bucket is not checked before the settings are right."
         skipped.append(Skipped(BUCKET_RULES, reason))
         return None
     try:
@@ -116,10 +120,10 @@ def _bucket(
         bucket.probe()
         wrong = probe(bucket)
         if not trains:
-            wrong += review_rivals(settings, bucket)
+            wrong += review_owner(settings, bucket)
     except StorageError as error:
-        place = settings.source("DR_CLOUD")
-        wrong = [Violation("V-50", "error", place, str(error), error.remedy)]
+        place = settings.place("DR_CLOUD")
+        wrong = [Problem("V-50", "error", *place, str(error), error.remedy)]
     found += wrong
     if any(item.severity == "error" for item in wrong):
         skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket cannot be used."))
@@ -128,15 +132,15 @@ def _bucket(
 
 
 def _files(
-    settings: Settings, bucket: Bucket | None, found: list[Violation], skipped: list[Skipped]
+    settings: Settings, bucket: Bucket | None, found: list[Problem], skipped: list[Skipped]
 ) -> dict[str, InputFile]:
     try:
         files = find(settings, settings.directory, bucket)
-    except SettingsError as error:
-        found += from_error(error, lambda _: "V-02")
+    except ProblemsError as error:
+        found += error.problems
         files = {}
     except StorageError as error:
-        found.append(Violation("V-50", "error", "", str(error), error.remedy))
+        found.append(Problem("V-50", "error", "", None, str(error), error.remedy))
         files = {}
     if bucket is None:
         unseen = [name for name in FILE_RULES if name not in files]
@@ -151,7 +155,7 @@ def _examined(
     settings: Settings,
     files: Mapping[str, InputFile],
     bucket: Bucket | None,
-    found: list[Violation],
+    found: list[Problem],
     skipped: list[Skipped],
     *,
     trains: bool,
@@ -172,27 +176,24 @@ def _examined(
         try:
             examined = examine(job, files, bucket, plans)
         except StorageError as error:
-            found.append(Violation("V-50", "error", "", str(error), error.remedy))
-            skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed meanwhile."))
+            found.append(Problem("V-50", "error", "", None, str(error), error.remedy))
+            skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed in the meantime."))
             examined = examine(job, files, None, plans)
-    to_come = {finding.where: finding for finding in fetchable(settings)}
-    found += [_told_without_start(item, to_come) for item in examined.violations]
+    to_fetch = {track.where: track for track in fetchable(settings)}
+    found += [_without_start(item, to_fetch) for item in examined.problems]
     return examined
 
 
-def _told_without_start(item: Violation, to_come: Mapping[str, Finding]) -> Violation:
-    """What a start would refuse or ask about is no fault where nothing is started."""
+def _without_start(item: Problem, to_fetch: Mapping[str, Problem]) -> Problem:
+    """What a start would refuse or ask about is only a note where nothing is started."""
     if item.rule == "V-09":
         return replace(item, severity="note", message=f"There is a model at {item.where}.")
-    if item.rule == "V-05" and item.where in to_come:
-        track = to_come[item.where]
-        return replace(item, severity="note", message=f"{track.what}.", remedy=track.remedy)
-    return item
+    return to_fetch.get(item.where, item) if item.rule == "V-05" else item
 
 
-def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:
+def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Problem]:
     """What can be said about the three files where no settings say which bucket and track."""
-    found: list[Violation] = []
+    found: list[Problem] = []
     files = {
         name: InputFile(name, path.read_bytes(), str(path))
         for name in FILE_RULES
@@ -204,7 +205,7 @@ def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:
         found += wrong if source is None else review_source(source)
     found += review_parameters(
         files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
-    ).violations
+    ).problems
     skipped.append(
         Skipped(
             ("V-05", "V-20", "V-21", *BUCKET_RULES),
@@ -214,8 +215,10 @@ def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:
     return found
 
 
-def _relative(item: Violation, directory: Path) -> Violation:
+def _relative(item: Problem, directory: Path) -> Problem:
     """The same with places inside the folder named from there."""
     start = f"{directory}{os.sep}"
-    texts = (text.replace(start, "") for text in (item.where, item.message, item.remedy))
-    return Violation(item.rule, item.severity, *texts)
+    file, message, remedy = (
+        text.replace(start, "") for text in (item.file, item.message, item.remedy)
+    )
+    return replace(item, file=file, message=message, remedy=remedy)

@@ -19,6 +19,7 @@ from rich.text import Text
 
 from drcli.base import verbosity
 from drcli.base.errors import OutputLost
+from drcli.base.problems import Problem
 from drcli.config import activation
 
 Advance = Callable[[int], None]
@@ -250,14 +251,23 @@ def _printing() -> Iterator[None]:
 
 
 def _with_properties(report: Any) -> dict[str, Any]:
-    names = [name for name, value in vars(type(report)).items() if isinstance(value, property)]
-    return {**dataclasses.asdict(report), **{name: getattr(report, name) for name in names}}
+    if hasattr(report, "as_json"):
+        keys: dict[str, Any] = report.as_json()
+        return keys
+    names = [field.name for field in dataclasses.fields(report)]
+    names += [name for name, value in vars(type(report)).items() if isinstance(value, property)]
+    return {name: getattr(report, name) for name in names}
 
 
 def _plain(value: Any) -> Any:
     """The same without NaN and infinities, which JSON does not know: they become null."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
+    if isinstance(value, Problem):
+        return value.as_json()
+    if dataclasses.is_dataclass(value):
+        fields = dataclasses.fields(value)
+        return {field.name: _plain(getattr(value, field.name)) for field in fields}
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
 
 from pydantic_core import SchemaValidator, ValidationError, core_schema
 
-from drcli.base.problems import UnfitError, one_of
+from drcli.base.problems import BadValue, one_of
 from drcli.config.value_types import Check, Shape
 
 T = TypeVar("T")
@@ -28,8 +28,8 @@ FileName = Literal["run.env", "system.env"]
 
 _UNREADABLE = {
     "flag": "is neither True nor False",
-    "whole": "is no whole number",
-    "number": "is no number",
+    "whole": "is not a whole number",
+    "number": "is not a number",
 }
 
 
@@ -155,14 +155,14 @@ class Setting:
         """The value that a text means.
 
         Raises:
-            UnfitError: None.
+            BadValue: It means none.
         """
         value = self._of_kind(text)
         return value if self.judge is None else self.judge(value)
 
     def _of_kind(self, text: str) -> Any:
         if self.kind == "choice" and text not in self.choices:
-            raise UnfitError(f"is none of {', '.join(self.choices)}", one_of(self.choices, text))
+            raise BadValue(f"is not one of {', '.join(self.choices)}", one_of(self.choices, text))
         if self.kind not in _UNREADABLE:
             return Path(text) if self.kind == "path" else text
         try:
@@ -174,7 +174,7 @@ class Setting:
                 reason = f"is below {self.low}"
             elif fault == "less_than_equal":
                 reason = f"is above {self.high}"
-            raise UnfitError(reason, self._remedy()) from None
+            raise BadValue(reason, self._remedy()) from None
 
     def _remedy(self) -> str:
         remedy = f"Set {self.name} to {self.expected}"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.base.problems import Finding, settings_error
+from drcli.base.problems import Problem, ProblemsError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
@@ -30,8 +30,8 @@ class Design:
         """The design that a model in the bucket was trained with.
 
         Raises:
-            ObjectMissing: One of its files is not there.
-            SettingsError: One of them is no such file.
+            ObjectMissing: One of its files does not exist.
+            ProblemsError: One of them is wrong.
         """
         places = (keys.model_metadata(prefix), keys.hyperparameters(prefix))
         metadata, parameters = (f"{bucket.name}/{key}" for key in places)
@@ -46,34 +46,31 @@ class Design:
         """Check that the two files fit each other.
 
         Raises:
-            SettingsError: They do not.
+            ProblemsError: They do not.
         """
         conflict = self.parameters.conflict(
             self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
         )
         if conflict is not None:
-            what = conflict.removesuffix(".")
-            raise settings_error(
-                [Finding(self.parameters_origin, what, "Change one of the two files.")]
-            )
+            place, remedy = self.parameters_origin, "Change one of the two files."
+            raise ProblemsError([Problem("V-34", "error", place, None, conflict, remedy)])
 
 
-def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
+def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[Problem]:
     """Check that weights of one model fit another.
 
-    A network's inputs and outputs cannot be added to or taken away from; what its outputs mean may
-    change.
+    The inputs and outputs of a network are fixed; what its outputs mean may change.
 
     Args:
         trained: Of the model that has the weights.
-        wanted: Of the model that shall take them over.
+        wanted: Of the model that takes them over.
         model: What to call the first in messages.
 
     Returns:
-        Sentences about what fits but means something else.
+        Warnings about what fits but means something else.
 
     Raises:
-        SettingsError: They do not fit; a line for each key that differs names file and both values.
+        ProblemsError: They do not fit; a problem for each key that differs.
     """
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin
@@ -93,20 +90,21 @@ def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
             ("critic", trained.parameters.critic, wanted.parameters.critic),
         )
     ]
-    findings = [misfit for misfit in misfits if misfit is not None]
-    if findings:
-        raise settings_error(findings)
+    problems = [misfit for misfit in misfits if misfit is not None]
+    if problems:
+        raise ProblemsError(problems)
     if old.action_space == new.action_space:
         return []
-    return [
-        f"{where}: {model} was trained with other values of action_space, so it has to learn what "
-        "its actions do now."
-    ]
+    what = (
+        f"{model} was trained with other values of action_space, so it has to learn what its "
+        "actions do now."
+    )
+    return [Problem("V-35", "warning", where, None, what, "Go on if you mean it.")]
 
 
 def _other_actions(
     old: ModelMetadata, new: ModelMetadata, where: str, model: str
-) -> Finding | None:
+) -> Problem | None:
     before, now = (
         f"{count} {each.action_space_type} action{'s' * (count != 1)}"
         for each in (old, new)
@@ -117,21 +115,26 @@ def _other_actions(
         new.action_space.num_actions,
     ):
         return None
-    return Finding(
+    return Problem(
+        "V-35",
+        "error",
         where,
-        f"{model} was trained with {before}, action_space has {now} here",
+        None,
+        f"{model} was trained with {before}, but action_space has {now} here.",
         "Keep type and number of actions (their values may change), or start a new model "
         "with fresh weights.",
     )
 
 
-def _difference(where: str, key: str, before: str, now: str, model: str) -> Finding | None:
+def _difference(where: str, key: str, before: str, now: str, model: str) -> Problem | None:
     if before == now:
         return None
-    return Finding(
+    return Problem(
+        "V-35",
+        "error",
         where,
-        f"{key}={now}, but {model} was trained with {key}={before}, and its weights fit nothing "
-        "else",
+        None,
+        f"{key}={now}, but {model} was trained with {key}={before}, and its weights only fit that.",
         f"Write {key}={before} there, or start a new model with fresh weights.",
     )
 

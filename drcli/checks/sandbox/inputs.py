@@ -9,7 +9,8 @@ import sys
 import time
 from threading import Event
 
-from drcli.checks.check_report import Violation, find_tried, forget_tried
+from drcli.base.problems import Problem
+from drcli.checks.check_report import find_tried, forget_tried
 from drcli.checks.reward_timeout import WHY, is_stuck, stuck_place
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
@@ -25,7 +26,7 @@ _GLANCE_S = 0.05
 """How often it is looked whether the process has ended."""
 
 
-def try_inputs(job: Job, reward: InputFile | None, given_up: Event) -> list[Violation]:
+def try_inputs(job: Job, reward: InputFile | None, given_up: Event) -> list[Problem]:
     """Load the worlds and try the reward function on them.
 
     The launcher itself never imports a racer's code.
@@ -103,5 +104,5 @@ def _watch(process: "subprocess.Popen[bytes]", given_up: Event) -> tuple[int | N
     return code, words.decode("utf-8", "replace").strip()
 
 
-def _lost(reward: InputFile, message: str, remedy: str) -> Violation:
-    return Violation("V-21", "error", reward.origin, message, remedy)
+def _lost(reward: InputFile, message: str, remedy: str) -> Problem:
+    return Problem("V-21", "error", reward.origin, None, message, remedy)

@@ -19,7 +19,8 @@ import numpy as np
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
-from drcli.checks.check_report import Violation, leave_tried
+from drcli.base.problems import Problem, ProblemsError
+from drcli.checks.check_report import leave_tried
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.workers.build_race import load_race, load_world
@@ -65,7 +66,7 @@ FALLBACK_WORLD = "reinvent_base"
 
 def try_inputs(
     settings: Settings, reward: tuple[Path, str] | None, deadline_s: float = REWARD_DEADLINE_S
-) -> list[Violation]:
+) -> list[Problem]:
     """Load the worlds and races of all workers and call the reward function along the laps.
 
     Args:
@@ -73,14 +74,13 @@ def try_inputs(
         reward: The file, and what to call it; None tries the worlds only.
         deadline_s: How long one call may take, in seconds.
     """
-    found: list[Violation] = []
+    found: list[Problem] = []
     courses: list[tuple[Track, Race]] = []
     for worker in range(len(settings.overrides) + 1):
         try:
             courses.append(_course(settings.for_worker(worker), found))
-        except SettingsError as error:
-            where = str(error).partition(": ")[0]
-            found.append(Violation("V-07", "error", where, str(error), error.remedy))
+        except ProblemsError as error:
+            found += error.problems
     if reward is None:
         return found
     path, name = reward
@@ -96,10 +96,11 @@ def try_inputs(
             return found
     if function.odd is not None:
         found.append(
-            Violation(
+            Problem(
                 "V-20",
                 "warning",
-                f"{name} line {function.line}",
+                name,
+                function.line,
                 f"returned {function.odd}, which is converted to a number.",
                 "End it with `return float(reward)`.",
             )
@@ -164,13 +165,13 @@ class _Watched:
         return value
 
 
-def _course(settings: Settings, found: list[Violation]) -> tuple[Track, Race]:
+def _course(settings: Settings, found: list[Problem]) -> tuple[Track, Race]:
     """The track and race of a worker; on another track where its own does not load."""
     try:
         track = load_world(settings)
     except SettingsError as error:
-        where = settings.source("DR_WORLD_NAME")
-        found.append(Violation("V-05", "error", where, str(error), error.remedy))
+        place = settings.place("DR_WORLD_NAME")
+        found.append(Problem("V-05", "error", *place, str(error), error.remedy, "DR_WORLD_NAME"))
         return load_track(FALLBACK_WORLD), TIME_TRIAL
     return track, load_race(settings, track)
 
@@ -196,13 +197,14 @@ def _try(
                 return
 
 
-def _violation(error: RewardError, rule: str, path: Path, name: str, state: str = "") -> Violation:
+def _violation(error: RewardError, rule: str, path: Path, name: str, state: str = "") -> Problem:
     place = f" in {path}, line {error.line}," if error.line else f" in {path}"
     message = str(error).replace(place, "", 1).replace(str(path), name)
     if state:
         message = message.replace(" failed: ", f" failed {state}: ", 1)
-    where = f"{name} line {error.line}" if error.line else name
-    return Violation(rule, "error", where, message, f"Correct {name}; nothing was started.")
+    return Problem(
+        rule, "error", name, error.line or None, message, f"Correct {name}; nothing was started."
+    )
 
 
 def main(file: Path | None, name: str) -> None:

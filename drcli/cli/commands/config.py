@@ -110,10 +110,10 @@ def _wanted(values: list[str]) -> dict[str, str]:
     for pair in values:
         written, equals, value = pair.partition("=")
         if not equals:
-            raise typer.BadParameter(f"'{pair}' is no NAME=VALUE.")
+            raise typer.BadParameter(f"'{pair}' is not NAME=VALUE.")
         name = _known(written.strip(), _names_in_files())
         if not _is_text(value):
-            raise typer.BadParameter(f"The value of {name}, {value!a}, is no UTF-8 text.")
+            raise typer.BadParameter(f"The value of {name}, {value!a}, is not UTF-8 text.")
         wanted[name] = value
     return wanted
 
@@ -141,7 +141,7 @@ def _known(written: str, others: tuple[str, ...]) -> str:
         )
 
         hint = _HYPERPARAMETER if written.lower() in KEYS else suggestion(written)
-        raise typer.BadParameter(f"'{written}' is no setting. {hint}")
+        raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.check_report import Report, Violation
+from drcli.base.problems import Problem
+from drcli.checks.check_report import Report
 from drcli.checks.sandbox import inputs_process
 from drcli.checks.validate import validate
 from drcli.exchange.job import Job
@@ -78,7 +79,7 @@ class Folder:
     def report(self, *, console: bool = False) -> Report:
         return validate(self.path, console_compatible=console, environ={})
 
-    def breaches(self, rule: str, *, console: bool = False) -> list[Violation]:
+    def breaches(self, rule: str, *, console: bool = False) -> list[Problem]:
         report = self.report(console=console)
         return [
             item for item in (*report.errors, *report.warnings, *report.notes) if item.rule == rule
@@ -90,7 +91,7 @@ def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
     """A folder whose bucket is in memory and whose trial needs no process."""
     made = Folder(working_folder)
 
-    def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Violation]:
+    def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Problem]:
         if reward is None:
             return inputs_process.try_inputs(job.settings, None)
         job.folder.mkdir(parents=True, exist_ok=True)
