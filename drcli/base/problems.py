@@ -1,9 +1,9 @@
 """Problems in the racer's files: made where the fault is known, and only formatted after that."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from drcli.base.errors import SettingsError
 
@@ -55,6 +55,17 @@ class Problem:
     remedy: str
     key: str = ""
 
+    JSON_KEYS: ClassVar[Mapping[str, str]] = {
+        "rule": "Number of the rule that is broken, such as `V-41`.",
+        "severity": "`error` keeps a training from starting, `warning` does not, `note` is not a "
+        "fault: it says what a start will ask for.",
+        "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
+        "none.",
+        "message": "Key, value and what is wrong with it, as a sentence.",
+        "remedy": "What to do about it, starting with a verb.",
+    }
+    """What programs read of it, with the meaning of each key."""
+
     @property
     def where(self) -> str:
         """The place, such as `run.env line 7`."""
@@ -65,14 +76,8 @@ class Problem:
         return self.message if self.where in self.message else f"{self.where}: {self.message}"
 
     def as_json(self) -> dict[str, str]:
-        """The keys that programs read."""
-        return {
-            "rule": self.rule,
-            "severity": self.severity,
-            "where": self.where,
-            "message": self.message,
-            "remedy": self.remedy,
-        }
+        """The values of `JSON_KEYS`."""
+        return {key: getattr(self, key) for key in self.JSON_KEYS}
 
 
 class BadValue(ValueError):

@@ -251,9 +251,6 @@ def _printing() -> Iterator[None]:
 
 
 def _with_properties(report: Any) -> dict[str, Any]:
-    if hasattr(report, "as_json"):
-        keys: dict[str, Any] = report.as_json()
-        return keys
     names = [field.name for field in dataclasses.fields(report)]
     names += [name for name, value in vars(type(report)).items() if isinstance(value, property)]
     return {name: getattr(report, name) for name in names}

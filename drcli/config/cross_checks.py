@@ -1,9 +1,8 @@
 """Checks values: whether each fits its setting, and whether they fit each other."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 
-from drcli.base.problems import BadValue, Problem
+from drcli.base.problems import BadValue, Problem, Severity
 from drcli.config.model import Settings, catalogue
 from drcli.config.setting_problems import setting_problem
 from drcli.config.value_types import BESIDE_MODELS, BUCKET_RULE, follows_s3
@@ -25,18 +24,18 @@ def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tup
 def contradictions(settings: Settings) -> Iterator[Problem]:
     """Values that fit on their own but not together, and one that the reference refuses."""
 
-    def problem(names: tuple[str, ...], message: str, remedy: str) -> Problem:
+    def problem(
+        names: tuple[str, ...], message: str, remedy: str, severity: Severity = "error"
+    ) -> Problem:
         """A problem at the first of these settings that somebody has set."""
         name = next((name for name in names if name in settings.sources), names[-1])
-        return setting_problem(names[0], settings.place(name), message, remedy)
+        return setting_problem(names[0], settings.place(name), message, remedy, severity=severity)
 
     if settings.eval_max_resets == 1:
-        yield replace(
-            problem(
-                ("DR_EVAL_MAX_RESETS",),
-                "DR_EVAL_MAX_RESETS=1 puts a car back once here; the reference refuses 1.",
-                "Write 0, or 2 or more, for a training on the reference.",
-            ),
+        yield problem(
+            ("DR_EVAL_MAX_RESETS",),
+            "DR_EVAL_MAX_RESETS=1 puts a car back once here; the reference refuses 1.",
+            "Write 0, or 2 or more, for a training on the reference.",
             severity="warning",
         )
     if settings.cloud in ("remote", "azure") and not settings.remote_minio_url:

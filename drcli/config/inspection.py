@@ -1,7 +1,7 @@
 """What somebody sees who asks for the settings: each value with the place it comes from."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -105,24 +105,6 @@ class Check:
     def warnings(self) -> tuple[str, ...]:
         """What is allowed and may surprise, as sentences."""
         return tuple(warnings_of(each for each in self.problems if each != self.summary))
-
-    @property
-    def valid(self) -> bool:
-        """Whether nothing is wrong."""
-        return not self.errors
-
-    def as_json(self) -> dict[str, Any]:
-        """The keys that programs read; `what` is the message without its full stop."""
-        errors = [
-            {**error.as_json(), "what": error.message.removesuffix(".")} for error in self.errors
-        ]
-        return {
-            "directory": self.directory,
-            "valid": self.valid,
-            "errors": errors,
-            "warnings": self.warnings,
-            "without_effect": [asdict(group) for group in self.without_effect],
-        }
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:

@@ -152,10 +152,7 @@ def test_a_check_for_scripts_is_one_object_also_when_it_fails(dr, working_folder
         "valid": False,
         "errors": [
             {
-                "rule": "V-45",
-                "severity": "error",
                 "where": "run.env line 1",
-                "message": "DR_WORKERS=0 is below 1.",
                 "what": "DR_WORKERS=0 is below 1",
                 "remedy": "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the "
                 "default 1.",
