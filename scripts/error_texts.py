@@ -20,6 +20,7 @@ CODES = {
     "file_problem": 3,
     "problem": 3,
     "BadValue": 3,
+    "_matching": 3,
     "TrackError": 3,
     "RewardError": 3,
     "StorageError": 4,
@@ -169,8 +170,8 @@ def _of_call(call: ast.Call, codes: dict[str, int]) -> ErrorText | None:
         if name == "Problem" and any(isinstance(node, ast.Starred) for node in call.args):
             at -= 1  # file and line in one argument
         arguments = list(call.args[at : at + 2])
-    elif name == "BadValue":
-        arguments = list(call.args)
+    elif name in ("BadValue", "_matching"):
+        arguments = list(call.args[-2:])
     else:
         arguments = [call.args[0], named.get("remedy")]
     texts = [_text(argument) for argument in arguments if argument is not None]

@@ -7,7 +7,7 @@ settings.
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -46,88 +46,44 @@ class Group:
 
 
 @dataclass(frozen=True)
-class _Declaration:
-    """What `setting` was told."""
-
-    name: str
-    default: Any
-    meaning: str
-    low: float | None
-    high: float | None
-    effect: Effect
-    reason: str
-    old_names: tuple[str, ...]
-    file: FileName | None
-
-
-def setting(
-    name: str,
-    default: T,
-    meaning: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    old_names: tuple[str, ...] = (),
-    planned: str = "",
-    ignored: str = "",
-    file: FileName | None = None,
-) -> T:
-    """Declare a field of a group.
-
-    Args:
-        name: Its DR_ name, which stands nowhere else.
-        default: Its value when nobody sets it; texts may hold `$NAME`.
-        meaning: One line for the documentation.
-        low: Least value allowed.
-        high: Greatest value allowed.
-        old_names: Names that earlier versions of the reference used for it.
-        planned: Why it does nothing yet, although somebody who changes it expects an effect.
-        ignored: Why it may be ignored for good.
-        file: Where it belongs, if not where its group does.
-    """
-    effect: Effect = "planned" if planned else "accepted" if ignored else "used"
-    reason = planned or ignored
-    declaration = _Declaration(name, default, meaning, low, high, effect, reason, old_names, file)
-    return cast(T, declaration)
-
-
-@dataclass(frozen=True)
 class Setting:
-    """What is known about one DR_ name.
+    """What is known about one DR_ name; `declared` fills in what has a default here.
 
     Attributes:
         name: The DR_ name.
-        field: Attribute of `Settings`.
-        kind: What its text must be: text, flag, whole, number, choice, path or list.
-        choices: The allowed words of a choice.
         default: Value when nobody sets it.
         meaning: One line.
         low: Least number, if limited.
         high: Greatest number, if limited.
+        old_names: Names that mean the same.
         effect: Whether it does something here.
         reason: Why it does not.
-        old_names: Names that mean the same.
-        shape: What a text may be.
-        group: Heading in the documentation.
+        own_file: Where it belongs, if not where its group does.
         file: Where it belongs; it counts in both files.
+        field: Attribute of `Settings`.
+        group: Heading in the documentation.
+        kind: What its text must be: text, flag, whole, number, choice, path or list.
+        choices: The allowed words of a choice.
+        shape: What a text may be.
         judge: Judges a text that fits the kind and returns the value; None where any will do.
     """
 
     name: str
-    field: str
-    kind: str
-    choices: tuple[str, ...]
     default: Any
     meaning: str
     low: float | None
     high: float | None
+    old_names: tuple[str, ...]
     effect: Effect
     reason: str
-    old_names: tuple[str, ...]
-    shape: str
-    group: str
-    file: FileName
-    judge: Callable[[str], Any] | None
+    own_file: FileName | None
+    file: FileName = "run.env"
+    field: str = ""
+    group: str = ""
+    kind: str = ""
+    choices: tuple[str, ...] = ()
+    shape: str = ""
+    judge: Callable[[str], Any] | None = None
 
     @property
     def default_text(self) -> str:
@@ -183,6 +139,37 @@ class Setting:
         return f"{remedy}."
 
 
+def setting(
+    name: str,
+    default: T,
+    meaning: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    old_names: tuple[str, ...] = (),
+    planned: str = "",
+    ignored: str = "",
+    file: FileName | None = None,
+) -> T:
+    """Declare a field of a group.
+
+    Args:
+        name: Its DR_ name, which stands nowhere else.
+        default: Its value when nobody sets it; texts may hold `$NAME`.
+        meaning: One line for the documentation.
+        low: Least value allowed.
+        high: Greatest value allowed.
+        old_names: Names that earlier versions of the reference used for it.
+        planned: Why it does nothing yet, although somebody who changes it expects an effect.
+        ignored: Why it may be ignored for good.
+        file: Where it belongs, if not where its group does.
+    """
+    effect: Effect = "planned" if planned else "accepted" if ignored else "used"
+    reason = planned or ignored
+    known = Setting(name, default, meaning, low, high, old_names, effect, reason, file)
+    return cast(T, known)
+
+
 @cache
 def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator:
     """What reads texts of a kind."""
@@ -201,25 +188,18 @@ def declared(model: type[Group]) -> Mapping[str, Setting]:
     for group in groups:
         for field, annotation in inspect.get_annotations(group).items():
             told = vars(group).get(field)
-            if not isinstance(told, _Declaration):
+            if not isinstance(told, Setting):
                 continue
             hints = getattr(annotation, "__metadata__", ())
             kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
-            found[told.name] = Setting(
-                name=told.name,
+            found[told.name] = replace(
+                told,
+                file=told.own_file or group.file,
                 field=field,
+                group=group.title,
                 kind=kind,
                 choices=choices,
-                default=told.default,
-                meaning=told.meaning,
-                low=told.low,
-                high=told.high,
-                effect=told.effect,
-                reason=told.reason,
-                old_names=told.old_names,
                 shape="".join(hint.words for hint in hints if isinstance(hint, Shape)),
-                group=group.title,
-                file=told.file or group.file,
                 judge=next((hint.judge for hint in hints if isinstance(hint, Check)), None),
             )
     return found

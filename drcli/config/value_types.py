@@ -78,24 +78,42 @@ def _object_key(value: str) -> str:
     return value
 
 
-def _world(value: str) -> str:
-    if not value:
-        raise BadValue("is empty", "Write the name of a track, such as reinvent_base.")
-    if not value.endswith(".npy") and not re.fullmatch(r"[A-Za-z0-9._-]+", value):
-        raise BadValue(
-            "cannot be the name of a track",
-            "Write a name such as reinvent_base, or the path of a .npy file.",
-        )
-    return value
+def _matching(pattern: str, reason: str, remedy: str) -> Callable[[str], str]:
+    """Judges texts by a regular expression."""
+
+    def judge(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise BadValue(reason, remedy)
+        return value
+
+    return judge
 
 
-def _bucket(value: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}", value):
-        raise BadValue(
-            "is not the name of a bucket",
-            "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
-        )
-    return value
+_world = _matching(
+    r"[A-Za-z0-9._-]+|.*\.npy",
+    "cannot be the name of a track",
+    "Write a name such as reinvent_base, or the path of a .npy file.",
+)
+_bucket = _matching(
+    r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}",
+    "is not the name of a bucket",
+    "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
+)
+_region = _matching(
+    r"(?:(?!\d+\Z)[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?)?",
+    "is not an AWS region",
+    "Write one such as us-east-1 or eu-central-1.",
+)
+_folder_name = _matching(
+    f"(?:{FOLDER_NAME.pattern})?",
+    "is not a plain folder name",
+    "Write the name of a folder in experiments/.",
+)
+_gpus = _matching(
+    r"(?:-1|[A-Za-z0-9][A-Za-z0-9/-]*(?:, *[A-Za-z0-9][A-Za-z0-9/-]*)*)?",
+    "is not a list of GPUs",
+    "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
+)
 
 
 def _address(value: str) -> str:
@@ -110,12 +128,6 @@ def _address(value: str) -> str:
     return value
 
 
-def _region(value: str) -> str:
-    if not re.fullmatch(r"(?:(?!\d+\Z)[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?)?", value):
-        raise BadValue("is not an AWS region", "Write one such as us-east-1 or eu-central-1.")
-    return value or HOME_REGION
-
-
 def _colour(value: str) -> str:
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
@@ -123,23 +135,6 @@ def _colour(value: str) -> str:
             f"is not one of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
         )
     return named.get(value.casefold(), value)
-
-
-def _folder_name(value: str) -> str:
-    if value and not FOLDER_NAME.fullmatch(value):
-        raise BadValue("is not a plain folder name", "Write the name of a folder in experiments/.")
-    return value
-
-
-def _gpus(value: str) -> str:
-    if value and not re.fullmatch(
-        r"-1|[A-Za-z0-9][A-Za-z0-9/-]*(?:, *[A-Za-z0-9][A-Za-z0-9/-]*)*", value
-    ):
-        raise BadValue(
-            "is not a list of GPUs",
-            "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
-        )
-    return value
 
 
 def _positions(value: str) -> tuple[tuple[float, ...], ...]:
@@ -187,7 +182,7 @@ UploadBucket = Annotated[
 ]
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
 """http or https address, or empty."""
-Region = Annotated[str, Check(_region), Shape("an AWS region")]
+Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[
     str, Check(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
 ]

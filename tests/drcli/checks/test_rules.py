@@ -280,7 +280,7 @@ CASES = (
         lambda f: f.reward(reward("if params['steps'] > 900:", "    return 2.0", "return 1.0")),
         lambda f: f.reward(reward("if params['steps'] > 900: return 2.0", "return 1.0")),
         "warning",
-        ("line 2", "E701", "Put what follows the colon on a line of its own, or end"),
+        ("line 2", "E701", "Correct it, or end the line with `# noqa`."),
     ),
     Case(
         "V-22",
