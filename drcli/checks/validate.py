@@ -11,11 +11,16 @@ from drcli.base.errors import StorageError
 from drcli.base.problems import Problem, ProblemsError, of_severity
 from drcli.checks.before_start import Examined, Plans, examine
 from drcli.checks.check_report import Report, Skipped
-from drcli.checks.compatibility import as_console, review_actions, review_balance, review_names
-from drcli.checks.console_rules import review_style
+from drcli.checks.compatibility_rules import (
+    as_console,
+    review_actions,
+    review_balance,
+    review_names,
+)
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
+from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings

@@ -1,6 +1,7 @@
 """The style of reward_function.py, and what the DeepRacer console does not allow in it."""
 
 import ast
+import re
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity
@@ -14,14 +15,13 @@ MODULES = ("math", "numpy", "random", "scipy", "shapely")
 BUILTINS = ("open", "exec", "eval", "compile", "input", "__import__")
 """What the console does not allow to call."""
 
-FILE_CALLS = (
-    "__import__ fromfile genfromtxt load loads loadtxt memmap save savetxt savez "
-    "savez_compressed tofile"
-).split()
+FILE_CALLS = re.compile(
+    "__import__|fromfile|genfromtxt|loads?|loadtxt|memmap|save|savetxt|savez(_compressed)?|tofile"
+)
 """Ways to files inside those modules."""
 
 IGNORED_STYLE = ("E5", "E226", "E261", "E9")
-"""Line lengths, spaces around signs and before comments; E9 is text that does not compile (V-02)."""
+"""Line lengths, spaces around signs and before comments; E9 is code that does not compile."""
 
 MOST_LINES = 5
 """Lines that a remark on style names."""
@@ -118,7 +118,7 @@ def _imports(source: Source) -> Iterator[Problem]:
 def _calls(source: Source) -> Iterator[Problem]:
     for node in ast.walk(source.tree):
         builtin = isinstance(node, ast.Name) and node.id in BUILTINS
-        if builtin or (isinstance(node, ast.Attribute) and node.attr in FILE_CALLS):
+        if builtin or (isinstance(node, ast.Attribute) and FILE_CALLS.fullmatch(node.attr)):
             what = f"uses {ast.unparse(node)}, which the console does not allow."
             remedy = "Remove it: reward functions there have no access to files."
             yield source.problem("V-23", getattr(node, "lineno", 1), what, remedy)
