@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -51,9 +51,10 @@ SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
 CAMERAS = (*SINGLE_CAMERAS, "STEREO_CAMERAS")
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
-_LIDAR_EXAMPLES = {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}
-_LIST_EXAMPLES = {"action_space": [ACTION], **ACTION}
-_RANGE_EXAMPLES = {"action_space": RANGES, **RANGES, "low": 1, "high": 2}
+_LIDAR = {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}
+_LIDAR_EXAMPLES: dict[str, Any] = {"lidar_config": _LIDAR, **_LIDAR}
+_LIST_EXAMPLES: dict[str, Any] = {"action_space": [ACTION], **ACTION}
+_RANGE_EXAMPLES: dict[str, Any] = {"action_space": RANGES, **RANGES, "low": 1, "high": 2}
 """Values for remedies, by key."""
 
 RULES = {
@@ -120,47 +121,15 @@ class _File(BaseModel):
     neural_network: Annotated[Network, choice(Network)] = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
     sensor: Annotated[tuple[str, ...], BeforeValidator(_sensors)] = ("observation",)
     version: Annotated[str, BeforeValidator(_version)] = "1.0"
+    lidar_config: LidarConfig = LidarConfig()
 
 
 class _Discrete(_File):
     action_space: list[Action] = Field(min_length=1)
 
-    @field_validator("action_space", mode="before")
-    @classmethod
-    def _is_list(cls, written: Any) -> Any:
-        if isinstance(written, dict):
-            raise BadValue(
-                "is not a list of actions",
-                f"Write a list such as {json.dumps([ACTION])}, or add "
-                '"action_space_type": "continuous".',
-            )
-        return written
-
-    @field_validator("training_algorithm")
-    @classmethod
-    def _can_learn_lists(cls, algorithm: Algorithm) -> Algorithm:
-        if algorithm == "sac":
-            raise BadValue(
-                "needs continuous actions",
-                'Write "action_space_type": "continuous" with ranges, '
-                'or "training_algorithm": "clipped_ppo".',
-            )
-        return algorithm
-
 
 class _Continuous(_File):
     action_space: Ranges
-
-    @field_validator("action_space", mode="before")
-    @classmethod
-    def _is_pair(cls, written: Any) -> Any:
-        if not isinstance(written, dict):
-            raise BadValue(
-                "is not a pair of ranges",
-                f"Write {json.dumps(RANGES)}, or "
-                '"action_space_type": "discrete" for a list of actions.',
-            )
-        return written
 
 
 @dataclass(frozen=True)
@@ -227,58 +196,69 @@ class ModelMetadata:
 
 def _read(file: JsonFile, original: bytes) -> ModelMetadata:
     values = {"version": "2.0" if "sensor" in file.values else "1.0", **file.values}
-    kind = str(values.get("action_space_type")).strip().casefold()
-    problems = list(_unknown_keys(file))
+    if "DISCRETIZED_SECTOR_LIDAR" not in str(values.get("sensor")):
+        values.pop("lidar_config", None)  # it is only used with that sensor
+    continuous = isinstance(values.get("action_space"), dict)
+    problems = [*_unknown_keys(file), *_other_type(file)]
 
     def rule_of(path: Path) -> str:
-        of_ranges = path[0] == "action_space" and kind == "continuous"
-        return "V-31" if of_ranges else RULES[str(path[0])]
+        return "V-31" if path[0] == "action_space" and continuous else RULES[str(path[0])]
 
     read: _Discrete | _Continuous
     try:
-        read = (_Continuous if kind == "continuous" else _Discrete).model_validate(values)
+        read = (_Continuous if continuous else _Discrete).model_validate(values)
     except ValidationError as error:
-        examples = _RANGE_EXAMPLES if kind == "continuous" else _LIST_EXAMPLES
-        refuse([*problems, *problems_of(error, file, rule_of, examples)])
+        examples = _RANGE_EXAMPLES if continuous else _LIST_EXAMPLES
+        refuse([*problems, *problems_of(error, file, rule_of, _LIDAR_EXAMPLES | examples)])
         raise
-    lidar = LidarConfig()
-    if "DISCRETIZED_SECTOR_LIDAR" in read.sensor and "lidar_config" in values:
-        try:
-            lidar = _Lidar.model_validate(values).lidar_config
-        except ValidationError as error:
-            examples = {**_LIDAR_EXAMPLES, "lidar_config": _LIDAR_EXAMPLES}
-            problems += problems_of(error, file, rule_of, examples)
     if isinstance(read, _Continuous):
         space = read.action_space.space
         problems += range_problems(file, read.action_space)
     else:
         space = ActionSpace(tuple((a.steering_angle, a.speed) for a in read.action_space))
         problems += list_problems(file, read.action_space)
-    problems += _unknown_keys_in(file, read.action_space, ("action_space",))
-    sensor = read.sensor
-    if float(read.version) < 2 and sensor != ("observation",):
-        what = f"version {float(read.version):g} has one camera; its sensor list is ignored."
-        remedy = 'Write "version": "5", or remove the sensors.'
-        problems.append(file.problem("V-33", ("sensor",), what, remedy, "warning"))
-        sensor = ("observation",)
+    problems += [*_contradictions(file, read), *_unused_keys(file, read, ())]
     refuse(problems)
     return ModelMetadata(
         action_space=space,
         training_algorithm=read.training_algorithm,
         neural_network=read.neural_network,
-        sensor=sensor,
+        sensor=("observation",) if float(read.version) < 2 else read.sensor,
         version=read.version,
-        lidar=lidar,
+        lidar=read.lidar_config,
         original=original,
         action_space_json=json.dumps(values["action_space"]),
         notes=tuple(problems),
     )
 
 
-class _Lidar(BaseModel):
-    """The part of the file that only counts with a lidar of sectors."""
+def _other_type(file: JsonFile) -> Iterator[Problem]:
+    """An action space of the other type than the file says."""
+    kinds: dict[type, tuple[str, str]] = {
+        list: ("discrete", "a list"),
+        dict: ("continuous", "ranges"),
+    }
+    kind, name = kinds.get(type(file.values.get("action_space")), ("", ""))
+    stated = str(file.values.get("action_space_type", "discrete")).strip().casefold()
+    if kind and stated in get_args(SpaceType) and stated != kind:
+        what = f"action_space is {name}, but action_space_type is {stated}."
+        remedy = f'Write "action_space_type": "{kind}", or {stated} actions.'
+        yield file.problem("V-36", ("action_space",), what, remedy)
 
-    lidar_config: LidarConfig
+
+def _contradictions(file: JsonFile, read: _Discrete | _Continuous) -> Iterator[Problem]:
+    """Values that do not fit each other."""
+    if read.training_algorithm == "sac" and isinstance(read, _Discrete):
+        what = 'training_algorithm="sac" needs continuous actions.'
+        remedy = (
+            'Write "action_space_type": "continuous" with ranges, '
+            'or "training_algorithm": "clipped_ppo".'
+        )
+        yield file.problem("V-34", ("training_algorithm",), what, remedy)
+    if float(read.version) < 2 and read.sensor != ("observation",):
+        what = f"version {float(read.version):g} has one camera; its sensor list is ignored."
+        remedy = 'Write "version": "5", or remove the sensors.'
+        yield file.problem("V-33", ("sensor",), what, remedy, "warning")
 
 
 def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
@@ -295,14 +275,14 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
             yield file.problem("V-03", (key,), what, f"Did you mean {meant}?")
 
 
-def _unknown_keys_in(file: JsonFile, value: Any, path: Path) -> Iterator[Problem]:
-    """The same inside the actions."""
+def _unused_keys(file: JsonFile, value: Any, path: Path) -> Iterator[Problem]:
+    """The same inside of values."""
     if isinstance(value, list):
         for number, item in enumerate(value):
-            yield from _unknown_keys_in(file, item, (*path, number))
+            yield from _unused_keys(file, item, (*path, number))
     if isinstance(value, BaseModel):
         for key in value.model_extra or {}:
             what, remedy = f"{dotted((*path, key))} is not used.", "Keep or remove it."
             yield file.problem("V-03", (*path, key), what, remedy, "warning")
         for key in type(value).model_fields:
-            yield from _unknown_keys_in(file, getattr(value, key), (*path, key))
+            yield from _unused_keys(file, getattr(value, key), (*path, key))

@@ -93,15 +93,15 @@ def test_the_action_space_is_kept_as_written_for_logs():
             id="no-action",
         ),
         pytest.param(
-            {"action_space": {"speed": 1}},
-            'action_space={"speed": 1} is not a list of actions',
-            'or add "action_space_type": "continuous".',
+            {"action_space": RANGES},
+            "action_space is ranges, but action_space_type is discrete",
+            'Write "action_space_type": "continuous", or discrete actions.',
             id="ranges-without-their-type",
         ),
         pytest.param(
-            {"action_space_type": "continuous", "action_space": [1]},
-            "action_space=[1] is not a pair of ranges",
-            '"action_space_type": "discrete" for a list of actions.',
+            {"action_space_type": "continuous", "action_space": ACTIONS},
+            "action_space is a list, but action_space_type is continuous",
+            'Write "action_space_type": "discrete", or continuous actions.',
             id="list-as-ranges",
         ),
         pytest.param(
