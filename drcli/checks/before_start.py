@@ -10,11 +10,11 @@ from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.sandbox.inputs import try_inputs
-from drcli.checks.storage_rules import review_fit, review_prefix, review_pretrained
+from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
-from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.network_shape import Design, misfits
 from drcli.models.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -120,9 +120,9 @@ def _of_bucket(
 ) -> tuple[Transfer | None, list[Problem]]:
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
-        return None, [] if design is None else review_fit(plans.resumed, design, model)
+        return None, [] if design is None else misfits(plans.resumed, design, model)
     found = [] if plans.wiping else review_prefix(settings, bucket)
     if not settings.pretrained:
         return None, found
-    reviewed = review_pretrained(settings, bucket, design, wiping=plans.wiping)
-    return reviewed.transfer, found + reviewed.problems
+    transfer, problems = review_pretrained(settings, bucket, design, wiping=plans.wiping)
+    return transfer, found + problems

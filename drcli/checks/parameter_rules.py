@@ -58,10 +58,7 @@ def review_parameters(
         found += _idle_workers(settings, learning, hyperparameters.origin)
     if learning is not None and model is not None and hyperparameters and metadata:
         design = Design(model, learning, metadata.origin, hyperparameters.origin)
-        try:
-            design.refuse_conflict()
-        except ProblemsError as error:
-            found += error.problems
+        found += design.conflicts()
     return ParametersReview(learning, model, design, found)
 
 

@@ -1,12 +1,11 @@
 """The bucket against the rules: whether it works, is free for the model, and has the old one."""
 
 import time
-from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
-from drcli.modelfiles.network_shape import Design, refuse_misfit
+from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import lease
@@ -19,36 +18,16 @@ LARGEST_SKEW_S = 300.0
 PROBE_FOLDER = ".validate/"
 
 
-@dataclass(frozen=True)
-class TransferReview:
-    """What can be said about the model to start from.
-
-    Attributes:
-        transfer: Its weights, None where they cannot be used.
-        problems: What is wrong with it.
-    """
-
-    transfer: Transfer | None
-    problems: list[Problem]
-
-
 def review_prefix(settings: Settings, bucket: Bucket) -> list[Problem]:
-    """V-09: nothing may lie where the new model goes."""
+    """V-09: there may be nothing where the new model goes."""
     if not is_used(bucket, settings.model_prefix):
         return []
     model = f"s3://{bucket.name}/{settings.model_prefix}"
     learned = newest_checkpoint(bucket, settings.model_prefix) is not None
     go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
-    return [
-        Problem(
-            "V-09",
-            "error",
-            model,
-            None,
-            f"Selected path {model} exists. Delete it, or use -w option. Exiting.",
-            f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env.",
-        )
-    ]
+    what = f"Selected path {model} exists. Delete it, or use -w option. Exiting."
+    remedy = f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env."
+    return [Problem("V-09", "error", model, None, what, remedy)]
 
 
 def review_owner(settings: Settings, bucket: Bucket) -> list[Problem]:
@@ -56,14 +35,14 @@ def review_owner(settings: Settings, bucket: Bucket) -> list[Problem]:
     try:
         lease.refuse_other_owner(bucket, settings.model_prefix)
     except SettingsError as error:
-        where = f"s3://{bucket.name}/{settings.model_prefix}"
-        return [Problem("V-13", "warning", where, None, str(error), error.remedy)]
+        model = f"s3://{bucket.name}/{settings.model_prefix}"
+        return [Problem("V-13", "warning", model, None, str(error), error.remedy)]
     return []
 
 
 def review_pretrained(
     settings: Settings, bucket: Bucket, design: Design | None, *, wiping: bool
-) -> TransferReview:
+) -> tuple[Transfer | None, list[Problem]]:
     """V-10 and V-35: the model to start from exists, is whole, and fits.
 
     Args:
@@ -71,23 +50,18 @@ def review_pretrained(
         bucket: Holds it.
         design: Of the new model; None where its files are wrong.
         wiping: Whether the model under the new model's prefix is going to be deleted.
+
+    Returns:
+        Its weights, None where they cannot be used, and what is wrong or odd about it.
     """
     try:
         if design is None:
             pretrained.named_weights(settings, bucket)
-            return TransferReview(None, [])
+            return None, []
         transfer = pretrained.find(settings, bucket, design, wiping=wiping)
     except ProblemsError as error:
-        return TransferReview(None, list(error.problems))
-    return TransferReview(transfer, transfer.warnings)
-
-
-def review_fit(trained: Design, wanted: Design, model: str) -> list[Problem]:
-    """V-35: weights of one design fit another."""
-    try:
-        return refuse_misfit(trained, wanted, model)
-    except ProblemsError as error:
-        return list(error.problems)
+        return None, list(error.problems)
+    return transfer, transfer.warnings
 
 
 def probe(bucket: Bucket) -> list[Problem]:
@@ -102,28 +76,18 @@ def probe(bucket: Bucket) -> list[Problem]:
     except StorageError as error:
         return [Problem("V-50", "error", bucket.name, None, str(error), error.remedy)]
     if not (came_back and written and gone):
-        return [
-            Problem(
-                "V-50",
-                "error",
-                bucket.name,
-                None,
-                "The bucket does not return, list or delete what was written to it.",
-                "Use another S3 server; this one could lose a model.",
-            )
-        ]
+        what = "The bucket does not return, list or delete what was written to it."
+        remedy = "Use another S3 server; this one could lose a model."
+        return [Problem("V-50", "error", bucket.name, None, what, remedy)]
     skew_s = time.time() - written[0].modified.timestamp()
-    if abs(skew_s) > LARGEST_SKEW_S:
-        return [
-            Problem(
-                "V-50",
-                "warning",
-                bucket.name,
-                None,
-                f"The clock of this machine is {abs(skew_s) / 60:.0f} minutes "
-                f"{'ahead of' if skew_s > 0 else 'behind'} the server's.",
-                "Set it right, as with `sudo timedatectl set-ntp true`; servers refuse requests "
-                "that are signed 15 minutes off.",
-            )
-        ]
-    return []
+    if abs(skew_s) <= LARGEST_SKEW_S:
+        return []
+    what = (
+        f"The clock of this machine is {abs(skew_s) / 60:.0f} minutes "
+        f"{'ahead of' if skew_s > 0 else 'behind'} the server's."
+    )
+    remedy = (
+        "Correct it, as with `sudo timedatectl set-ntp true`; servers refuse requests that are "
+        "signed 15 minutes off."
+    )
+    return [Problem("V-50", "warning", bucket.name, None, what, remedy)]

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from drcli.base.problems import Place, Problem, ProblemsError
+from drcli.base.problems import Place, Problem, ProblemsError, refuse
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
-from drcli.modelfiles.network_shape import Design, refuse_misfit
+from drcli.modelfiles.network_shape import Design, misfits
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoint_record import Record
@@ -87,7 +87,8 @@ def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) ->
         remedy = "Restore that file from a copy, or name another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
     model = f"s3://{bucket.name}/{prefix}"
-    warnings = refuse_misfit(trained, wanted, model)
+    warnings = misfits(trained, wanted, model)
+    refuse(warnings)
     if settings.pretrained_checkpoint == "best" and source.metric is None:
         name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
         what = (
