@@ -1,44 +1,87 @@
-"""What is wrong in the racer's files, collected so that one start reports all of it at once."""
+"""Problems in the racer's files: made where the fault is known, and only formatted after that."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
 
 from drcli.base.errors import SettingsError
 
+Severity = Literal["error", "warning", "note"]
+"""An error keeps a training from starting, a warning does not. A note is not a fault: it says what
+a start will ask for."""
+
 MOST_SHOWN = 40
-"""Findings that one error lists; a file with more of them was named by mistake."""
+"""Problems that one error lists; a file with more of them was probably named by mistake."""
 
 LONGEST_SHOWN = 80
 """Characters of a value that an error repeats; enough to recognise it, short enough to read."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing that is wrong.
+class Place(NamedTuple):
+    """Where a value stands.
 
     Attributes:
-        where: Place, such as `run.env line 7`.
-        what: Key, value and what is wrong with it, without a full stop.
-        remedy: What to do about it, starting with a verb.
+        file: Name of a file, or another source such as `environment`, `flag` or `default`.
+        line: Counted from 1; None outside of files.
     """
 
-    where: str
-    what: str
-    remedy: str
+    file: str
+    line: int | None = None
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.what}."
-
-    @classmethod
-    def of(cls, error: SettingsError) -> "Finding":
-        """The one thing that an error of the form `place: what is wrong.` reports."""
-        where, _, what = str(error).partition(": ")
-        return cls(where, what.removesuffix("."), error.remedy)
+        return self.file if self.line is None else f"{self.file} line {self.line}"
 
 
-class UnfitError(ValueError):
-    """A value that its type allows but its meaning does not.
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong or odd, in one place.
+
+    Attributes:
+        rule: Number of the rule that it breaks, such as `V-41`.
+        severity: How bad it is.
+        file: The file, as in `Place`; empty if there is none.
+        line: The line in it, if known.
+        message: Key, value and what is wrong with it: a sentence that is read after the place.
+        remedy: What to do about it, starting with a verb.
+        key: The setting or key that it is about, where there is one.
+    """
+
+    rule: str
+    severity: Severity
+    file: str
+    line: int | None
+    message: str
+    remedy: str
+    key: str = ""
+
+    JSON_KEYS: ClassVar[Mapping[str, str]] = {
+        "rule": "Number of the rule that is broken, such as `V-41`.",
+        "severity": "`error` keeps a training from starting, `warning` does not, `note` is not a "
+        "fault: it says what a start will ask for.",
+        "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
+        "none.",
+        "message": "Key, value and what is wrong with it, as a sentence.",
+        "remedy": "What to do about it, starting with a verb.",
+    }
+    """What programs read of it, with the meaning of each key."""
+
+    @property
+    def where(self) -> str:
+        """The place, such as `run.env line 7`."""
+        return str(Place(self.file, self.line))
+
+    def __str__(self) -> str:
+        """The message with its place, unless it names that itself."""
+        return self.message if self.where in self.message else f"{self.where}: {self.message}"
+
+    def as_json(self) -> dict[str, str]:
+        """The values of `JSON_KEYS`."""
+        return {key: getattr(self, key) for key in self.JSON_KEYS}
+
+
+class BadValue(ValueError):
+    """A value that its type allows but its meaning does not; its place is not known here.
 
     Args:
         reason: What is wrong, to be read after the value: `is empty`.
@@ -51,24 +94,42 @@ class UnfitError(ValueError):
         self.remedy = remedy
 
 
-class FindingsError(SettingsError):
-    """Everything that is wrong: a line each, and as many lines of remedies in the same order.
+class ProblemsError(SettingsError):
+    """Several problems in one failure: a line for each error, and a line for each remedy.
 
     Args:
-        findings: At least one.
-        warnings: What was noticed beside them.
+        problems: At least one of them is an error.
     """
 
-    def __init__(self, findings: Sequence[Finding], warnings: Sequence[str] = ()) -> None:
-        remedies = (finding.remedy for finding in findings[:MOST_SHOWN])
-        super().__init__("\n".join(few(map(str, findings))), remedy="\n".join(remedies))
-        self.findings = tuple(findings)
-        self.warnings = tuple(warnings)
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        shown = self.errors[:MOST_SHOWN]
+        super().__init__(
+            "\n".join(few(_on_one_line(str(problem)) for problem in self.errors)),
+            remedy="\n".join(_on_one_line(problem.remedy) for problem in shown),
+        )
+
+    @property
+    def errors(self) -> tuple[Problem, ...]:
+        """The problems that are errors."""
+        return tuple(problem for problem in self.problems if problem.severity == "error")
 
 
-def settings_error(findings: Sequence[Finding]) -> FindingsError:
-    """All findings as one failure."""
-    return FindingsError(findings)
+def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Problem, ...]:
+    """Those of one severity, each once, in the order of rules, files and lines."""
+    distinct = dict.fromkeys(problem for problem in problems if problem.severity == severity)
+    return tuple(sorted(distinct, key=lambda p: (p.rule, p.file, p.line or 0)))
+
+
+def refuse(problems: Iterable[Problem]) -> None:
+    """Refuse to go on if there are errors.
+
+    Raises:
+        ProblemsError: There are.
+    """
+    errors = of_severity(problems, "error")
+    if errors:
+        raise ProblemsError(errors)
 
 
 def few(sentences: Iterable[str]) -> list[str]:
@@ -102,3 +163,7 @@ def one_of(words: Sequence[str], written: str) -> str:
     likely = closest(written, words)
     start = f"Did you mean {likely}? " if likely is not None else ""
     return f"{start}Write one of {', '.join(words)}."
+
+
+def _on_one_line(text: str) -> str:
+    return " ".join(text.splitlines())

@@ -1,30 +1,27 @@
-"""Bytes to text, for files that people edit: a byte order mark is fine, all but text is not."""
+"""Decodes files that people edit: a byte order mark is fine, anything but UTF-8 text is not."""
 
-from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem, ProblemsError
 
 
-def decode(data: bytes, name: str, *, largest_bytes: int, kind: str, remedy: str) -> str:
+def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str) -> str:
     """The text of a small UTF-8 file.
 
     Args:
         data: Its content, with or without a byte order mark.
         name: What to call it in messages.
-        largest_bytes: More than this is a mistake.
-        kind: What it should be, for instance "settings file".
-        remedy: What to do when it is something else.
+        rule: Number of the rule that is broken when it is something else.
+        largest_bytes: A larger file was named by mistake.
+        remedy: What to do then.
 
     Raises:
-        SettingsError: It is too large or no UTF-8; the sentence names the line.
+        ProblemsError: It is too large or is not UTF-8.
     """
     if len(data) > largest_bytes:
-        raise SettingsError(
-            f"{name}: is {len(data):,} bytes long, which no {kind} is.", remedy=remedy
-        )
+        what = f"is {len(data):,} bytes long; {largest_bytes:,} are allowed."
+        raise ProblemsError([Problem(rule, "error", name, None, what, remedy)])
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as e:
         line = data[: e.start].count(b"\n") + 1
-        raise SettingsError(
-            f"{name} line {line}: holds byte 0x{data[e.start]:02x}, which is no UTF-8 text.",
-            remedy=remedy,
-        ) from e
+        what = f"byte 0x{data[e.start]:02x} is not UTF-8 text."
+        raise ProblemsError([Problem(rule, "error", name, line, what, remedy)]) from e

@@ -1,30 +1,23 @@
-"""Every rule that keeps a training from starting, tried at once."""
+"""What is checked before a training starts: every rule whose breach keeps it from starting."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
-from drcli.checks.storage_rules import review_fit, review_prefix, review_pretrained
+from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.checks.try_inputs import try_inputs
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
-from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.network_shape import Design, misfits
 from drcli.models.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-
-FILE_RULES = {
-    keys.REWARD_FUNCTION_FILE: "V-02",
-    keys.MODEL_METADATA_FILE: "V-03",
-    keys.HYPERPARAMETERS_FILE: "V-04",
-}
-"""Which rule a missing file breaks."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +25,8 @@ class Plans:
     """What is going to be started.
 
     Attributes:
-        wiping: What lies under the model prefix is deleted first.
-        resumed: Design of the model there, which the training goes on with.
+        wiping: Whether the model under the prefix is deleted first.
+        resumed: Design of that model, if the training continues it.
     """
 
     wiping: bool = False
@@ -49,18 +42,18 @@ class Examined:
         source: The reward function, if it compiles.
         review: The two parameter files.
         transfer: The weights to start from, if the settings name some that fit.
-        violations: Everything that is wrong or odd.
+        problems: Everything that is wrong or odd.
     """
 
     files: Mapping[str, InputFile]
     source: Source | None
     review: ParametersReview
     transfer: Transfer | None
-    violations: list[Violation]
+    problems: list[Problem]
 
     @property
     def inputs(self) -> Inputs:
-        """All three files; to be asked for when nothing is wrong."""
+        """All three files; only where nothing is wrong."""
         return Inputs(
             self.files[keys.REWARD_FUNCTION_FILE],
             self.files[keys.HYPERPARAMETERS_FILE],
@@ -69,7 +62,7 @@ class Examined:
 
     @property
     def design(self) -> Design:
-        """Both parameter files; to be asked for when nothing is wrong."""
+        """Both parameter files; only where nothing is wrong."""
         if self.review.design is None:
             raise ValueError("there is no design where the parameter files are wrong")
         return self.review.design
@@ -78,10 +71,10 @@ class Examined:
 def examine(
     job: Job, files: Mapping[str, InputFile], bucket: Bucket | None, plans: Plans = Plans()
 ) -> Examined:
-    """Try every rule about the racer's files, the bucket and the disk.
+    """Check every rule about the racer's files, the bucket and the disk.
 
-    The reward function is called in a process of its own, and all other rules are tried while that
-    one starts, so that they cost a start no time.
+    The reward function is called in a process of its own, and all other rules are checked while
+    that one starts, so that they cost no time.
 
     Args:
         job: Its settings, directory and folder count.
@@ -102,20 +95,20 @@ def examine(
             review = review_parameters(
                 files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
             )
-            found += review.violations
+            found += review.problems
             transfer = None
             if bucket is not None:
-                found += _missing(files, settings, job, bucket)
+                found += missing_files(files, settings, job.directory, bucket.name)
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
             found += review_disk(settings, job.directory)
-            found += _news(trial.result(), found)
+            found += _without_repeats(trial.result(), found)
         finally:
             given_up.set()  # else Ctrl-C, or a bucket that fails, would wait for the trial
     return Examined(files, source, review, transfer, found)
 
 
-def _news(tried: list[Violation], found: list[Violation]) -> list[Violation]:
+def _without_repeats(tried: list[Problem], found: list[Problem]) -> list[Problem]:
     """What the trial found, without names that are known to be undefined before they are used."""
     undefined = {item.where for item in found if item.rule == "V-22"}
     return [
@@ -123,24 +116,14 @@ def _news(tried: list[Violation], found: list[Violation]) -> list[Violation]:
     ]
 
 
-def _missing(
-    files: Mapping[str, InputFile], settings: Settings, job: Job, bucket: Bucket
-) -> list[Violation]:
-    missing = missing_files(files, settings, job.directory, bucket.name)
-    return [
-        Violation(FILE_RULES[name], "error", item.where, f"{item.what}.", item.remedy)
-        for name, item in missing.items()
-    ]
-
-
 def _of_bucket(
     settings: Settings, bucket: Bucket, design: Design | None, plans: Plans
-) -> tuple[Transfer | None, list[Violation]]:
+) -> tuple[Transfer | None, list[Problem]]:
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
-        return None, [] if design is None else review_fit(plans.resumed, design, model)
+        return None, [] if design is None else misfits(plans.resumed, design, model)
     found = [] if plans.wiping else review_prefix(settings, bucket)
     if not settings.pretrained:
         return None, found
-    reviewed = review_pretrained(settings, bucket, design, wiping=plans.wiping)
-    return reviewed.transfer, found + reviewed.violations
+    transfer, problems = review_pretrained(settings, bucket, design, wiping=plans.wiping)
+    return transfer, found + problems

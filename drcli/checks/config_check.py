@@ -1,22 +1,48 @@
-"""What `dr config check` finds: everything about the settings first, then all other rules."""
+"""What `dr config check` reports: everything about the settings first, then all other rules."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.checks.check_report import Report, Violation
-from drcli.config.effects import NAMED_BY_CHECK
-from drcli.config.inspection import Check, check_settings
+from drcli.base.problems import Problem
+from drcli.checks.check_report import Report
+from drcli.config.effects import Idle
+from drcli.config.inspection import check_settings
 
 
 @dataclass(frozen=True)
-class FullCheck(Check):
+class WrongSetting:
+    """An error in the settings.
+
+    Attributes:
+        where: Place, such as `run.env line 7`.
+        what: Key, value and what is wrong with it, without a full stop.
+        remedy: What to do about it, starting with a verb.
+    """
+
+    where: str
+    what: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}."
+
+
+@dataclass(frozen=True)
+class FullCheck:
     """The settings, and everything beside them.
 
     Attributes:
-        rules: What the rules found that is not told above; None where they were not tried.
+        directory: The working folder.
+        errors: What is wrong with the settings, in the order of reading.
+        warnings: What is allowed and may surprise.
+        without_effect: Settings in the files that do nothing here, by reason.
+        rules: What the other rules found; None where they were not checked.
     """
 
+    directory: str
+    errors: tuple[WrongSetting, ...]
+    warnings: tuple[str, ...]
+    without_effect: tuple[Idle, ...]
     rules: Report | None = None
 
     @property
@@ -26,41 +52,29 @@ class FullCheck(Check):
 
 
 def check_alone(directory: Path) -> FullCheck:
-    """Check the settings; no other rule is tried.
-
-    Args:
-        directory: The working folder.
-
-    Raises:
-        SettingsError: There is no run.env.
-    """
-    own = check_settings(directory)
-    return FullCheck(**{field.name: getattr(own, field.name) for field in fields(own)})
+    """Check the settings of a working folder, and no other rule."""
+    check = check_settings(directory)
+    errors = tuple(
+        WrongSetting(error.where, error.message.removesuffix("."), error.remedy)
+        for error in check.errors
+    )
+    return FullCheck(check.directory, errors, check.warnings, check.without_effect)
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    """Try all rules on a folder whose settings are right."""
+    """Check all rules on a folder whose settings are right."""
     from drcli.checks.validate import validate  # settings are checked without what it loads
 
-    rules = validate(Path(check.directory))
-    return replace(
-        check,
-        rules=replace(
-            rules,
-            errors=tuple(_untold(rules.errors, check)),
-            warnings=tuple(_untold(rules.warnings, check)),
-            notes=tuple(_untold(rules.notes, check)),
-        ),
-    )
-
-
-def _untold(violations: tuple[Violation, ...], check: Check) -> Iterator[Violation]:
-    """Those that the check of the settings has not told already."""
+    directory = Path(check.directory)
+    known = check_settings(directory).problems
     idle = {name for group in check.without_effect for name in group.names}
-    for item in violations:
-        sentences = (item.sentence, f"{item.sentence} {item.remedy}")
-        told = any(text in check.warnings for text in sentences) or item.message.endswith(
-            NAMED_BY_CHECK
-        )
-        if not told and item.message.partition("=")[0] not in idle:
-            yield item
+
+    def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
+        """Those that the check of the settings has not reported already."""
+        return tuple(each for each in problems if each not in known and each.key not in idle)
+
+    rules = validate(directory)
+    rules = replace(
+        rules, errors=new(rules.errors), warnings=new(rules.warnings), notes=new(rules.notes)
+    )
+    return replace(check, rules=rules)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -30,7 +30,7 @@ LEAST_GPU_BYTES = 1_500_000_000
 GPU_PATIENCE_S = 3.0
 
 
-def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
+def review_disk(settings: Settings, directory: Path) -> Iterator[Problem]:
     """Room for models (where this machine keeps the bucket) and for logs."""
     folders = {directory}
     if settings.cloud == "local":
@@ -42,56 +42,51 @@ def review_disk(settings: Settings, directory: Path) -> Iterator[Violation]:
         free = shutil.disk_usage(place).free
         if free < LEAST_DISK_BYTES and disk not in said:
             said.add(disk)
-            yield Violation(
-                "V-50",
-                "warning",
-                str(place),
-                f"Only {_shown(free)} of the disk are free, and a training may need "
-                f"{_shown(LEAST_DISK_BYTES)}.",
+            needed = _shown(LEAST_DISK_BYTES)
+            what = f"only {_shown(free)} of the disk are free; a training may need {needed}."
+            remedy = (
                 "Delete models or logs that you no longer need, or set DR_S3_DATA_DIR to a folder "
-                "on another disk.",
+                "on another disk."
             )
+            yield Problem("V-50", "warning", str(place), None, what, remedy)
 
 
 def review_memory(
     settings: Settings, parameters: Hyperparameters | None, metadata: ModelMetadata | None
-) -> Iterator[Violation]:
+) -> Iterator[Problem]:
     """Room for all processes of the training."""
     needed = settings.workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
     if free < needed:
-        yield Violation(
-            "V-50",
-            "warning",
-            settings.source("DR_WORKERS"),
-            f"{_shown(free)} of memory are free, and a trainer with {settings.workers} simulation "
-            f"workers may need {_shown(needed)}.",
-            "End other programs, or lower DR_WORKERS (or sac_replay_steps).",
+        what = (
+            f"{_shown(free)} of memory are free; a trainer with {settings.workers} simulation "
+            f"workers may need {_shown(needed)}."
         )
+        remedy = "End other programs, or lower DR_WORKERS (or sac_replay_steps)."
+        yield Problem("V-50", "warning", *settings.place("DR_WORKERS"), what, remedy, "DR_WORKERS")
 
 
-def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Violation]:
-    """Room on one of the GPUs that the trainer gets, where there are any.
+def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Problem]:
+    """Room on one of the GPUs that the trainer may use, if there are any.
 
     Args:
-        settings: None where they are wrong: then the environment alone says which GPUs it gets.
+        settings: None where they are wrong: then only the environment says which GPUs it may use.
         environ: Process environment.
     """
     chosen = settings.sagemaker_cuda_devices if settings is not None else ""
-    allowed = chosen or environ.get("CUDA_VISIBLE_DEVICES")
-    free = _free_gpu_bytes(allowed)
+    free = _free_gpu_bytes(chosen or environ.get("CUDA_VISIBLE_DEVICES"))
     if free and max(free) < LEAST_GPU_BYTES:
-        yield Violation(
-            "V-50",
-            "warning",
-            "nvidia-smi",
-            f"Only {_shown(max(free))} of GPU memory are free, and learning may need "
-            f"{_shown(LEAST_GPU_BYTES)}.",
-            "End other programs on the GPU, or let the processor learn with "
-            "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env.",
+        what = (
+            f"only {_shown(max(free))} of GPU memory are free; learning may need "
+            f"{_shown(LEAST_GPU_BYTES)}."
         )
+        remedy = (
+            "End other programs on the GPU, or let the processor learn with "
+            "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
+        )
+        yield Problem("V-50", "warning", "nvidia-smi", None, what, remedy)
 
 
 def _free_gpu_bytes(allowed: str | None) -> list[int]:

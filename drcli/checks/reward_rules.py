@@ -6,15 +6,13 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem, ProblemsError, Severity
 from drcli.base.text_file import decode
-from drcli.checks.check_report import Violation
 from drcli.checks.first_step import idle_conditions
-from drcli.checks.translation import from_error
 from drcli.modelfiles.custom_files import InputFile
 
 LARGEST_BYTES = 1024 * 1024
-"""No reward function comes near this; a file beyond it was named by mistake."""
+"""A larger file was named by mistake."""
 
 _ELSE_IF = re.compile(r"^\s*else\s+if\b")
 _SILENCED = re.compile(r"#\s*noqa\b", re.IGNORECASE)
@@ -27,33 +25,33 @@ class Source:
     Attributes:
         name: What to call the file in messages.
         text: Its content.
-        tree: The same taken apart.
+        tree: Its syntax tree.
     """
 
     name: str
     text: str
     tree: ast.Module
 
-    def at(self, line: int) -> str:
-        """A place in the file."""
-        return f"{self.name} line {line}"
+    def problem(
+        self, rule: str, line: int, message: str, remedy: str, severity: Severity = "error"
+    ) -> Problem:
+        """A problem in one of its lines."""
+        return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
-        """Whether a comment on that line asks not to be told about it."""
+        """Whether a `# noqa` comment on that line asks not to report it."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
 
-def read_source(file: InputFile) -> tuple[Source | None, list[Violation]]:
+def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
     """Compile a reward function: rules V-02 and, where that fails for it, V-24."""
     name = file.origin
     remedy = f"Save {file.name} as plain UTF-8 text."
     try:
-        text = decode(
-            file.data, name, largest_bytes=LARGEST_BYTES, kind="reward function", remedy=remedy
-        )
-    except SettingsError as error:
-        return None, from_error(error, lambda _: "V-02")
+        text = decode(file.data, name, "V-02", largest_bytes=LARGEST_BYTES, remedy=remedy)
+    except ProblemsError as error:
+        return None, list(error.problems)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "is" with a number and the like belong to V-22
@@ -64,82 +62,66 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Violation]]:
     return Source(name, text, tree), []
 
 
-def review_source(source: Source) -> list[Violation]:
-    """Rules whose breach shows while a training runs: undefined names, idle conditions."""
+def review_source(source: Source) -> list[Problem]:
+    """Mistakes that would only show while a training runs."""
     return [
         *_undefined_names(source),
-        *_progress_of_one(source.tree, source),
+        *_progress_of_one(source),
         *_first_steps(source),
     ]
 
 
-def _uncompilable(error: Exception, name: str, text: str) -> Violation:
+def flakes(source: Source) -> Iterator[tuple[int, str, bool]]:
+    """What pyflakes reports: line, text, and whether it is about an undefined name."""
+    from pyflakes.checker import Checker
+    from pyflakes.messages import UndefinedName
+
+    for message in Checker(source.tree, filename=source.name).messages:
+        if not source.is_silenced(message.lineno):
+            text = message.message % message.message_args
+            yield message.lineno, text, isinstance(message, UndefinedName)
+
+
+def _uncompilable(error: Exception, name: str, text: str) -> Problem:
     line = error.lineno if isinstance(error, SyntaxError) else None
     what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
     lines = text.splitlines()
     shown = lines[line - 1] if line is not None and 0 < line <= len(lines) else ""
-    where = f"{name} line {line}" if line is not None else name
     quoted = f"\n  {shown.strip()}" if shown.strip() else ""
     if _ELSE_IF.match(shown):
-        return Violation(
-            "V-24",
-            "error",
-            where,
-            f"`else if` is not valid Python.{quoted}",
-            "Write `elif` and the condition.",
-        )
-    return Violation(
-        "V-02",
-        "error",
-        where,
-        f"The reward function is not valid Python: {what}.{quoted}",
-        f"Correct {name}; nothing was started.",
-    )
+        message = f"`else if` is not valid Python.{quoted}"
+        return Problem("V-24", "error", name, line, message, "Write `elif` and the condition.")
+    message = f"The reward function is not valid Python: {what}.{quoted}"
+    return Problem("V-02", "error", name, line, message, f"Correct {name}; nothing was started.")
 
 
-def _undefined_names(source: Source) -> Iterator[Violation]:
+def _undefined_names(source: Source) -> Iterator[Problem]:
     """V-22: a name that nothing defines fails once its line is reached, maybe hours later."""
-    from pyflakes.checker import Checker
-    from pyflakes.messages import UndefinedName
-
     said: set[str] = set()
-    for message in Checker(source.tree, filename=source.name).messages:
-        if not isinstance(message, UndefinedName) or source.is_silenced(message.lineno):
-            continue
-        text = message.message % message.message_args
-        if text not in said:
+    for line, text, undefined in flakes(source):
+        if undefined and text not in said:
             said.add(text)
-            yield Violation(
-                "V-22",
-                "error",
-                source.at(message.lineno),
-                f"{text}.",
-                "Correct the name, or give it a value before that line.",
-            )
+            remedy = "Correct the name, or give it a value before that line."
+            yield source.problem("V-22", line, f"{text}.", remedy)
 
 
-def _progress_of_one(tree: ast.Module, source: Source) -> Iterator[Violation]:
+def _progress_of_one(source: Source) -> Iterator[Problem]:
     """V-24: `progress == 1`, as the console's guide once wrote."""
-    for node in ast.walk(tree):
+    for node in ast.walk(source.tree):
         if not isinstance(node, ast.Compare) or not isinstance(node.ops[0], ast.Eq):
             continue
         sides = [node.left, node.comparators[0]]
         if any(map(_is_progress, sides)) and any(map(_is_one, sides)):
-            yield Violation(
-                "V-24",
-                "warning",
-                source.at(node.lineno),
-                "progress == 1 is true for a moment at 1 % of the lap, if ever.",
-                "Write `progress >= 100` for a complete lap: progress runs from 0 to 100.",
-            )
+            what = "progress == 1 is true for a moment at 1 % of the lap, if at all."
+            remedy = "Write `progress >= 100` for a complete lap: progress runs from 0 to 100."
+            yield source.problem("V-24", node.lineno, what, remedy, "warning")
 
 
-def _first_steps(source: Source) -> Iterator[Violation]:
+def _first_steps(source: Source) -> Iterator[Problem]:
     """V-24: a step before the first one that is paid."""
     for idle in idle_conditions(source.text):
         if not source.is_silenced(idle.line):
-            where = source.at(idle.line)
-            yield Violation("V-24", "warning", where, idle.message, idle.remedy)
+            yield source.problem("V-24", idle.line, idle.message, idle.remedy, "warning")
 
 
 def _is_progress(node: ast.expr) -> bool:

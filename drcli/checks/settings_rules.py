@@ -1,31 +1,15 @@
-"""The settings files against the rules: names, types, ranges, and values that need each other."""
+"""The settings files against the rules, whatever is in them."""
 
 import os
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding
-from drcli.checks.check_report import Violation
-from drcli.checks.translation import from_error, from_findings, from_sentence, key_of
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings, catalogue, load_settings
 
 MOST_REPAIRS = 5
-"""How often lines are taken out: a line that is gone may show what was wrong behind it."""
-
-RULES = {
-    "DR_WORLD_NAME": "V-05",
-    "DR_RACE_TYPE": "V-07",
-    "DR_CAR_COLOR": "V-08",
-    "DR_LOCAL_S3_PRETRAINED": "V-10",
-    "DR_LOCAL_S3_PRETRAINED_PREFIX": "V-10",
-    "DR_LOCAL_S3_PRETRAINED_CHECKPOINT": "V-10",
-    "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST": "V-42",
-    "DR_WORKERS": "V-45",
-}
-"""Settings with a rule of their own; V-12 is about all others."""
+"""How often lines are taken out: a removed line may reveal a problem behind it."""
 
 SCREEN = (
     "DR_HOST_X",
@@ -33,9 +17,7 @@ SCREEN = (
     "DR_GUI_ENABLE",
     "DR_ROBOMAKER_CUDA_DEVICES",
 )
-"""Settings about X servers and GPUs that nothing here needs (V-06)."""
-
-_LINE = re.compile(r"(.+\.env)(?: line (\d+))?")
+"""Settings about X servers and GPUs that are not needed here (V-06)."""
 
 
 @dataclass(frozen=True)
@@ -43,99 +25,69 @@ class SettingsReview:
     """What can be said about the settings.
 
     Attributes:
-        settings: As they would count with the wrong lines left out; None where nothing helps.
-        whole: Whether they count as they are.
-        violations: What is wrong with them.
+        settings: The settings without the wrong lines; None where nothing helps.
+        whole: Whether no line had to be left out.
+        problems: What is wrong or odd about them.
     """
 
     settings: Settings | None
     whole: bool
-    violations: list[Violation]
+    problems: list[Problem]
 
 
 def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -> SettingsReview:
     """Load the settings of a working folder, whatever is in its files."""
     names = dict(os.environ if environ is None else environ)
     contents: dict[str, bytes] = {}
-    violations: list[Violation] = []
+    problems: list[Problem] = []
     for attempt in range(MOST_REPAIRS):
         try:
             settings = load_settings(directory, environ=names, contents=contents)
-        except SettingsError as error:
-            found = from_error(error, _rule_of)
-            violations += [item for item in found if item not in violations]
-            if not _take_out(found, directory, contents, names):
-                return SettingsReview(None, False, violations)
-            continue
-        return SettingsReview(settings, attempt == 0, [*violations, *judge(settings)])
-    return SettingsReview(None, False, violations)
+        except ProblemsError as error:
+            problems += error.problems
+            if not _take_out(error.errors, directory, contents, names):
+                break
+        else:
+            problems += [*settings.problems, *_judged(settings)]
+            return SettingsReview(settings, attempt == 0, problems)
+    return SettingsReview(None, False, problems)
 
 
-def judge(settings: Settings) -> list[Violation]:
+def _judged(settings: Settings) -> list[Problem]:
     """What is wrong or odd about settings that load."""
-    found = [_remark(sentence) for sentence in settings.warnings]
-    refusal = settings.unsupported("training")
-    if refusal is not None:
-        finding = from_sentence(refusal, "Choose another DR_RACE_TYPE, or use `dr-evaluate`.")
-        found += from_findings([finding], lambda _: "V-07")
+    unsupported = settings.unsupported("training")
+    found = [] if unsupported is None else [unsupported]
     for name in SCREEN:
         setting = catalogue()[name]
         if name in settings.sources and getattr(settings, setting.field) != setting.default:
-            found.append(
-                Violation(
-                    "V-06",
-                    "warning",
-                    settings.source(name),
-                    f"{name}={getattr(settings, setting.field)} is accepted and not needed: "
-                    f"{setting.reason}.",
-                    "Keep or remove the line.",
-                )
-            )
+            value = getattr(settings, setting.field)
+            what = f"{name}={value} is accepted and not needed: {setting.reason}."
+            place, remedy = settings.place(name), "Keep or remove the line."
+            found.append(Problem("V-06", "warning", *place, what, remedy, name))
     return found
 
 
-def _remark(sentence: str) -> Violation:
-    finding = from_sentence(sentence, "Correct the line, or remove it.")
-    if "is missing" in finding.what:
-        finding = replace(finding, remedy="`dr-init` writes one.")
-    if "effect here" in finding.what:
-        finding = replace(finding, remedy="Keep the lines or remove them.")
-    return Violation(
-        _rule_of(finding), "warning", finding.where, f"{finding.what}.", finding.remedy
-    )
-
-
-def _rule_of(finding: Finding) -> str:
-    if re.search(r"worker-\d+\.env$", finding.where):
-        return "V-45"
-    return RULES.get(key_of(finding), "V-12")
-
-
 def _take_out(
-    found: list[Violation], directory: Path, contents: dict[str, bytes], names: dict[str, str]
+    errors: Iterable[Problem], directory: Path, contents: dict[str, bytes], names: dict[str, str]
 ) -> bool:
     """Blank the lines that are wrong; False where the place of one is not known."""
-    for item in found:
-        line = _LINE.fullmatch(item.where)
-        name = key_of(Finding(item.where, item.message, ""))
-        if item.where == "environment" and name in names:
-            del names[name]
-        elif line is not None:
-            contents[line[1]] = _without(line[1], line[2], directory, contents)
+    for error in errors:
+        if error.file == "environment" and error.key in names:
+            del names[error.key]
+        elif error.file.endswith(".env"):
+            contents[error.file] = _without(error, directory, contents)
         else:
             return False
     return True
 
 
-def _without(
-    name: str, number: str | None, directory: Path, contents: Mapping[str, bytes]
-) -> bytes:
-    """A file's content with one of its lines, counted from 1, left empty; without all of it."""
-    path = directory / name
-    if number is None or not (name in contents or path.is_file()):
+def _without(error: Problem, directory: Path, contents: Mapping[str, bytes]) -> bytes:
+    """A file's content without the line of an error, or without anything."""
+    path = directory / error.file
+    if error.line is None or not (error.file in contents or path.is_file()):
         return b""
-    lines = (contents[name] if name in contents else path.read_bytes()).splitlines(keepends=True)
-    index = int(number) - 1
-    if index < len(lines):
-        lines[index] = b"\n"
+    content = contents[error.file] if error.file in contents else path.read_bytes()
+    lines = content.splitlines(keepends=True)
+    if error.line <= len(lines):
+        lines[error.line - 1] = b"\n"
     return b"".join(lines)

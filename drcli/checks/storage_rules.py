@@ -1,14 +1,11 @@
-"""The bucket against the rules: does it work, is the model's place free, is the old model there?"""
+"""The bucket against the rules: whether it works, is free for the model, and has the old one."""
 
 import time
-from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.problems import FindingsError
-from drcli.checks.check_report import Violation
-from drcli.checks.translation import from_error, from_findings, from_sentence
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
-from drcli.modelfiles.network_shape import Design, refuse_misfit
+from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import lease
@@ -21,87 +18,53 @@ LARGEST_SKEW_S = 300.0
 PROBE_FOLDER = ".validate/"
 
 
-@dataclass(frozen=True)
-class TransferReview:
-    """What can be said about the model to start from.
-
-    Attributes:
-        transfer: Its weights, None where they cannot be used.
-        violations: What is wrong with it.
-    """
-
-    transfer: Transfer | None
-    violations: list[Violation]
-
-
-def review_prefix(settings: Settings, bucket: Bucket) -> list[Violation]:
-    """V-09: nothing may lie where the new model goes."""
+def review_prefix(settings: Settings, bucket: Bucket) -> list[Problem]:
+    """V-09: there may be nothing where the new model goes."""
     if not is_used(bucket, settings.model_prefix):
         return []
     model = f"s3://{bucket.name}/{settings.model_prefix}"
     learned = newest_checkpoint(bucket, settings.model_prefix) is not None
     go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
-    return [
-        Violation(
-            "V-09",
-            "error",
-            model,
-            f"Selected path {model} exists. Delete it, or use -w option. Exiting.",
-            f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env.",
-        )
-    ]
+    what = f"Selected path {model} exists. Delete it, or use -w option. Exiting."
+    remedy = f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env."
+    return [Problem("V-09", "error", model, None, what, remedy)]
 
 
-def review_rivals(settings: Settings, bucket: Bucket) -> list[Violation]:
-    """V-13: whether somebody trains on the model's place already."""
+def review_owner(settings: Settings, bucket: Bucket) -> list[Problem]:
+    """V-13: nobody else may be training this model."""
     try:
         lease.refuse_other_owner(bucket, settings.model_prefix)
     except SettingsError as error:
-        where = f"s3://{bucket.name}/{settings.model_prefix}"
-        return [Violation("V-13", "warning", where, str(error), error.remedy)]
+        model = f"s3://{bucket.name}/{settings.model_prefix}"
+        return [Problem("V-13", "warning", model, None, str(error), error.remedy)]
     return []
 
 
 def review_pretrained(
     settings: Settings, bucket: Bucket, design: Design | None, *, wiping: bool
-) -> TransferReview:
-    """V-10 and V-35: the model to start from is there, whole, and fits.
+) -> tuple[Transfer | None, list[Problem]]:
+    """V-10 and V-35: the model to start from exists, is whole, and fits.
 
     Args:
         settings: Name it.
         bucket: Holds it.
-        design: Of the new model; without one there is nothing that it could fit.
-        wiping: Whether what lies under the new model's prefix is going to be deleted.
+        design: Of the new model; None where its files are wrong.
+        wiping: Whether the model under the new model's prefix is going to be deleted.
+
+    Returns:
+        Its weights, None where they cannot be used, and what is wrong or odd about it.
     """
     try:
         if design is None:
-            prefix, place = settings.pretrained_prefix, "DR_LOCAL_S3_PRETRAINED_PREFIX"
-            written = f"{settings.source(place)}: {place}={prefix}"
-            pretrained.read_weights(bucket, prefix, settings.pretrained_checkpoint, written)
-            return TransferReview(None, [])
+            pretrained.named_weights(settings, bucket)
+            return None, []
         transfer = pretrained.find(settings, bucket, design, wiping=wiping)
-    except SettingsError as error:
-        rule = "V-35" if isinstance(error, FindingsError) else "V-10"
-        return TransferReview(None, from_error(error, lambda _: rule))
-    return TransferReview(transfer, _notes(transfer.warnings))
+    except ProblemsError as error:
+        return None, list(error.problems)
+    return transfer, transfer.warnings
 
 
-def review_fit(trained: Design, wanted: Design, model: str) -> list[Violation]:
-    """V-35: weights of one design fit another."""
-    try:
-        return _notes(refuse_misfit(trained, wanted, model))
-    except SettingsError as error:
-        return from_error(error, lambda _: "V-35")
-
-
-def _notes(sentences: list[str]) -> list[Violation]:
-    notes = [from_sentence(text, "Go on if that is meant.") for text in sentences]
-    return from_findings(
-        notes, lambda note: "V-35" if "action_space" in note.what else "V-10", "warning"
-    )
-
-
-def probe(bucket: Bucket) -> list[Violation]:
+def probe(bucket: Bucket) -> list[Problem]:
     """V-50: objects can be written, read, listed and deleted, and the clocks agree."""
     key, content = f"{PROBE_FOLDER}{time.time_ns()}", b"probe"
     try:
@@ -111,28 +74,20 @@ def probe(bucket: Bucket) -> list[Violation]:
         bucket.delete([key])
         gone = not bucket.exists(key)
     except StorageError as error:
-        return [Violation("V-50", "error", bucket.name, str(error), error.remedy)]
+        return [Problem("V-50", "error", bucket.name, None, str(error), error.remedy)]
     if not (came_back and written and gone):
-        return [
-            Violation(
-                "V-50",
-                "error",
-                bucket.name,
-                "The bucket does not give back, list or delete what was written to it.",
-                "Use another S3 server; this one would lose a model.",
-            )
-        ]
+        what = "The bucket does not return, list or delete what was written to it."
+        remedy = "Use another S3 server; this one could lose a model."
+        return [Problem("V-50", "error", bucket.name, None, what, remedy)]
     skew_s = time.time() - written[0].modified.timestamp()
-    if abs(skew_s) > LARGEST_SKEW_S:
-        return [
-            Violation(
-                "V-50",
-                "warning",
-                bucket.name,
-                f"The clock of this machine is {abs(skew_s) / 60:.0f} minutes "
-                f"{'ahead of' if skew_s > 0 else 'behind'} the server's.",
-                "Set it right, as with `sudo timedatectl set-ntp true`; servers refuse requests "
-                "that are signed 15 minutes off.",
-            )
-        ]
-    return []
+    if abs(skew_s) <= LARGEST_SKEW_S:
+        return []
+    what = (
+        f"The clock of this machine is {abs(skew_s) / 60:.0f} minutes "
+        f"{'ahead of' if skew_s > 0 else 'behind'} the server's."
+    )
+    remedy = (
+        "Correct it, as with `sudo timedatectl set-ntp true`; servers refuse requests that are "
+        "signed 15 minutes off."
+    )
+    return [Problem("V-50", "warning", bucket.name, None, what, remedy)]

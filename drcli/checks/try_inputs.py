@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from threading import Event
 
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.checks.sandbox.run_sandbox import Sandbox
 from drcli.checks.sandbox.sandbox_records import (
     REMEDIES,
@@ -32,7 +32,7 @@ _FLOATS = {"float", "numpy.float64"}
 
 def try_inputs(
     settings: Settings, directory: Path, reward: InputFile | None, given_up: Event
-) -> list[Violation]:
+) -> list[Problem]:
     """Load the worlds of all workers and try the reward function on them.
 
     The launcher itself never imports a racer's code.
@@ -55,7 +55,7 @@ def request_of(settings: Settings, reward: InputFile | None) -> SandboxRequest:
     return SandboxRequest(reward.origin if reward is not None else "", settings=plain)
 
 
-def problems_of(result: SandboxResult, name: str) -> Iterator[Violation]:
+def problems_of(result: SandboxResult, name: str) -> Iterator[Problem]:
     """What keeps a training from starting, and values that are not floats.
 
     Args:
@@ -64,15 +64,16 @@ def problems_of(result: SandboxResult, name: str) -> Iterator[Violation]:
     """
     yield from result.problems
     for failure in result.failures:
-        where = f"{name} line {failure.line}" if failure.line else name
         rule = _RULES.get(failure.kind, "V-21")
-        yield Violation(rule, "error", where, _message(failure), REMEDIES[failure.kind])
+        line = failure.line or None
+        yield Problem(rule, "error", name, line, _message(failure), REMEDIES[failure.kind])
     others = sorted(set(result.returned) - _FLOATS)
     if others and not result.failures:
-        yield Violation(
+        yield Problem(
             "V-20",
             "warning",
-            f"{name} line {result.line}" if result.line else name,
+            name,
+            result.line or None,
             f"It returned {' and '.join(others)}, which is converted to float.",
             "End it with `return float(reward)`.",
         )

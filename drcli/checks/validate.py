@@ -1,29 +1,33 @@
-"""All rules on a working folder, whatever is in it: what `dr validate` reports."""
+"""What `dr validate` reports: all rules on a working folder, whatever is in it."""
 
 import os
 import secrets
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from drcli.base.errors import SettingsError, StorageError
-from drcli.base.problems import Finding
-from drcli.checks.before_start import FILE_RULES, Examined, Plans, examine
-from drcli.checks.check_report import Report, Skipped, Violation, by_severity, of_severity
-from drcli.checks.compatibility import as_console, review_actions, review_balance, review_names
-from drcli.checks.console_rules import review_style
+from drcli.base.errors import StorageError
+from drcli.base.problems import Problem, ProblemsError, of_severity
+from drcli.checks.before_start import Examined, Plans, examine
+from drcli.checks.check_report import Report, Skipped
+from drcli.checks.compatibility_rules import (
+    as_console,
+    review_actions,
+    review_balance,
+    review_names,
+)
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
-from drcli.checks.settings_rules import SettingsReview, review_settings
-from drcli.checks.storage_rules import probe, review_rivals
-from drcli.checks.translation import from_error
+from drcli.checks.reward_style import review_style
+from drcli.checks.settings_rules import review_settings
+from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
 from drcli.config.worlds import fetchable
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.modelfiles.custom_files import InputFile, find
+from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -40,182 +44,179 @@ def validate(
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
 ) -> Report:
-    """Try all rules and report everything that is wrong or odd; nothing in the folder changes.
+    """Check all rules and report everything that is wrong or odd; nothing in the folder changes.
 
     Args:
         directory: The racer's working folder.
-        console_compatible: Whether the model shall train on a DeepRacer console too: then what a
-            console refuses is an error.
+        console_compatible: Whether the model shall train on a DeepRacer console too; what a
+            console refuses is an error then.
         environ: Process environment; `os.environ` when None.
     """
     directory = directory.absolute()
+    environ = os.environ if environ is None else environ
     reviewed = review_settings(directory, environ)
-    found, skipped = list(reviewed.violations), list[Skipped]()
+    validation = _Validation(directory, console_compatible, list(reviewed.problems))
     if reviewed.settings is None:
-        found += _files_alone(directory, skipped)
+        validation.try_files_alone()
     else:
-        found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
-    found += review_gpu(reviewed.settings, os.environ if environ is None else environ)
-    told = [_relative(item, directory) for item in found]
-    errors, warnings = by_severity(told)
-    notes = of_severity(told, "note")
-    return Report(str(directory), console_compatible, errors, warnings, tuple(skipped), notes)
+        validation.try_everything(reviewed.settings, whole=reviewed.whole)
+    told = [_relative(each, directory) for each in validation.found]
+    told += review_gpu(reviewed.settings, environ)
+    return Report(
+        str(directory),
+        console_compatible,
+        of_severity(told, "error"),
+        of_severity(told, "warning"),
+        tuple(validation.skipped),
+        of_severity(told, "note"),
+    )
 
 
-def _with_settings(
-    reviewed: SettingsReview, settings: Settings, skipped: list[Skipped], console: bool
-) -> list[Violation]:
-    directory = settings.directory
-    found: list[Violation] = []
-    record = RunRecord.read(run_folder(settings, directory))
-    trains = record is not None and record.alive
-    if record is not None and trains:
-        found.append(
-            Violation(
-                "V-13",
-                "warning",
-                settings.source("DR_RUN_ID"),
-                f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} "
-                f"(process {record.pid}).",
-                "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID.",
+@dataclass
+class _Validation:
+    """Collects what is found and what is skipped."""
+
+    directory: Path
+    console: bool
+    found: list[Problem]
+    skipped: list[Skipped] = field(default_factory=list)
+
+    def try_everything(self, settings: Settings, *, whole: bool) -> None:
+        """All rules; the bucket is left out where the settings are not right as a whole."""
+        trains = self._note_running(settings)
+        bucket = self._bucket(settings, trains=trains) if whole else None
+        if not whole:
+            self._skip(BUCKET_RULES, "The bucket is not checked before the settings are right.")
+        files = self._files(settings, bucket)
+        examined = self._examined(settings, files, bucket, trains=trains)
+        self.found += review_names(settings, console=self.console)
+        if examined.source is not None:
+            self.found += review_style(examined.source, console=self.console)
+        parameters, metadata = examined.review.parameters, examined.review.metadata
+        if metadata is not None:
+            where = files[keys.MODEL_METADATA_FILE].origin
+            self.found += review_actions(
+                metadata, parameters, settings, where, console=self.console
             )
+        if self.console:
+            self.found = [as_console(each) for each in self.found]
+        if parameters is not None:
+            origin = files[keys.HYPERPARAMETERS_FILE].origin
+            self.found += review_balance(settings, parameters, origin)
+        self.found += review_memory(settings, parameters, metadata)
+
+    def try_files_alone(self) -> None:
+        """What can be said about the three files where no settings say which bucket and track."""
+        files = {
+            name: InputFile(name, path.read_bytes(), str(path))
+            for name in FILE_RULES
+            if (path := self.directory / "custom_files" / name).is_file()
+        }
+        reward = files.get(keys.REWARD_FUNCTION_FILE)
+        if reward is not None:
+            source, wrong = read_source(reward)
+            self.found += wrong if source is None else review_source(source)
+        self.found += review_parameters(
+            files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
+        ).problems
+        reason = "Track and bucket are not known before the settings are right."
+        self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
+
+    def _note_running(self, settings: Settings) -> bool:
+        """Whether this run trains already, which is worth a warning."""
+        record = RunRecord.read(run_folder(settings, self.directory))
+        if record is None or not record.alive:
+            return False
+        what = (
+            f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} "
+            f"(process {record.pid})."
         )
-    bucket = _bucket(reviewed, settings, found, skipped, trains=trains)
-    files = _files(settings, bucket, found, skipped)
-    examined = _examined(settings, files, bucket, found, skipped, trains=trains)
-    found += review_names(settings, console=console)
-    if examined.source is not None:
-        found += review_style(examined.source, console=console)
-    parameters, metadata = examined.review.parameters, examined.review.metadata
-    if metadata is not None:
-        where = files[keys.MODEL_METADATA_FILE].origin
-        found += review_actions(metadata, parameters, settings, where, console=console)
-    if console:
-        found = [as_console(item) for item in found]
-    if parameters is not None:
-        found += review_balance(settings, parameters, files[keys.HYPERPARAMETERS_FILE].origin)
-    found += review_memory(settings, parameters, metadata)
-    return found
-
-
-def _bucket(
-    reviewed: SettingsReview,
-    settings: Settings,
-    found: list[Violation],
-    skipped: list[Skipped],
-    *,
-    trains: bool,
-) -> Bucket | None:
-    """The bucket, if it can be used; what is wrong with it goes to the findings."""
-    if not reviewed.whole:
-        reason = "The bucket is not asked before the settings are right."
-        skipped.append(Skipped(BUCKET_RULES, reason))
-        return None
-    try:
-        bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
-        bucket.probe()
-        wrong = probe(bucket)
-        if not trains:
-            wrong += review_rivals(settings, bucket)
-    except StorageError as error:
-        place = settings.source("DR_CLOUD")
-        wrong = [Violation("V-50", "error", place, str(error), error.remedy)]
-    found += wrong
-    if any(item.severity == "error" for item in wrong):
-        skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket cannot be used."))
-        return None
-    return bucket
-
-
-def _files(
-    settings: Settings, bucket: Bucket | None, found: list[Violation], skipped: list[Skipped]
-) -> dict[str, InputFile]:
-    try:
-        files = find(settings, settings.directory, bucket)
-    except SettingsError as error:
-        found += from_error(error, lambda _: "V-02")
-        files = {}
-    except StorageError as error:
-        found.append(Violation("V-50", "error", "", str(error), error.remedy))
-        files = {}
-    if bucket is None:
-        unseen = [name for name in FILE_RULES if name not in files]
-        rules = tuple(FILE_RULES[name] for name in unseen)
-        if unseen:
-            reason = f"{', '.join(unseen)} may lie in the bucket, which cannot be read."
-            skipped.append(Skipped(rules, reason))
-    return files
-
-
-def _examined(
-    settings: Settings,
-    files: Mapping[str, InputFile],
-    bucket: Bucket | None,
-    found: list[Violation],
-    skipped: list[Skipped],
-    *,
-    trains: bool,
-) -> Examined:
-    """The rules of the start, in a folder that no training uses."""
-    with tempfile.TemporaryDirectory() as folder:
-        job = Job(
-            settings=settings,
-            directory=settings.directory,
-            session=secrets.token_hex(6),
-            seed=0,
-            until_laps=None,
-            max_minutes=None,
-            folder=Path(folder),
-            launcher_pid=os.getpid(),
+        remedy = "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID."
+        self.found.append(
+            Problem("V-13", "warning", *settings.place("DR_RUN_ID"), what, remedy, "DR_RUN_ID")
         )
-        plans = Plans(wiping=trains)  # a model that is being trained lies where it should
+        return True
+
+    def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
+        """The bucket, if it can be used."""
         try:
-            examined = examine(job, files, bucket, plans)
+            bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
+            bucket.probe()
+            wrong = probe(bucket)
+            if not trains:
+                wrong += review_owner(settings, bucket)
         except StorageError as error:
-            found.append(Violation("V-50", "error", "", str(error), error.remedy))
-            skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed meanwhile."))
-            examined = examine(job, files, None, plans)
-    to_come = {finding.where: finding for finding in fetchable(settings)}
-    found += [_told_without_start(item, to_come) for item in examined.violations]
-    return examined
+            wrong = [_unusable(error, *settings.place("DR_CLOUD"))]
+        self.found += wrong
+        if any(each.severity == "error" for each in wrong):
+            self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")
+            return None
+        return bucket
+
+    def _files(self, settings: Settings, bucket: Bucket | None) -> dict[str, InputFile]:
+        files: dict[str, InputFile] = {}
+        try:
+            files = find(settings, settings.directory, bucket)
+        except ProblemsError as error:
+            self.found += error.problems
+        except StorageError as error:
+            self.found.append(_unusable(error))
+        unseen = [name for name in FILE_RULES if name not in files]
+        if unseen and bucket is None:
+            reason = f"{', '.join(unseen)} may be in the bucket, which cannot be read."
+            self._skip(tuple(FILE_RULES[name] for name in unseen), reason)
+        return files
+
+    def _examined(
+        self,
+        settings: Settings,
+        files: Mapping[str, InputFile],
+        bucket: Bucket | None,
+        *,
+        trains: bool,
+    ) -> Examined:
+        """The rules of a start, in a folder that no training uses."""
+        with tempfile.TemporaryDirectory() as folder:
+            job = Job(
+                settings=settings,
+                directory=settings.directory,
+                session=secrets.token_hex(6),
+                seed=0,
+                until_laps=None,
+                max_minutes=None,
+                folder=Path(folder),
+                launcher_pid=os.getpid(),
+            )
+            plans = Plans(wiping=trains)  # the prefix of a running training is in use rightly
+            try:
+                examined = examine(job, files, bucket, plans)
+            except StorageError as error:
+                self.found.append(_unusable(error))
+                self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
+                examined = examine(job, files, None, plans)
+        to_fetch = {track.where: track for track in fetchable(settings)}
+        self.found += [_without_start(each, to_fetch) for each in examined.problems]
+        return examined
+
+    def _skip(self, rules: tuple[str, ...], reason: str) -> None:
+        self.skipped.append(Skipped(rules, reason))
 
 
-def _told_without_start(item: Violation, to_come: Mapping[str, Finding]) -> Violation:
-    """What a start would refuse or ask about is no fault where nothing is started."""
+def _unusable(error: StorageError, file: str = "", line: int | None = None) -> Problem:
+    return Problem("V-50", "error", file, line, str(error), error.remedy)
+
+
+def _without_start(item: Problem, to_fetch: Mapping[str, Problem]) -> Problem:
+    """What a start would refuse or ask about is only a note where nothing is started."""
     if item.rule == "V-09":
         return replace(item, severity="note", message=f"There is a model at {item.where}.")
-    if item.rule == "V-05" and item.where in to_come:
-        track = to_come[item.where]
-        return replace(item, severity="note", message=f"{track.what}.", remedy=track.remedy)
-    return item
+    return to_fetch.get(item.where, item) if item.rule == "V-05" else item
 
 
-def _files_alone(directory: Path, skipped: list[Skipped]) -> list[Violation]:
-    """What can be said about the three files where no settings say which bucket and track."""
-    found: list[Violation] = []
-    files = {
-        name: InputFile(name, path.read_bytes(), str(path))
-        for name in FILE_RULES
-        if (path := directory / "custom_files" / name).is_file()
-    }
-    reward = files.get(keys.REWARD_FUNCTION_FILE)
-    if reward is not None:
-        source, wrong = read_source(reward)
-        found += wrong if source is None else review_source(source)
-    found += review_parameters(
-        files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
-    ).violations
-    skipped.append(
-        Skipped(
-            ("V-05", "V-20", "V-21", *BUCKET_RULES),
-            "Track and bucket are not known before the settings are right.",
-        )
-    )
-    return found
-
-
-def _relative(item: Violation, directory: Path) -> Violation:
+def _relative(item: Problem, directory: Path) -> Problem:
     """The same with places inside the folder named from there."""
     start = f"{directory}{os.sep}"
-    texts = (text.replace(start, "") for text in (item.where, item.message, item.remedy))
-    return Violation(item.rule, item.severity, *texts)
+    file, message, remedy = (
+        text.replace(start, "") for text in (item.file, item.message, item.remedy)
+    )
+    return replace(item, file=file, message=message, remedy=remedy)

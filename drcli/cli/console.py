@@ -18,6 +18,7 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from drcli.base.errors import OutputLost
+from drcli.base.problems import Problem
 from drcli.config import activation
 
 Advance = Callable[[int], None]
@@ -249,14 +250,20 @@ def _printing() -> Iterator[None]:
 
 
 def _with_properties(report: Any) -> dict[str, Any]:
-    names = [name for name, value in vars(type(report)).items() if isinstance(value, property)]
-    return {**dataclasses.asdict(report), **{name: getattr(report, name) for name in names}}
+    names = [field.name for field in dataclasses.fields(report)]
+    names += [name for name, value in vars(type(report)).items() if isinstance(value, property)]
+    return {name: getattr(report, name) for name in names}
 
 
 def _plain(value: Any) -> Any:
     """The same without NaN and infinities, which JSON does not know: they become null."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
+    if isinstance(value, Problem):
+        return value.as_json()
+    if dataclasses.is_dataclass(value):
+        fields = dataclasses.fields(value)
+        return {field.name: _plain(getattr(value, field.name)) for field in fields}
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

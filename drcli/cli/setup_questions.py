@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from drcli.base.problems import UnfitError, shown
+from drcli.base.problems import BadValue, shown
 from drcli.cli import candidates
 from drcli.config.settings import catalogue
 
@@ -28,8 +28,8 @@ def with_answers(given: Mapping[str, str], ask: Ask, tell: Tell) -> dict[str, st
             answer = ask(question, default, choices)
             try:
                 catalogue()[name].read(answer)
-            except UnfitError as unfit:
-                tell(f"{shown(answer)} {unfit.reason}. {unfit.remedy}")
+            except BadValue as bad:
+                tell(f"{shown(answer)} {bad.reason}. {bad.remedy}")
             else:
                 values[name] = answer
 

@@ -1,9 +1,10 @@
-"""Judges values: whether they fit their field and fit each other."""
+"""Checks values: whether each fits its setting, and whether they fit each other."""
 
 from collections.abc import Iterator, Mapping
 
-from drcli.base.problems import Finding, UnfitError
+from drcli.base.problems import BadValue, Problem, Severity
 from drcli.config.model import Settings, catalogue
+from drcli.config.setting_problems import setting_problem
 from drcli.config.value_types import BESIDE_MODELS, BUCKET_RULE, follows_s3
 
 
@@ -16,70 +17,74 @@ def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tup
         setting = catalogue()[name]
         try:
             setting.read(values[setting.field])
-        except UnfitError as unfit:
-            yield name, unfit.reason, unfit.remedy
+        except BadValue as bad:
+            yield name, bad.reason, bad.remedy
 
 
-def oddities(settings: Settings) -> Iterator[str]:
-    """Sentences about values that are followed here and refused by the reference."""
+def contradictions(settings: Settings) -> Iterator[Problem]:
+    """Values that fit on their own but not together, and one that the reference refuses."""
+
+    def problem(
+        names: tuple[str, ...], message: str, remedy: str, severity: Severity = "error"
+    ) -> Problem:
+        """A problem at the first of these settings that somebody has set."""
+        name = next((name for name in names if name in settings.sources), names[-1])
+        return setting_problem(names[0], settings.place(name), message, remedy, severity=severity)
+
     if settings.eval_max_resets == 1:
-        yield (
-            f"{settings.source('DR_EVAL_MAX_RESETS')}: DR_EVAL_MAX_RESETS=1 puts a car back once "
-            "here; the reference refuses it and takes 0, or 2 and more."
+        yield problem(
+            ("DR_EVAL_MAX_RESETS",),
+            "DR_EVAL_MAX_RESETS=1 puts a car back once here; the reference refuses 1.",
+            "Write 0, or 2 or more, for a training on the reference.",
+            severity="warning",
         )
-
-
-def contradictions(settings: Settings) -> Iterator[Finding]:
-    """Values that fit on their own but not together."""
     if settings.cloud in ("remote", "azure") and not settings.remote_minio_url:
-        yield Finding(
-            settings.source("DR_CLOUD"),
-            f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty",
+        yield problem(
+            ("DR_CLOUD",),
+            f"DR_CLOUD={settings.cloud} needs an address, but DR_REMOTE_MINIO_URL is empty.",
             "Set DR_REMOTE_MINIO_URL, as in http://192.168.1.5:9000, or write DR_CLOUD=local.",
         )
     if settings.cloud in ("local", "aws") and not follows_s3(settings.bucket):
-        yield Finding(
-            settings.source("DR_LOCAL_S3_BUCKET"),
-            f"DR_LOCAL_S3_BUCKET={settings.bucket} is no name of a bucket with "
-            f"DR_CLOUD={settings.cloud}",
+        yield problem(
+            ("DR_LOCAL_S3_BUCKET",),
+            f"DR_LOCAL_S3_BUCKET={settings.bucket} is not the name of a bucket with "
+            f"DR_CLOUD={settings.cloud}.",
             BUCKET_RULE,
         )
     if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
-        yield Finding(
-            settings.sources.get("DR_H2B_LOWER_LANE_CHANGE_TIME")
-            or settings.source("DR_H2B_UPPER_LANE_CHANGE_TIME"),
+        yield problem(
+            ("DR_H2B_LOWER_LANE_CHANGE_TIME", "DR_H2B_UPPER_LANE_CHANGE_TIME"),
             f"DR_H2B_LOWER_LANE_CHANGE_TIME={settings.h2b_lower_lane_change_time} is more than "
-            f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}",
-            "Exchange the two, or set both to the same time.",
+            f"DR_H2B_UPPER_LANE_CHANGE_TIME={settings.h2b_upper_lane_change_time}.",
+            "Swap the two, or set both to the same time.",
         )
     if f"{settings.custom_files_prefix}/".startswith(f"{settings.model_prefix}/"):
-        yield Finding(
-            settings.sources.get("DR_LOCAL_S3_MODEL_PREFIX")
-            or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+        yield problem(
+            ("DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
             f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files, or "
-            f"holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+            f"contains it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
             "Give the model a folder of its own: -w would wipe your files.",
         )
     for name, prefix in _models_named(settings):
         if prefix.startswith(f"{settings.custom_files_prefix}/"):
-            yield Finding(
-                settings.sources.get(name) or settings.source("DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
-                f"{name}={prefix} lies in the folder of your own files "
-                f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix})",
+            yield problem(
+                (name, "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
+                f"{name}={prefix} is inside the folder of your own files "
+                f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
                 "Give the model a folder beside it: they could overwrite each other.",
             )
     first, slash, _ = settings.model_prefix.partition("/")
     if slash and first in BESIDE_MODELS:
-        yield Finding(
-            settings.source("DR_LOCAL_S3_MODEL_PREFIX"),
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} lies in {first}/, where running "
-            "trainings keep what they work with",
-            f"Let it begin with another name, such as my-{first}/.",
+        yield problem(
+            ("DR_LOCAL_S3_MODEL_PREFIX",),
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is inside {first}/, where running "
+            "trainings keep their files.",
+            f"Choose a prefix that starts with another name, such as my-{first}/.",
         )
     if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
-        yield Finding(
-            settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX"),
-            f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train",
+        yield problem(
+            ("DR_LOCAL_S3_PRETRAINED_PREFIX",),
+            f"DR_LOCAL_S3_PRETRAINED_PREFIX={settings.pretrained_prefix} is the model to train.",
             f"Give DR_LOCAL_S3_MODEL_PREFIX a new name, such as {settings.model_prefix}-clone.",
         )
 

@@ -6,17 +6,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
-from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
-from drcli.base.problems import Finding, FindingsError, shown
+from drcli.base.problems import Place, Problem, ProblemsError, shown
 from drcli.config import activation
 from drcli.config.env_file import Entry, content_of, parse_env, with_any_value
 from drcli.config.experiment import EXPERIMENT
 from drcli.config.fields import FileName
+from drcli.config.files import Files
+from drcli.config.inspection import problems_of, warnings_of
 from drcli.config.model import catalogue
 from drcli.config.secrets import hidden
-from drcli.config.settings import active_run_file, load_settings
-from drcli.config.worlds import fetchable, missing
+from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import active_run_file
 
 
 @dataclass(frozen=True)
@@ -70,13 +71,15 @@ def set_values(
         environ: Process environment; `os.environ` when None.
 
     Raises:
-        FindingsError: A value would be wrong; nothing was changed.
+        ProblemsError: A value would be wrong; nothing was changed.
         SettingsError: A file cannot be read or written.
     """
     outside = activation.chosen(os.environ if environ is None else environ)
     with only_writer(directory):
         flags = {EXPERIMENT: wanted[EXPERIMENT]} if EXPERIMENT in wanted else {}
-        files = _Files(directory, active_run_file(directory, flags=flags, environ=outside))
+        run_file = active_run_file(directory, flags=flags, environ=outside)
+        Files(directory, {}).read(run_file)  # refuses a folder that has no run.env
+        files = _Texts(directory, run_file)
         for name, value in wanted.items():
             files.set(name, value, files.named(file) if file else files.of(name))
         warnings = _refuse_mistakes(directory, wanted, files.changed, outside)
@@ -88,7 +91,7 @@ def set_values(
     return Edit(str(directory), tuple(files.changes), (*stronger, *warnings))
 
 
-class _Files:
+class _Texts:
     """The two files of a working folder while they are changed."""
 
     def __init__(self, directory: Path, run_file: str) -> None:
@@ -121,16 +124,15 @@ class _Files:
         """Change one value.
 
         Raises:
-            SettingsError: It cannot be written into its line.
+            ProblemsError: It cannot be written into its line.
         """
         old = self._entries(file).get(name)
         data = with_any_value(self._data[file], name, value, file)
         if data is None:
-            raise SettingsError(
-                f"{file if old is None else old.where}: {name}={shown(hidden(name, value))} cannot "
-                "be written into that line.",
-                remedy=f"Leave out line breaks, quotes, $ and \\, or edit {file} by hand.",
-            )
+            place = Place(file) if old is None else old.place
+            what = f"{name}={shown(hidden(name, value))} cannot be written into that line."
+            remedy = f"Leave out line breaks, quotes, $ and \\, or edit {file} by hand."
+            raise ProblemsError([setting_problem(name, place, what, remedy)])
         self._data[file] = data
         was = hidden(name, old.value) if old is not None else None
         self.changes.append(Change(name, was, hidden(name, value), file))
@@ -145,7 +147,7 @@ class _Files:
         winner = self._entries(self._run_file).get(change.name)
         if change.file == self._run_file or winner is None:
             return None
-        return f"{winner.where}: {change.name} is set there too and wins over {change.file}."
+        return f"{winner.place}: {change.name} is set there too and wins over {change.file}."
 
     def _entries(self, file: str) -> dict[str, Entry]:
         return _entries(self._data[file], file)
@@ -168,32 +170,22 @@ def _refuse_mistakes(
         What is odd about them that was not before.
 
     Raises:
-        FindingsError: Something is wrong that was not before, or a value that was just given.
+        ProblemsError: Something is wrong that was not before, or a value that was just given.
     """
     # The environment would hide the values that are to be judged.
     others = {name: value for name, value in environ.items() if name not in wanted}
-    old_mistakes, old_warnings = _judge(directory, {}, others)
-    mistakes, warnings = _judge(directory, contents, others)
-    about = tuple(f"{name}=" for name in wanted)
-    new = [f for f in mistakes if f not in old_mistakes or f.what.startswith(about)]
+    before = problems_of(directory, others)
+    problems = problems_of(directory, others, contents)
+    errors = [problem for problem in problems if problem.severity == "error"]
+    new = [error for error in errors if error not in before or error.key in wanted]
     if new:
-        raise FindingsError([_as_it_was(finding) for finding in new])
-    left = [f"{finding} That was so before." for finding in mistakes]
-    return [*left, *(text for text in warnings if text not in old_warnings)]
+        raise ProblemsError([_as_it_was(problem) for problem in new])
+    left = [f"{error} This was wrong before." for error in errors]
+    return [*left, *warnings_of(problem for problem in problems if problem not in before)]
 
 
-def _as_it_was(finding: Finding) -> Finding:
-    """Where a mistake would stand in a file: nothing was written there."""
-    file, line, _ = finding.where.partition(" line ")
-    return replace(finding, where=f"{file} stays as it was") if line else finding
-
-
-def _judge(
-    directory: Path, contents: Mapping[str, bytes], environ: Mapping[str, str]
-) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
-    try:
-        settings = load_settings(directory, contents=contents, environ=environ)
-    except FindingsError as error:
-        return error.findings, error.warnings
-    to_come = tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
-    return tuple(missing(settings)), (*settings.warnings, *to_come)
+def _as_it_was(problem: Problem) -> Problem:
+    """A mistake that would stand in a line of a file, into which it was not written."""
+    if problem.line is None:
+        return problem
+    return replace(problem, file=f"{problem.file} stays as it was", line=None)

@@ -3,17 +3,15 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drcli.base.problems import shown
+from drcli.base.problems import Place, Problem, shown
 from drcli.config.former_names import FORMER
 from drcli.config.model import Settings, catalogue
 from drcli.config.secrets import hidden
+from drcli.config.setting_problems import file_problem, setting_problem
 
 OUTSIDE = ("default", "environment")
-"""Where a value stands that the racer has not written down here: a shell in which the reference was
+"""Sources of values that the racer has not written into a file: a shell in which the reference was
 activated holds all of its names."""
-
-
-NAMED_BY_CHECK = "`dr config check` names them."
 
 
 @dataclass(frozen=True)
@@ -33,21 +31,21 @@ def idle(settings: Settings) -> tuple[Idle, ...]:
     """Every name in the racer's files that does nothing, also where it has its default."""
     by_reason: dict[str, list[str]] = {}
     for item in _useless(settings):
-        if settings.source(item.name) not in OUTSIDE:
+        if settings.place(item.name).file not in OUTSIDE:
             by_reason.setdefault(item.reason, []).append(item.name)
     return tuple(Idle(reason, tuple(names)) for reason, names in by_reason.items())
 
 
-def without_effect(settings: Settings) -> Iterator[str]:
-    """Warnings about settings that do nothing: a line a reason, and one for all harmless ones."""
+def without_effect(settings: Settings) -> Iterator[Problem]:
+    """Warnings about settings that do nothing: one per reason, and one for all harmless ones."""
     yield from missed(settings)
     rest = remainder(settings)
     if rest is not None:
         yield rest
 
 
-def missed(settings: Settings) -> Iterator[str]:
-    """A sentence a reason about the settings that somebody counts on in vain."""
+def missed(settings: Settings) -> Iterator[Problem]:
+    """A warning per reason about settings whose effect somebody may expect."""
     by_reason: dict[str, list[_Useless]] = {}
     for item in _useless(settings):
         if item.missed:
@@ -55,20 +53,29 @@ def missed(settings: Settings) -> Iterator[str]:
     for reason, group in by_reason.items():
         written = ", ".join(item.written for item in group)
         verb = "has" if len(group) == 1 else "have"
-        yield f"{settings.source(group[0].name)}: {written} {verb} no effect: {reason}."
+        yield setting_problem(
+            group[0].name,
+            settings.place(group[0].name),
+            f"{written} {verb} no effect: {reason}.",
+            "Keep the lines or remove them.",
+            severity="warning",
+        )
 
 
-def remainder(settings: Settings) -> str | None:
-    """One sentence about all others in the racer's files, None where there are none."""
+def remainder(settings: Settings) -> Problem | None:
+    """One warning about all others in the racer's files, None where there are none."""
     told = {item.name for item in _useless(settings) if item.missed}
     harmless = [name for group in idle(settings) for name in group.names if name not in told]
     if not harmless:
         return None
-    files = sorted({settings.source(name).partition(" line ")[0] for name in harmless})
+    files = sorted({settings.place(name).file for name in harmless})
     verb = "is" if len(harmless) == 1 else "are"
-    return (
-        f"{' and '.join(files)}: {len(harmless)} of the settings {verb} for containers, windows, "
-        f"videos and the like, without effect here. {NAMED_BY_CHECK}"
+    return file_problem(
+        Place(" and ".join(files)),
+        f"{len(harmless)} of the settings {verb} for containers, windows, videos and the like, "
+        "without effect here. `dr config check` names them.",
+        "Keep the lines or remove them.",
+        severity="warning",
     )
 
 
@@ -80,7 +87,7 @@ class _Useless:
         name: The name.
         reason: Why, without a full stop.
         written: Name and value, as they may be shown.
-        missed: Whether somebody counts on it.
+        missed: Whether somebody may expect an effect.
     """
 
     name: str

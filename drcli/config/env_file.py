@@ -13,9 +13,9 @@ from pathlib import Path
 
 from dotenv.parser import Binding, parse_stream
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding, shown
+from drcli.base.problems import Place, Problem, ProblemsError, shown
 from drcli.base.text_file import decode
+from drcli.config.setting_problems import GENERAL_RULE, file_problem
 
 LARGEST_BYTES = 64 * 1024
 """No settings file comes near this; a file beyond it was named by mistake."""
@@ -36,13 +36,13 @@ class Entry:
     Attributes:
         name: The variable.
         value: The text as written, without its quotes.
-        where: Place, such as `run.env line 7`.
+        place: Where it stands.
         expands: Whether `$NAME` inside stands for another value.
     """
 
     name: str
     value: str
-    where: str
+    place: Place
     expands: bool
 
 
@@ -51,7 +51,7 @@ class EnvFile:
     """The entries of a file in their order, and the lines that could not be read."""
 
     entries: tuple[Entry, ...]
-    findings: tuple[Finding, ...]
+    problems: tuple[Problem, ...]
 
 
 def read_env_file(path: Path, name: str) -> EnvFile:
@@ -62,7 +62,7 @@ def read_env_file(path: Path, name: str) -> EnvFile:
         name: What to call it in messages.
 
     Raises:
-        SettingsError: It cannot be opened or is no text.
+        ProblemsError: It cannot be opened or is not text.
     """
     return parse_env(content_of(path, name), name)
 
@@ -75,15 +75,14 @@ def content_of(path: Path, name: str) -> bytes:
         name: What to call it in messages.
 
     Raises:
-        SettingsError: It cannot be opened.
+        ProblemsError: It cannot be opened.
     """
     try:
         return path.read_bytes()
     except OSError as e:
-        raise SettingsError(
-            f"{name}: cannot be read ({e.strerror or e}).",
-            remedy=f"Check that {path} is a file and that you may read it.",
-        ) from e
+        what = f"cannot be read ({e.strerror or e})."
+        remedy = f"Check that {path} is a file and that you may read it."
+        raise ProblemsError([file_problem(Place(name), what, remedy)]) from e
 
 
 def parse_env(data: bytes, name: str) -> EnvFile:
@@ -94,21 +93,21 @@ def parse_env(data: bytes, name: str) -> EnvFile:
         name: What to call the file in messages.
 
     Raises:
-        SettingsError: The content is no text.
+        ProblemsError: The content is not text.
     """
     entries: list[Entry] = []
-    findings: list[Finding] = []
+    problems: list[Problem] = []
     for binding in parse_stream(io.StringIO(_text(data, name), newline="")):
         written = binding.original.string
         lead = written[: len(written) - len(written.lstrip())]
-        where = f"{name} line {binding.original.line + len(_LINE_END.findall(lead))}"
-        problem = _problem(binding)
+        place = Place(name, binding.original.line + len(_LINE_END.findall(lead)))
+        problem = _problem(binding, place)
         if problem is not None:
-            findings.append(Finding(where, f"{shown(written.strip())} {problem[0]}", problem[1]))
+            problems.append(problem)
         elif binding.key is not None and binding.value is not None:
             quoted = written.partition("=")[2].lstrip().startswith("'")
-            entries.append(Entry(binding.key, binding.value, where, expands=not quoted))
-    return EnvFile(tuple(entries), tuple(findings))
+            entries.append(Entry(binding.key, binding.value, place, expands=not quoted))
+    return EnvFile(tuple(entries), tuple(problems))
 
 
 def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
@@ -124,7 +123,7 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
         name: What to call the file in messages.
 
     Raises:
-        SettingsError: The content is no text.
+        ProblemsError: The content is not text.
     """
     text = _text(data, name)
     bindings = list(parse_stream(io.StringIO(text, newline="")))
@@ -155,10 +154,10 @@ def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None
         name: What to call the file in messages.
 
     Returns:
-        None where no quotes help, or the value is no text.
+        None where no quotes help, or the value is not text.
 
     Raises:
-        SettingsError: The content is no text.
+        ProblemsError: The content is not text.
     """
     wanted = {**{entry.name: entry.value for entry in parse_env(data, name).entries}, key: value}
     if any("\ud800" <= character <= "\udfff" for character in value):
@@ -186,28 +185,32 @@ def _line_with(line: str, value: str) -> str:
 
 def _text(data: bytes, name: str) -> str:
     remedy = f"Save {name} as plain UTF-8 text, or restore it from your backup."
-    text = decode(data, name, largest_bytes=LARGEST_BYTES, kind="settings file", remedy=remedy)
+    text = decode(data, name, GENERAL_RULE, largest_bytes=LARGEST_BYTES, remedy=remedy)
     if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise SettingsError(f"{name} line {line}: holds a NUL, so is no text.", remedy=remedy)
+        place = Place(name, text[: text.index("\0")].count("\n") + 1)
+        raise ProblemsError([file_problem(place, "holds a NUL, so it is not text.", remedy)])
     return text
 
 
-def _problem(binding: Binding) -> tuple[str, str] | None:
-    """What is wrong with a line, and the remedy."""
+def _problem(binding: Binding, place: Place) -> Problem | None:
+    """What is wrong with a line."""
+    line = shown(binding.original.string.strip())
     if binding.error:
-        return (
-            "is no NAME=value line",
+        return file_problem(
+            place,
+            f"{line} is not a NAME=value line.",
             "Write NAME=value, close every quote at the end of the value, "
             "and start comments with #.",
         )
     if binding.key is None:
         return None
     if binding.value is None:
-        return "has no =", "Write NAME=value, or start the line with # if it is a comment."
+        remedy = "Write NAME=value, or start the line with # if it is a comment."
+        return file_problem(place, f"{line} has no =.", remedy)
     if not _NAME.fullmatch(binding.key):
-        return (
-            "does not start with a variable name",
+        return file_problem(
+            place,
+            f"{line} does not start with a variable name.",
             "Use only letters, digits and _ in the name, as in DR_WORKERS=1.",
         )
     return None

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from drcli.base.problems import Finding, FindingsError, one_of, shown
+from drcli.base.problems import ProblemsError, one_of, shown
 from drcli.config import activation
 from drcli.config.env_file import Entry
 from drcli.config.files import Files
 from drcli.config.layers import Layers
+from drcli.config.setting_problems import setting_problem
 from drcli.config.value_types import FOLDER_NAME
 
 EXPERIMENT = activation.EXPERIMENT
@@ -20,7 +21,7 @@ def chosen_experiment(files: Files, layers: Sequence[Mapping[str, Entry]]) -> st
         layers: Entries by name, strongest layer first; run.env comes too late to choose itself.
 
     Raises:
-        FindingsError: There is no such experiment; what was wrong before stands there too.
+        ProblemsError: There is no such experiment, or a file before it is wrong.
     """
     found = Layers(layers, {})
     name, entry = (found.text(EXPERIMENT) or "").strip(), found.find(EXPERIMENT)
@@ -29,12 +30,13 @@ def chosen_experiment(files: Files, layers: Sequence[Mapping[str, Entry]]) -> st
         return name
     written = f"{EXPERIMENT}={shown(name)}"
     if FOLDER_NAME.fullmatch(name):
-        what = f"{written} has no experiments/{name}/run.env in {files.directory}"
+        what = f"{written} has no experiments/{name}/run.env in {files.directory}."
         new = f"Write it with `dr init --experiment {name}`"
     else:
-        what, new = f"{written} is no plain folder name", "Name a folder in experiments/"
+        what, new = f"{written} is not a plain folder name.", "Name a folder in experiments/"
     remedy = one_of(existing, name) if existing else f"{new}, or drop the name."
-    raise FindingsError([*files.findings, Finding(entry.where, what, remedy)])
+    problem = setting_problem(EXPERIMENT, entry.place, what, remedy)
+    raise ProblemsError([*files.problems, problem])
 
 
 def run_file(files: Files, layers: Sequence[Mapping[str, Entry]], experiment: str) -> str:

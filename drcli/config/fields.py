@@ -7,7 +7,7 @@ settings.
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
 
 from pydantic_core import SchemaValidator, ValidationError, core_schema
 
-from drcli.base.problems import UnfitError, one_of
+from drcli.base.problems import BadValue, one_of
 from drcli.config.value_types import Check, Shape
 
 T = TypeVar("T")
@@ -28,8 +28,8 @@ FileName = Literal["run.env", "system.env"]
 
 _UNREADABLE = {
     "flag": "is neither True nor False",
-    "whole": "is no whole number",
-    "number": "is no number",
+    "whole": "is not a whole number",
+    "number": "is not a number",
 }
 
 
@@ -46,18 +46,97 @@ class Group:
 
 
 @dataclass(frozen=True)
-class _Declaration:
-    """What `setting` was told."""
+class Setting:
+    """What is known about one DR_ name; `declared` fills in what has a default here.
+
+    Attributes:
+        name: The DR_ name.
+        default: Value when nobody sets it.
+        meaning: One line.
+        low: Least number, if limited.
+        high: Greatest number, if limited.
+        old_names: Names that mean the same.
+        effect: Whether it does something here.
+        reason: Why it does not.
+        own_file: Where it belongs, if not where its group does.
+        file: Where it belongs; it counts in both files.
+        field: Attribute of `Settings`.
+        group: Heading in the documentation.
+        kind: What its text must be: text, flag, whole, number, choice, path or list.
+        choices: The allowed words of a choice.
+        shape: What a text may be.
+        judge: Judges a text that fits the kind and returns the value; None where any will do.
+    """
 
     name: str
     default: Any
     meaning: str
     low: float | None
     high: float | None
+    old_names: tuple[str, ...]
     effect: Effect
     reason: str
-    old_names: tuple[str, ...]
-    file: FileName | None
+    own_file: FileName | None
+    file: FileName = "run.env"
+    field: str = ""
+    group: str = ""
+    kind: str = ""
+    choices: tuple[str, ...] = ()
+    shape: str = ""
+    judge: Callable[[str], Any] | None = None
+
+    @property
+    def default_text(self) -> str:
+        """The default as it would be written in a settings file."""
+        return "" if self.default in (None, ()) else str(self.default)
+
+    @property
+    def expected(self) -> str:
+        """What may be written, as it reads after `Set it to`."""
+        words = {
+            "flag": "True or False",
+            "whole": "a whole number",
+            "number": "a number",
+            "path": "a folder",
+            "list": "progress,lane pairs such as 0.23,-1;0.46,1",
+        }
+        text = words.get(self.kind) or self.shape or "any text"
+        if self.choices:
+            text = f"one of {', '.join(self.choices)}"
+        if self.low is not None and self.high is not None:
+            return f"{text} from {self.low} to {self.high}"
+        return text if self.low is None else f"{text}, {self.low} or more"
+
+    def read(self, text: str) -> Any:
+        """The value that a text means.
+
+        Raises:
+            BadValue: It means none.
+        """
+        value = self._of_kind(text)
+        return value if self.judge is None else self.judge(value)
+
+    def _of_kind(self, text: str) -> Any:
+        if self.kind == "choice" and text not in self.choices:
+            raise BadValue(f"is not one of {', '.join(self.choices)}", one_of(self.choices, text))
+        if self.kind not in _UNREADABLE:
+            return Path(text) if self.kind == "path" else text
+        try:
+            return _reader(self.kind, self.low, self.high).validate_python(text)
+        except ValidationError as e:
+            fault = e.errors(include_url=False)[0]["type"]
+            reason = _UNREADABLE[self.kind]
+            if fault == "greater_than_equal":
+                reason = f"is below {self.low}"
+            elif fault == "less_than_equal":
+                reason = f"is above {self.high}"
+            raise BadValue(reason, self._remedy()) from None
+
+    def _remedy(self) -> str:
+        remedy = f"Set {self.name} to {self.expected}"
+        if self.default_text:
+            remedy += f", or leave it out for the default {self.default_text}"
+        return f"{remedy}."
 
 
 def setting(
@@ -87,100 +166,8 @@ def setting(
     """
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
-    declaration = _Declaration(name, default, meaning, low, high, effect, reason, old_names, file)
-    return cast(T, declaration)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What is known about one DR_ name.
-
-    Attributes:
-        name: The DR_ name.
-        field: Attribute of `Settings`.
-        kind: What its text must be: text, flag, whole, number, choice, path or list.
-        choices: The allowed words of a choice.
-        default: Value when nobody sets it.
-        meaning: One line.
-        low: Least number, if limited.
-        high: Greatest number, if limited.
-        effect: Whether it does something here.
-        reason: Why it does not.
-        old_names: Names that mean the same.
-        shape: What a text may be.
-        group: Heading in the documentation.
-        file: Where it belongs; it counts in both files.
-        judge: Judges a text that fits the kind and returns the value; None where any will do.
-    """
-
-    name: str
-    field: str
-    kind: str
-    choices: tuple[str, ...]
-    default: Any
-    meaning: str
-    low: float | None
-    high: float | None
-    effect: Effect
-    reason: str
-    old_names: tuple[str, ...]
-    shape: str
-    group: str
-    file: FileName
-    judge: Callable[[str], Any] | None
-
-    @property
-    def default_text(self) -> str:
-        """The default as it would be written in a settings file."""
-        return "" if self.default in (None, ()) else str(self.default)
-
-    @property
-    def expected(self) -> str:
-        """What may be written, as it reads after `Set it to`."""
-        words = {
-            "flag": "True or False",
-            "whole": "a whole number",
-            "number": "a number",
-            "path": "a folder",
-            "list": "progress,lane pairs such as 0.23,-1;0.46,1",
-        }
-        text = words.get(self.kind) or self.shape or "any text"
-        if self.choices:
-            text = f"one of {', '.join(self.choices)}"
-        if self.low is not None and self.high is not None:
-            return f"{text} from {self.low} to {self.high}"
-        return text if self.low is None else f"{text}, {self.low} or more"
-
-    def read(self, text: str) -> Any:
-        """The value that a text means.
-
-        Raises:
-            UnfitError: None.
-        """
-        value = self._of_kind(text)
-        return value if self.judge is None else self.judge(value)
-
-    def _of_kind(self, text: str) -> Any:
-        if self.kind == "choice" and text not in self.choices:
-            raise UnfitError(f"is none of {', '.join(self.choices)}", one_of(self.choices, text))
-        if self.kind not in _UNREADABLE:
-            return Path(text) if self.kind == "path" else text
-        try:
-            return _reader(self.kind, self.low, self.high).validate_python(text)
-        except ValidationError as e:
-            fault = e.errors(include_url=False)[0]["type"]
-            reason = _UNREADABLE[self.kind]
-            if fault == "greater_than_equal":
-                reason = f"is below {self.low}"
-            elif fault == "less_than_equal":
-                reason = f"is above {self.high}"
-            raise UnfitError(reason, self._remedy()) from None
-
-    def _remedy(self) -> str:
-        remedy = f"Set {self.name} to {self.expected}"
-        if self.default_text:
-            remedy += f", or leave it out for the default {self.default_text}"
-        return f"{remedy}."
+    known = Setting(name, default, meaning, low, high, old_names, effect, reason, file)
+    return cast(T, known)
 
 
 @cache
@@ -201,25 +188,18 @@ def declared(model: type[Group]) -> Mapping[str, Setting]:
     for group in groups:
         for field, annotation in inspect.get_annotations(group).items():
             told = vars(group).get(field)
-            if not isinstance(told, _Declaration):
+            if not isinstance(told, Setting):
                 continue
             hints = getattr(annotation, "__metadata__", ())
             kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
-            found[told.name] = Setting(
-                name=told.name,
+            found[told.name] = replace(
+                told,
+                file=told.own_file or group.file,
                 field=field,
+                group=group.title,
                 kind=kind,
                 choices=choices,
-                default=told.default,
-                meaning=told.meaning,
-                low=told.low,
-                high=told.high,
-                effect=told.effect,
-                reason=told.reason,
-                old_names=told.old_names,
                 shape="".join(hint.words for hint in hints if isinstance(hint, Shape)),
-                group=group.title,
-                file=told.file or group.file,
                 judge=next((hint.judge for hint in hints if isinstance(hint, Check)), None),
             )
     return found

@@ -1,12 +1,12 @@
-"""Reads the files of a working folder into entries, and notes what is wrong or odd in them."""
+"""Reads the files of a working folder into entries, and collects the problems in them."""
 
 import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding
+from drcli.base.problems import Place, Problem, ProblemsError
 from drcli.config.env_file import Entry, EnvFile, parse_env, read_env_file
+from drcli.config.setting_problems import file_problem, setting_problem
 
 
 class Files:
@@ -14,16 +14,14 @@ class Files:
 
     Args:
         directory: The folder, absolute.
-        contents: Content of files, by name, to be taken for what lies there.
+        contents: Content of files, by name, that replaces what is on the disk.
     """
 
     def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
         self.directory = directory
         self.contents = contents
-        self.findings: list[Finding] = []
-        """What is wrong in the files that were read so far."""
-        self.warnings: list[str] = []
-        """What is odd in them."""
+        self.problems: list[Problem] = []
+        """What is wrong or odd in the files that were read so far."""
         self.complete = True
         """Whether each of them could be read, apart from single lines."""
 
@@ -32,20 +30,26 @@ class Files:
         return name in self.contents or os.path.lexists(self.directory / name)
 
     def read(self, name: str) -> dict[str, Entry]:
-        """The entries of a file; a repeated name counts as last written, as in a shell.
+        """The entries of a file; the last line of a repeated name counts, as in a shell.
 
         Raises:
-            SettingsError: There is no such file.
+            ProblemsError: There is no such file.
         """
         entries: dict[str, Entry] = {}
-        before: dict[str, str] = {}
+        before: dict[str, Place] = {}
         for entry in self._content(name).entries:
             if entry.name in entries:
-                before[entry.name] = entries[entry.name].where
+                before[entry.name] = entries[entry.name].place
             entries[entry.name] = entry
-        self.warnings += [
-            f"{entries[name].where}: {name} stands at {place} too; the later line counts."
-            for name, place in before.items()
+        self.problems += [
+            setting_problem(
+                key,
+                entries[key].place,
+                f"{key} is also set at {place}; the later line counts.",
+                "Remove one of the lines.",
+                severity="warning",
+            )
+            for key, place in before.items()
         ]
         return entries
 
@@ -55,19 +59,18 @@ class Files:
         return sorted(path.parent.name for path in found)
 
     def _content(self, name: str) -> EnvFile:
-        """A file taken apart; a finding and nothing in it where it cannot be read."""
+        """The content of a file; a problem and no entries where it cannot be read."""
         if not self.exist(name):
-            raise SettingsError(
-                f"{name}: there is no such file in {self.directory}.",
-                remedy=f"Change to the folder that holds {name}, or create one with `dr init`.",
-            )
+            what = f"there is no such file in {self.directory}."
+            remedy = f"Change to the folder that holds {name}, or create one with `dr init`."
+            raise ProblemsError([file_problem(Place(name), what, remedy)])
         try:
             if name in self.contents:
                 content = parse_env(self.contents[name], name)
             else:
                 content = read_env_file(self.directory / name, name)
-        except SettingsError as error:
+        except ProblemsError as error:
             self.complete = False
-            content = EnvFile((), (Finding.of(error),))
-        self.findings += content.findings
+            content = EnvFile((), error.problems)
+        self.problems += content.problems
         return content

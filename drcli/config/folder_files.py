@@ -10,8 +10,9 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
-from drcli.base.problems import Finding, FindingsError
+from drcli.base.problems import Place, ProblemsError
 from drcli.config.env_file import content_of
+from drcli.config.setting_problems import file_problem
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def write(plan: FolderPlan) -> FolderReport:
     """Write what was planned. What is replaced stays beside it as .bak.
 
     Raises:
-        FindingsError: Something is in the way; nothing was written.
+        ProblemsError: Something is in the way; nothing was written.
         SettingsError: Something cannot be written; all is as it was.
     """
     _refuse_obstacles(plan)
@@ -106,7 +107,7 @@ def _refuse_obstacles(plan: FolderPlan) -> None:
     """Refuse what would fail half way.
 
     Raises:
-        FindingsError: Something is in the way.
+        ProblemsError: Something is in the way.
     """
     found: dict[Path, str] = {}
     for name in ("", *plan.folders):
@@ -115,7 +116,7 @@ def _refuse_obstacles(plan: FolderPlan) -> None:
     for file in plan.files:
         path = Path(os.path.realpath(plan.folder / file.name))
         if path.exists() and not path.is_file():
-            found[path] = "is no file, and one has to be written there"
+            found[path] = "is not a file, and one has to be written there"
         elif _content(path) == file.data:
             continue
         elif path.is_file() and not os.access(path, os.W_OK):
@@ -124,16 +125,18 @@ def _refuse_obstacles(plan: FolderPlan) -> None:
             found |= _obstacle(path.parent)
     if found:
         remedy = "Move it away or change its rights, or choose another folder."
-        raise FindingsError([Finding(str(path), what, remedy) for path, what in found.items()])
+        raise ProblemsError(
+            file_problem(Place(str(path)), f"{what}.", remedy) for path, what in found.items()
+        )
 
 
 def _obstacle(folder: Path) -> dict[Path, str]:
     """Why a folder cannot be made or written into, by the path that is in the way."""
     nearest = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
     if not nearest.is_dir():
-        return {nearest: "is no folder, so nothing can be written in it"}
+        return {nearest: "is not a folder, so nothing can be written in it"}
     if not os.access(nearest, os.W_OK | os.X_OK):
-        return {nearest: "may not be written into"}
+        return {nearest: "is write-protected"}
     return {}
 
 

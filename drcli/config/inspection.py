@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Finding, FindingsError, closest
+from drcli.base.problems import Place, Problem, ProblemsError, closest, few
 from drcli.config.effects import Idle, idle, remainder
 from drcli.config.env_file import Entry
 from drcli.config.fields import Effect, Setting
@@ -86,20 +86,25 @@ class Check:
 
     Attributes:
         directory: The working folder.
-        errors: What is wrong, in the order of reading.
-        warnings: What is allowed and may surprise.
+        problems: What is wrong or odd, in the order of reading.
         without_effect: Settings in the files that do nothing here, by reason.
+        summary: The warning that `without_effect` replaces.
     """
 
     directory: str
-    errors: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
+    problems: tuple[Problem, ...] = ()
     without_effect: tuple[Idle, ...] = ()
+    summary: Problem | None = None
 
     @property
-    def valid(self) -> bool:
-        """Whether nothing is wrong."""
-        return not self.errors
+    def errors(self) -> tuple[Problem, ...]:
+        """What is wrong."""
+        return tuple(problem for problem in self.problems if problem.severity == "error")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is allowed and may surprise, as sentences."""
+        return tuple(warnings_of(each for each in self.problems if each != self.summary))
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:
@@ -160,31 +165,47 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
     Args:
         directory: The working folder.
         environ: Process environment; `os.environ` when None.
-
-    Raises:
-        SettingsError: There is no run.env.
     """
     try:
         settings = load_settings(directory, environ=environ)
-    except FindingsError as error:
-        return Check(str(directory), error.findings, error.warnings)
-    known = remainder(settings)  # told in full right here
-    warnings = tuple(text for text in settings.warnings if text != known)
-    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
-    return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
+    except ProblemsError as error:
+        return Check(str(directory), error.problems)
+    problems = _all_problems(settings)
+    return Check(str(directory), problems, idle(settings), remainder(settings))
+
+
+def problems_of(
+    directory: Path, environ: Mapping[str, str], contents: Mapping[str, bytes] | None = None
+) -> tuple[Problem, ...]:
+    """Everything that is wrong or odd about the settings of a folder, as for `load_settings`."""
+    try:
+        return _all_problems(load_settings(directory, contents=contents, environ=environ))
+    except ProblemsError as error:
+        return error.problems
+
+
+def warnings_of(problems: Iterable[Problem]) -> list[str]:
+    """Warnings as sentences; a note says what to do as well."""
+    odd = (problem for problem in problems if problem.severity != "error")
+    return few(f"{each} {each.remedy}" if each.severity == "note" else str(each) for each in odd)
+
+
+def _all_problems(settings: Settings) -> tuple[Problem, ...]:
+    """What loading did not refuse, and tracks that do not exist or have to be fetched."""
+    return (*missing(settings), *settings.problems, *fetchable(settings))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:
     text = _text(getattr(settings, setting.field))
     default = _default(settings, setting)
-    source = settings.source(setting.name)
+    place = settings.place(setting.name)
     return Value(
         name=setting.name,
         value=hidden(setting.name, text),
         default=hidden(setting.name, default),
-        source=source,
-        file=_place(source)[0],
-        line=_place(source)[1],
+        source=str(place),
+        file=None if place.line is None else place.file,
+        line=place.line,
         changed=text != default,
         effect=setting.effect,
         reason=setting.reason,
@@ -195,15 +216,15 @@ def _value(settings: Settings, setting: Setting) -> Value:
 
 
 def _stray(settings: Settings, name: str) -> Value:
-    """A name in the racer's files that is no setting; other values may refer to it."""
-    source, former = settings.source(name), FORMER.get(name)
+    """A name in the racer's files that is not a setting; other values may refer to it."""
+    place, former = settings.place(name), FORMER.get(name)
     return Value(
         name=name,
         value=hidden(name, settings.extra[name]),
         default="",
-        source=source,
-        file=_place(source)[0],
-        line=_place(source)[1],
+        source=str(place),
+        file=None if place.line is None else place.file,
+        line=place.line,
         changed=True,
         effect="accepted",
         reason="" if former is None else former.reason,
@@ -213,12 +234,6 @@ def _stray(settings: Settings, name: str) -> Value:
         expected="any text",
         group="Other names",
     )
-
-
-def _place(source: str) -> tuple[str | None, int | None]:
-    """File and line of a place, None outside of files."""
-    file, _, line = source.partition(" line ")
-    return (file, int(line)) if line else (None, None)
 
 
 def _text(value: Any) -> str:
@@ -235,7 +250,9 @@ def _default(settings: Settings, setting: Setting) -> str:
     if "$" not in setting.default_text:
         return setting.default_text
     others = {
-        other.name: Entry(other.name, _text(getattr(settings, other.field)), "", expands=False)
+        other.name: Entry(
+            other.name, _text(getattr(settings, other.field)), Place(""), expands=False
+        )
         for other in catalogue().values()
         if other is not setting
     }

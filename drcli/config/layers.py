@@ -8,8 +8,9 @@ means the value below its own layer.
 import re
 from collections.abc import Mapping, Sequence
 
-from drcli.base.problems import Finding, shown
+from drcli.base.problems import Place, Problem, shown
 from drcli.config.env_file import Entry
+from drcli.config.setting_problems import setting_problem
 
 LONGEST_VALUE = 4096
 """Characters of a filled-in value. Names that repeat each other could otherwise fill the memory."""
@@ -35,7 +36,7 @@ class Layers:
     """
 
     def __init__(self, layers: Sequence[Mapping[str, Entry]], defaults: Mapping[str, str]) -> None:
-        self.findings: dict[str, Finding] = {}
+        self.problems: dict[str, Problem] = {}
         """Why the value of a name could not be filled in."""
         self.referenced: set[str] = set()
         """Names that some value refers to."""
@@ -68,7 +69,7 @@ class Layers:
             if name in layer:
                 return self._expand(layer[name], below, trail)
         if name in self._defaults:
-            default = Entry(name, self._defaults[name], "default", expands=True)
+            default = Entry(name, self._defaults[name], Place("default"), expands=True)
             return self._expand(default, len(self._layers), trail)
         return None
 
@@ -89,8 +90,8 @@ class Layers:
                 return ""
             else:
                 value = self._text(name, 0, trail)
-                if name in self.findings:
-                    self.findings.setdefault(entry.name, self.findings[name])
+                if name in self.problems:
+                    self.problems.setdefault(entry.name, self.problems[name])
             if not value and match[2] is not None:
                 return match[2]
             if value is None:
@@ -110,5 +111,6 @@ class Layers:
             if missing is not None
             else f"Write the value of {entry.name} itself."
         )
-        what = f"{entry.name}={shown(entry.value)} {reason}"
-        self.findings.setdefault(entry.name, Finding(entry.where, what, remedy))
+        what = f"{entry.name}={shown(entry.value)} {reason}."
+        problem = setting_problem(entry.name, entry.place, what, remedy)
+        self.problems.setdefault(entry.name, problem)

@@ -1,36 +1,37 @@
 """One load of all settings: from files, environment and flags to one frozen object.
 
-It gathers everything that is wrong and all that looks odd, so that one start reports all of it.
+It collects everything that is wrong or odd, so that one start reports all of it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Finding, FindingsError, few, shown
-from drcli.config.cross_checks import contradictions, misfits, oddities
+from drcli.base.problems import Place, Problem, ProblemsError, shown
+from drcli.config.cross_checks import contradictions, misfits
 from drcli.config.effects import without_effect
 from drcli.config.env_file import Entry
 from drcli.config.experiment import EXPERIMENT, chosen_experiment, run_file
 from drcli.config.files import Files
 from drcli.config.layers import Layers, references
 from drcli.config.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue, typed
-from drcli.config.names import old_names, rename_old, strangers
+from drcli.config.names import old_names, rename_old, unknown_names
 from drcli.config.secrets import hidden
+from drcli.config.setting_problems import file_problem, setting_problem
 
 
 class Loader:
-    """One load: gathers findings and warnings until it can raise or return.
+    """One load: collects problems until it can raise or return.
 
     Args:
         directory: Folder with run.env, absolute.
-        contents: Content of files, by name, to be taken for what lies there.
+        contents: Content of files, by name, that replaces what is on the disk.
     """
 
     def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
         self._files = Files(directory, contents)
-        self._findings = self._files.findings
-        self._warnings = self._files.warnings
+        self._problems = self._files.problems
 
     def load(self, upper: list[dict[str, Entry]], worker: int | None = None) -> Settings:
         """Read everything.
@@ -40,8 +41,7 @@ class Loader:
             worker: Number of the worker whose own file goes on top of all, counted from 1.
 
         Raises:
-            FindingsError: Something is wrong.
-            SettingsError: There is no run.env.
+            ProblemsError: Something is wrong, or there is no run.env.
         """
         system = self._system()
         experiment = chosen_experiment(self._files, [*upper, system])
@@ -51,40 +51,39 @@ class Loader:
         folder = f"experiments/{experiment}/" if experiment else ""
         own = self._worker_file(folder, worker) if worker is not None else {}
         if not self._files.complete:
-            self._refuse_findings()
+            self._refuse_errors()
         entries = [own, *upper, run, system]
         for layer in entries:
             _drop_empty(layer)
-        self._warnings += rename_old(entries)
+        self._problems += rename_old(entries)
         layers, values = self._settle(entries)
-        strange = strangers(layers, entries)
-        self._findings += strange.findings
-        self._warnings += strange.warnings
-        self._refuse_findings()
+        unknown = unknown_names(layers, entries)
+        self._problems += unknown.problems
+        self._refuse_errors()
 
         sources = {
-            name: entry.where
-            for name in (*catalogue(), *strange.values)
+            name: entry.place
+            for name in (*catalogue(), *unknown.values)
             if (entry := layers.find(name)) is not None
         }
         settings = Settings(
             directory=self._files.directory,
-            extra=strange.values,
+            extra=unknown.values,
             sources=sources,
-            warnings=(),
+            problems=(),
             **typed(values),
         )
-        self._findings += contradictions(settings)
-        self._refuse_findings()
+        self._problems += contradictions(settings)
+        self._refuse_errors()
         overrides: tuple[Override, ...] = ()
         if worker is not None:
             overrides = (_override(layers, own, values),)
         else:
             if settings.train_multi_config:
                 overrides = self._overrides(settings, upper)
-                self._refuse_findings()
-            self._warnings += (*oddities(settings), *without_effect(settings))
-        return settings.replaced(warnings=tuple(few(self._warnings)), overrides=overrides)
+                self._refuse_errors()
+            self._problems += without_effect(settings)
+        return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
     def run_file(self, upper: list[dict[str, Entry]]) -> str:
         """Name of the run.env that counts.
@@ -95,25 +94,29 @@ class Loader:
         experiment = chosen_experiment(self._files, [*upper, self._system()])
         return run_file(self._files, upper, experiment)
 
-    def _refuse_findings(self) -> None:
-        if self._findings:
-            raise FindingsError(sorted(self._findings, key=_position), few(self._warnings))
+    def _refuse_errors(self) -> None:
+        """Raise what was found so far, in the order of reading, if there is an error."""
+        if any(problem.severity == "error" for problem in self._problems):
+            raise ProblemsError(sorted(self._problems, key=lambda p: (p.file, p.line or 0)))
 
     def _system(self) -> dict[str, Entry]:
         if self._files.exist("system.env"):
             return self._files.read("system.env")
-        self._warnings.append("system.env: is missing, so its settings have their defaults.")
+        what = "is missing, so its settings have their defaults."
+        place, remedy = Place("system.env"), "`dr-init` writes one."
+        self._problems.append(file_problem(place, what, remedy, severity="warning"))
         return {}
 
     def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
         """The entries of a worker's own file that may differ from worker to worker."""
         name = f"{folder}worker-{worker}.env"
         if not self._files.exist(name):
-            self._findings.append(
-                Finding(
-                    name,
+            self._problems.append(
+                setting_problem(
+                    "DR_WORKERS",
+                    Place(name),
                     f"there is no such file in {self._files.directory}, but "
-                    f"DR_TRAIN_MULTI_CONFIG is True and there is a worker {worker}",
+                    f"DR_TRAIN_MULTI_CONFIG is True and there is a worker {worker}.",
                     f"Write the track and race of that worker into {name}, or set DR_WORKERS to "
                     f"{worker - 1}.",
                 )
@@ -121,33 +124,37 @@ class Loader:
             return {}
         entries = self._files.read(name)
         for key in [key for key in entries if not _is_of_worker(key)]:
-            entry = entries.pop(key)
-            self._warnings.append(
-                f"{entry.where}: {shown(key)} is the same for all workers and ignored here."
-            )
+            place = entries.pop(key).place
+            what = f"{shown(key)} is the same for all workers and is ignored here."
+            remedy = "Move the line to run.env, or remove it."
+            self._problems.append(setting_problem(key, place, what, remedy, severity="warning"))
         return entries
 
     def _overrides(self, settings: Settings, upper: list[dict[str, Entry]]) -> tuple[Override, ...]:
         """What the files of the second and all further workers change."""
         overrides: list[Override] = []
-        warnings: list[str] = []
         for worker in range(2, settings.workers + 1):
             loader = Loader(self._files.directory, self._files.contents)
             try:
                 loaded = loader.load([dict(layer) for layer in upper], worker)
-            except FindingsError as error:
-                self._findings += [f for f in error.findings if f not in self._findings]
+            except ProblemsError as error:
+                self._add(error.problems)
                 continue
             overrides += loaded.overrides
-            warnings += [text for text in loaded.warnings if "worker-" in text]
-        self._warnings += dict.fromkeys(text for text in warnings if text not in self._warnings)
+            own_file = f"worker-{worker}.env"
+            self._add(problem for problem in loaded.problems if problem.file.endswith(own_file))
         return tuple(overrides)
+
+    def _add(self, problems: Iterable[Problem]) -> None:
+        """Note problems that are not noted yet."""
+        self._problems += [each for each in problems if each not in self._problems]
 
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
         entry = run.pop(EXPERIMENT, None)
         if entry is not None and entry.value not in ("", experiment):
-            what = f"{EXPERIMENT}={shown(entry.value)} comes too late to choose a run.env"
-            self._findings.append(Finding(entry.where, what, "Move the line to system.env."))
+            what = f"{EXPERIMENT}={shown(entry.value)} comes too late to choose a run.env."
+            remedy = "Move the line to system.env."
+            self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
     def _settle(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
         """Values by field name; wrong ones that change nothing are dropped from the layers."""
@@ -166,35 +173,35 @@ class Loader:
         texts: dict[str, str] = {}
         for name, setting in catalogue().items():
             text = layers.text(name)
-            if name in layers.findings:
-                self._blame(name, layers.findings[name], dropped)
+            if name in layers.problems:
+                self._blame(name, layers.problems[name], dropped)
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
         values = {
             catalogue()[name].field: self._tidy(name, text, layers) for name, text in texts.items()
         }
-        problems = {name: (reason, remedy) for name, reason, remedy in misfits(values, texts)}
-        for name, (reason, remedy) in problems.items():
+        bad = {name: (reason, remedy) for name, reason, remedy in misfits(values, texts)}
+        for name, (reason, remedy) in bad.items():
             setting = catalogue()[name]
             values.pop(setting.field)
             entry = layers.find(name)
             written = entry.value.strip() if entry is not None else setting.default_text
-            if references(written) & problems.keys():
-                continue  # the name it refers to is what needs mending
+            if references(written) & bad.keys():
+                continue  # the name it refers to has to be corrected
             what = f"{name}={shown(hidden(name, texts[name]))} {reason}"
             if written != texts[name]:
                 what += f" (written {shown(hidden(name, written))})"
-            where = entry.where if entry is not None else "default"
-            self._blame(name, Finding(where, what, remedy), dropped)
+            place = entry.place if entry is not None else Place("default")
+            self._blame(name, setting_problem(name, place, f"{what}.", remedy), dropped)
         return values, dropped & layers.names()
 
-    def _blame(self, name: str, finding: Finding, dropped: set[str]) -> None:
-        """Take down what is wrong with a setting; it is no failure where it changes nothing."""
+    def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
+        """Note what is wrong with a setting; only a warning where the setting has no effect."""
         if catalogue()[name].effect != "used":
-            self._warnings.append(f"{finding} It has no effect here.")
+            message = f"{problem.message} It has no effect here."
+            problem = replace(problem, severity="warning", message=message)
             dropped.add(name)
-        elif finding not in self._findings:
-            self._findings.append(finding)
+        self._add([problem])
 
     def _tidy(self, name: str, text: str, layers: Layers) -> str:
         """Spell choices as they are declared, and make folders independent of where we stand."""
@@ -214,11 +221,10 @@ class Loader:
             return path.expanduser()
         except RuntimeError:  # neither HOME nor the list of users tells
             entry = layers.find(name)
-            where = entry.where if entry is not None else "default"
-            what = f"{name}={shown(text)}: the home folder of this user is not known"
-            finding = Finding(where, what, "Write the whole path, or set HOME.")
-            if finding not in self._findings:
-                self._findings.append(finding)
+            place = entry.place if entry is not None else Place("default")
+            what = f"{name}={shown(text)}: the home folder of this user is not known."
+            remedy = "Write the whole path, or set HOME."
+            self._add([setting_problem(name, place, what, remedy)])
             return path
 
 
@@ -234,14 +240,8 @@ def _override(layers: Layers, own: dict[str, Entry], values: dict[str, Any]) -> 
     fields = {catalogue()[name].field for name in known}
     return Override(
         values={field: values[field] for field in fields if field in values},
-        sources={name: own[name].where for name in known},
+        sources={name: own[name].place for name in known},
     )
-
-
-def _position(finding: Finding) -> tuple[str, int]:
-    """File and line of a finding, to report it in the order of reading."""
-    file, _, line = finding.where.partition(" line ")
-    return file, int(line or 0)
 
 
 def _drop_empty(layer: dict[str, Entry]) -> None:

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
+from drcli.base.problems import Place, Problem, few
 from drcli.config.fields import Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.race import EvaluationSettings, RaceSettings, TrainSettings
@@ -18,6 +19,7 @@ from drcli.config.groups.system import (
     ScreenSettings,
     ServiceSettings,
 )
+from drcli.config.setting_problems import setting_problem
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Override:
     """
 
     values: Mapping[str, str]
-    sources: Mapping[str, str]
+    sources: Mapping[str, Place]
 
 
 WORKER_NAMES = (
@@ -74,16 +76,16 @@ class Settings(
 
     Attributes:
         directory: Folder with run.env and system.env, absolute.
-        extra: Names in the files that are no settings, with their values.
+        extra: Names in the files that are not settings, with their values.
         sources: Place at which each setting and each of those names was given; defaults are absent.
-        warnings: Sentences about what was accepted but looks odd.
+        problems: Warnings: what was accepted but looks odd.
         overrides: What worker-N.env changes, for the second worker first.
     """
 
     directory: Path
     extra: Mapping[str, str]
-    sources: Mapping[str, str]
-    warnings: tuple[str, ...]
+    sources: Mapping[str, Place]
+    problems: tuple[Problem, ...]
     overrides: tuple[Override, ...]
 
     def __init__(
@@ -91,8 +93,8 @@ class Settings(
         *,
         directory: Path,
         extra: Mapping[str, str],
-        sources: Mapping[str, str],
-        warnings: tuple[str, ...],
+        sources: Mapping[str, Place],
+        problems: tuple[Problem, ...],
         overrides: tuple[Override, ...] = (),
         **values: Any,
     ) -> None:
@@ -104,7 +106,7 @@ class Settings(
             directory=directory,
             extra=extra,
             sources=sources,
-            warnings=warnings,
+            problems=problems,
             overrides=overrides,
         )
 
@@ -132,20 +134,32 @@ class Settings(
         """Folder with the racer's own route files; it need not exist."""
         return self.directory / (self.tracks_dir or "tracks")
 
-    def source(self, name: str) -> str:
-        """Where a DR_ setting was given: `run.env line 7`, `environment`, `flag` or `default`."""
-        return self.sources.get(name, "default")
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The problems as sentences."""
+        return tuple(few(map(str, self.problems)))
 
-    def unsupported(self, job: Literal["training", "evaluation"] = "training") -> str | None:
-        """Why these settings cannot be run, as one sentence; None when they can."""
+    def place(self, name: str) -> Place:
+        """Where a DR_ setting was given; the file is `default` where nobody gave it."""
+        return self.sources.get(name, Place("default"))
+
+    def source(self, name: str) -> str:
+        """The place as text: `run.env line 7`, `environment`, `flag` or `default`."""
+        return str(self.place(name))
+
+    def unsupported(self, job: Literal["training", "evaluation"] = "training") -> Problem | None:
+        """Why these settings cannot be run; None when they can."""
         if job == "evaluation":
             return None
         for worker in range(len(self.overrides) + 1):
             own = self.for_worker(worker)
             if own.race_type == "HEAD_TO_MODEL":
-                return (
-                    f"{own.source('DR_RACE_TYPE')}: DR_RACE_TYPE=HEAD_TO_MODEL races two finished "
-                    "models and is there for evaluations only, no model can be trained in it."
+                return setting_problem(
+                    "DR_RACE_TYPE",
+                    own.place("DR_RACE_TYPE"),
+                    "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations "
+                    "only.",
+                    "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
                 )
         return None
 
@@ -159,7 +173,11 @@ class Settings(
     def plain(self) -> dict[str, Any]:
         """Every field as a value that JSON knows."""
         values = {name: _plain(value) for name, value in vars(self).items()}
-        return {**values, "overrides": [asdict(override) for override in self.overrides]}
+        return {
+            **values,
+            "problems": [asdict(problem) for problem in self.problems],
+            "overrides": [asdict(override) for override in self.overrides],
+        }
 
     def dump(self) -> str:
         """All of it as JSON text for `restore`."""
@@ -176,8 +194,11 @@ class Settings(
             elif setting.kind == "list":
                 values[setting.field] = tuple(map(tuple, written))
         values["directory"] = Path(values["directory"])
-        values["warnings"] = tuple(values["warnings"])
-        values["overrides"] = tuple(Override(**override) for override in values["overrides"])
+        values["sources"] = _places(values["sources"])
+        values["problems"] = tuple(Problem(**problem) for problem in values["problems"])
+        values["overrides"] = tuple(
+            Override(each["values"], _places(each["sources"])) for each in values["overrides"]
+        )
         return Settings(**values)
 
 
@@ -191,10 +212,15 @@ def typed(texts: Mapping[str, str]) -> dict[str, Any]:
     """Values by field, for texts by field.
 
     Raises:
-        UnfitError: A text is no value of its setting.
+        BadValue: A text does not fit its setting.
     """
     by_field = {setting.field: setting for setting in catalogue().values()}
     return {field: by_field[field].read(text) for field, text in texts.items()}
+
+
+def _places(written: Mapping[str, Any]) -> dict[str, Place]:
+    """Places as JSON wrote them, by name."""
+    return {name: Place(*place) for name, place in written.items()}
 
 
 def _plain(value: Any) -> Any:

@@ -1,32 +1,31 @@
-"""Judges names: old ones, misspelt ones, and those that are the racer's own."""
+"""Finds names that are not settings: old ones, misspelt ones, and the racer's own."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from drcli.base.problems import Finding, closest, shown
+from drcli.base.problems import Place, Problem, closest, shown
 from drcli.config.env_file import Entry
 from drcli.config.former_names import FORMER
 from drcli.config.layers import Layers
 from drcli.config.model import catalogue
 from drcli.config.secrets import hidden
+from drcli.config.setting_problems import file_problem, setting_problem
 
 TYPO_SIMILARITY = 0.85
 """From here on an unknown DR_ name is taken for a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
 
 
 @dataclass(frozen=True)
-class Strangers:
-    """Names that are no settings.
+class UnknownNames:
+    """Names that are not settings.
 
     Attributes:
-        values: What they stand for, with everything filled in.
-        findings: Those that are misspelt settings.
-        warnings: Sentences about those that nothing refers to.
+        values: Their values, with everything filled in.
+        problems: Misspelt settings, and warnings about names that nothing refers to.
     """
 
     values: dict[str, str] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
 
 
 def old_names() -> dict[str, str]:
@@ -34,55 +33,57 @@ def old_names() -> dict[str, str]:
     return {old: setting.name for setting in catalogue().values() for old in setting.old_names}
 
 
-def rename_old(layers: Sequence[dict[str, Entry]]) -> list[str]:
+def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
     """Let old names stand for the present ones.
 
     Args:
         layers: Entries by name, strongest layer first; they are changed.
 
     Returns:
-        A sentence about each old name.
+        A warning about each old name.
     """
     warnings = []
     for old, name in old_names().items():
         layer = next((layer for layer in layers if old in layer), None)
         if layer is None:
             continue
-        verdict = f"{layer[old].where}: {old} is the old name of {name}"
+        what = f"{old} is the old name of {name}"
         if any(name in other for other in layers):
-            warnings.append(f"{verdict} and ignored, because both are set.")
+            what, remedy = f"{what} and is ignored, because both are set.", "Remove the line."
         else:
             layer[name] = replace(layer[old], name=name)
-            warnings.append(f"{verdict}; better write that.")
+            what, remedy = f"{what}; write the new name.", "Correct the name."
+        place = layer[old].place
+        warnings.append(setting_problem(name, place, what, remedy, severity="warning"))
     return warnings
 
 
-def strangers(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Strangers:
-    """The names that are no settings.
+def unknown_names(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> UnknownNames:
+    """The names that are not settings.
 
     Args:
         looked_up: Knows which names the values of settings refer to.
         layers: Entries by name, strongest layer first.
     """
-    found = Strangers()
+    found = UnknownNames()
     known = catalogue().keys() | old_names().keys()
     from_outside: list[str] = []
     for layer in layers:
         for name, entry in layer.items():
             ours = name.upper().startswith("DR_")
-            outside = entry.where == "environment"
+            outside = entry.place.file == "environment"
             if name in known or name in found.values or (outside and not ours):
                 continue
             if outside and name in FORMER:
                 continue
             meant = _meant(name)
             if ours and meant is not None and not outside:
-                what = f"{name}={shown(hidden(name, entry.value))} is no setting"
+                what = f"{name}={shown(hidden(name, entry.value))} is not a setting."
                 remedy = f"Did you mean {meant}? Correct the name, or remove the line."
-                found.findings.append(Finding(entry.where, what, remedy))
+                found.problems.append(setting_problem(name, entry.place, what, remedy))
                 continue
             text = looked_up.text(name)
-            if text is None or name in looked_up.findings:
+            if text is None or name in looked_up.problems:
                 text = entry.value
             found.values[name] = text
             if name in looked_up.referenced or name in FORMER:
@@ -91,14 +92,16 @@ def strangers(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Stranger
                 from_outside.append(name if meant is None else f"{name} (did you mean {meant}?)")
             else:
                 hint = f" Did you mean {meant}?" if meant is not None else ""
-                found.warnings.append(
-                    f"{entry.where}: {shown(name)} is no setting and has no effect.{hint}"
+                what = f"{shown(name)} is not a setting and has no effect.{hint}"
+                remedy = "Correct the line, or remove it."
+                found.problems.append(
+                    setting_problem(name, entry.place, what, remedy, severity="warning")
                 )
     if from_outside:
         # A shell in which the reference was activated has a dozen names of its own.
-        found.warnings.append(
-            f"environment: unknown and without effect here: {', '.join(from_outside)}."
-        )
+        what = f"unknown names without effect: {', '.join(from_outside)}."
+        place, remedy = Place("environment"), "Correct them, or ignore this."
+        found.problems.append(file_problem(place, what, remedy, severity="warning"))
     return found
 
 

@@ -8,10 +8,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding, FindingsError, shown
+from drcli.base.problems import Place, ProblemsError, shown
 from drcli.config.env_file import content_of, parse_env, read_env_file, with_any_value
 from drcli.config.experiment import EXPERIMENT
 from drcli.config.folder_files import FolderPlan, NewFile
+from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings, load_settings
 from drcli.config.shipped import activate_script, model_file, settings_file
 from drcli.config.value_types import FOLDER_NAME
@@ -43,7 +44,7 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
         values: Texts of settings by DR_ name, as far as they are not to be as shipped.
 
     Raises:
-        FindingsError: A value is wrong.
+        ProblemsError: A value is wrong.
     """
     folder = folder.absolute()
     system = settings_file("system.env").read_bytes()
@@ -74,7 +75,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         values: Texts of settings by DR_ name, which differ from those of the working folder.
 
     Raises:
-        FindingsError: A value is wrong, or belongs into system.env, which experiments share.
+        ProblemsError: A value is wrong, or belongs into system.env, which experiments share.
         SettingsError: The folder is no working folder.
     """
     folder = folder.absolute()
@@ -87,14 +88,15 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
     shared = [key for key in values if key in _names_in(settings_file("system.env"))]
     if shared:
         found = [
-            Finding(
-                "system.env",
-                f"{key}={shown(values[key])} belongs into system.env, which all experiments share",
+            setting_problem(
+                key,
+                Place("system.env"),
+                f"{key}={shown(values[key])} belongs in system.env, which all experiments share.",
                 f"Leave it out, or change it for all: `dr config set {key}={values[key]}`.",
             )
             for key in shared
         ]
-        raise FindingsError(found)
+        raise ProblemsError(found)
     here = f"experiments/{name}"
     wanted = {
         "DR_RUN_ID": str(_free_run_id(folder)),
@@ -134,7 +136,7 @@ def _filled(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     """A settings file with values; a line that waits behind a # for its value loses that.
 
     Raises:
-        FindingsError: A value cannot be written there.
+        ProblemsError: A value cannot be written there.
         SettingsError: The file is no text.
     """
     there = {entry.name for entry in parse_env(data, name).entries}
@@ -148,8 +150,9 @@ def _filled(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     for key, value in values.items():
         changed = with_any_value(filled, key, value, name)
         if changed is None:
-            what = f"{key}={shown(value)} cannot stand in a settings file"
-            raise FindingsError([Finding(name, what, "Leave out line breaks, quotes, $ and \\.")])
+            what = f"{key}={shown(value)} cannot be written into a settings file."
+            remedy = "Leave out line breaks, quotes, $ and \\."
+            raise ProblemsError([setting_problem(key, Place(name), what, remedy)])
         filled = changed
     return filled
 
@@ -162,12 +165,13 @@ def _refuse_name(experiment: str) -> None:
     """Refuse what cannot be a folder in experiments/.
 
     Raises:
-        FindingsError: It cannot.
+        ProblemsError: It cannot.
     """
     if not FOLDER_NAME.fullmatch(experiment):
-        what = f"{EXPERIMENT}={shown(experiment)} is no plain folder name"
+        what = f"{EXPERIMENT}={shown(experiment)} is not a plain folder name."
         remedy = "Use letters, digits and the characters . _ -"
-        raise FindingsError([Finding(f"experiments/{shown(experiment)}", what, remedy)])
+        place = Place(f"experiments/{shown(experiment)}")
+        raise ProblemsError([setting_problem(EXPERIMENT, place, what, remedy)])
 
 
 def _custom_files(folder: str, race_type: str) -> list[NewFile]:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from drcli.base.problems import Place
 from drcli.config import activation
 from drcli.config.env_file import Entry
 from drcli.config.loading import Loader
@@ -35,8 +36,7 @@ def load_settings(
         contents: Content of files, by names such as `run.env`, to be taken for what lies there.
 
     Raises:
-        FindingsError: Something is wrong; the message has a line for each finding.
-        SettingsError: There is no run.env.
+        ProblemsError: Something is wrong, or there is no run.env.
     """
     given = dict(flags or {})
     if experiment:
@@ -72,4 +72,4 @@ def _upper(flags: Mapping[str, str], environ: Mapping[str, str] | None) -> list[
 
 
 def _written(values: Mapping[str, str], where: str) -> dict[str, Entry]:
-    return {name: Entry(name, value, where, expands=False) for name, value in values.items()}
+    return {name: Entry(name, value, Place(where), expands=False) for name, value in values.items()}

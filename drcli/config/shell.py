@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.problems import FindingsError
+from drcli.base.problems import Place, ProblemsError
 from drcli.config import activation
 from drcli.config.env_file import Entry
 from drcli.config.experiment import EXPERIMENT, chosen_experiment, run_file
@@ -57,20 +57,22 @@ def shell_change(
         SettingsError: A file is missing, or a line of it cannot be read.
     """
     given = activation.chosen(environ)
-    outside = {key: Entry(key, value, "environment", expands=False) for key, value in given.items()}
+    outside = {
+        key: Entry(key, value, Place("environment"), expands=False) for key, value in given.items()
+    }
     if experiment:
-        outside[EXPERIMENT] = Entry(EXPERIMENT, experiment, "-e", expands=False)
+        outside[EXPERIMENT] = Entry(EXPERIMENT, experiment, Place("-e"), expands=False)
     files = Files(directory, {})
     system = files.read("system.env") if files.exist("system.env") else {}
     name = run_file(files, [outside], chosen_experiment(files, [outside, system]))
     run = files.read(name)
-    if files.findings:
-        raise FindingsError(files.findings)
+    if any(problem.severity == "error" for problem in files.problems):
+        raise ProblemsError(files.problems)
 
     layers = Layers([outside, run, system], {})
     names = [key for key in {**system, **run} if key not in outside and key not in OURS]
     texts = {key: layers.text(key) or "" for key in names}
-    if layers.findings:
+    if layers.problems:
         layers = Layers([outside, run, system], _defaults())
         texts = {key: layers.text(key) or "" for key in names}
     copies = {**_derived({**given, **texts}, directory), **texts}
@@ -82,7 +84,7 @@ def shell_change(
         activation.MARK: activation.marked(copies),
     }
     gone = activation.copies(environ) - export.keys()
-    warnings = tuple(f"{finding}" for finding in layers.findings.values())
+    warnings = tuple(str(problem) for problem in layers.problems.values())
     return ShellChange(export, tuple(sorted(gone)), warnings)
 
 

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Annotated, Any
 from urllib.parse import urlsplit
 
-from drcli.base.problems import UnfitError
+from drcli.base.problems import BadValue
 
 FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""
@@ -26,7 +26,7 @@ BUCKET_RULE = (
     "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
     "in my-bucket."
 )
-"""What to write where `follows_s3` says no."""
+"""What to write where `follows_s3` is False."""
 
 _LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
 
@@ -36,7 +36,7 @@ class Check:
     """Judges a text of the right kind, and may turn it into something else.
 
     Attributes:
-        judge: Takes the text and returns the value; raises UnfitError.
+        judge: Takes the text and returns the value; raises BadValue.
     """
 
     judge: Callable[[str], Any]
@@ -58,44 +58,62 @@ def follows_s3(bucket: str) -> bool:
 
 def _object_key(value: str) -> str:
     if not value:
-        raise UnfitError("is empty", "Write a name such as rl-deepracer-1.")
+        raise BadValue("is empty", "Write a name such as rl-deepracer-1.")
     bad = re.search(r"[^A-Za-z0-9._/-]", value)
     if bad is not None:
-        raise UnfitError(
+        raise BadValue(
             f"holds {bad[0]!a}, which cannot stand in a name in the bucket",
             "Use only letters, digits, and the characters . _ - /.",
         )
     if len(value) > LONGEST_KEY or any(len(part) > LONGEST_PART for part in value.split("/")):
-        raise UnfitError(
-            "is longer than servers and disks take",
+        raise BadValue(
+            "is too long for servers and disks",
             f"Write at most {LONGEST_PART} characters between slashes, and {LONGEST_KEY} in all.",
         )
     if any(part in ("", ".", "..") for part in value.split("/")):
-        raise UnfitError(
+        raise BadValue(
             "has an empty part, . or .. between its slashes",
             "Write folders as in team/model-1, without / at the start or the end.",
         )
     return value
 
 
-def _world(value: str) -> str:
-    if not value:
-        raise UnfitError("is empty", "Write the name of a track, such as reinvent_base.")
-    if not value.endswith(".npy") and not re.fullmatch(r"[A-Za-z0-9._-]+", value):
-        raise UnfitError(
-            "cannot be the name of a track",
-            "Write a name such as reinvent_base, or the path of a .npy file.",
-        )
-    return value
+def _matching(pattern: str, reason: str, remedy: str) -> Callable[[str], str]:
+    """Judges texts by a regular expression."""
+
+    def judge(value: str) -> str:
+        if not re.fullmatch(pattern, value):
+            raise BadValue(reason, remedy)
+        return value
+
+    return judge
 
 
-def _bucket(value: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}", value):
-        raise UnfitError(
-            "is no name of a bucket",
-            "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
-        )
-    return value
+_world = _matching(
+    r"[A-Za-z0-9._-]+|.*\.npy",
+    "cannot be the name of a track",
+    "Write a name such as reinvent_base, or the path of a .npy file.",
+)
+_bucket = _matching(
+    r"[A-Za-z0-9][A-Za-z0-9._-]{2,62}",
+    "is not the name of a bucket",
+    "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
+)
+_region = _matching(
+    r"(?:(?!\d+\Z)[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?)?",
+    "is not an AWS region",
+    "Write one such as us-east-1 or eu-central-1.",
+)
+_folder_name = _matching(
+    f"(?:{FOLDER_NAME.pattern})?",
+    "is not a plain folder name",
+    "Write the name of a folder in experiments/.",
+)
+_gpus = _matching(
+    r"(?:-1|[A-Za-z0-9][A-Za-z0-9/-]*(?:, *[A-Za-z0-9][A-Za-z0-9/-]*)*)?",
+    "is not a list of GPUs",
+    "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
+)
 
 
 def _address(value: str) -> str:
@@ -106,40 +124,17 @@ def _address(value: str) -> str:
     except ValueError:
         fit = False
     if value and not fit:
-        raise UnfitError("is no web address", "Write it as in http://192.168.1.5:9000.")
+        raise BadValue("is not a web address", "Write it as in http://192.168.1.5:9000.")
     return value
-
-
-def _region(value: str) -> str:
-    if not re.fullmatch(r"(?:(?!\d+\Z)[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?)?", value):
-        raise UnfitError("is no AWS region", "Write one such as us-east-1 or eu-central-1.")
-    return value or HOME_REGION
 
 
 def _colour(value: str) -> str:
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
-        raise UnfitError(
-            f"is none of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
+        raise BadValue(
+            f"is not one of {', '.join(_COLOURS)}", f"Write one of {', '.join(_COLOURS)}."
         )
     return named.get(value.casefold(), value)
-
-
-def _folder_name(value: str) -> str:
-    if value and not FOLDER_NAME.fullmatch(value):
-        raise UnfitError("is no plain folder name", "Write the name of a folder in experiments/.")
-    return value
-
-
-def _gpus(value: str) -> str:
-    if value and not re.fullmatch(
-        r"-1|[A-Za-z0-9][A-Za-z0-9/-]*(?:, *[A-Za-z0-9][A-Za-z0-9/-]*)*", value
-    ):
-        raise UnfitError(
-            "is no list of GPUs",
-            "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
-        )
-    return value
 
 
 def _positions(value: str) -> tuple[tuple[float, ...], ...]:
@@ -154,8 +149,8 @@ def _positions(value: str) -> tuple[tuple[float, ...], ...]:
     except ValueError:
         pairs = [()]
     if any(len(p) != 2 or not 0.0 <= p[0] <= 1.0 or not isfinite(p[1]) for p in pairs):
-        raise UnfitError(
-            "is no list of progress,lane pairs",
+        raise BadValue(
+            "is not a list of progress,lane pairs",
             'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
         )
     return tuple(pairs)
@@ -187,7 +182,7 @@ UploadBucket = Annotated[
 ]
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
 """http or https address, or empty."""
-Region = Annotated[str, Check(_region), Shape("an AWS region")]
+Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[
     str, Check(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
 ]

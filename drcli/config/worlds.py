@@ -6,7 +6,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drcli.base.problems import Finding, closest, shown
+from drcli.base.problems import Problem, closest, shown
+from drcli.config.setting_problems import setting_problem
 
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
     from drcli.config.model import Settings
@@ -74,25 +75,29 @@ def is_here(settings: "Settings") -> bool:
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def missing(settings: "Settings") -> Iterator[Finding]:
+def missing(settings: "Settings") -> Iterator[Problem]:
     """The tracks that are neither here nor the community's, each place that names one once."""
     for chosen in _absent(settings):
         if not can_be_fetched(chosen):
-            yield Finding(
-                chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={shown(chosen.world_name)} is not an available track",
+            yield setting_problem(
+                "DR_WORLD_NAME",
+                chosen.place("DR_WORLD_NAME"),
+                f"DR_WORLD_NAME={shown(chosen.world_name)} is not a known track.",
                 remedy(chosen),
             )
 
 
-def fetchable(settings: "Settings") -> Iterator[Finding]:
+def fetchable(settings: "Settings") -> Iterator[Problem]:
     """The tracks of the community that are not here yet, each place that names one once."""
     for chosen in _absent(settings):
         if can_be_fetched(chosen):
-            yield Finding(
-                chosen.source("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed yet",
+            yield setting_problem(
+                "DR_WORLD_NAME",
+                chosen.place("DR_WORLD_NAME"),
+                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed "
+                "yet.",
                 remedy(chosen),
+                severity="note",
             )
 
 
@@ -127,7 +132,7 @@ def _absent(settings: "Settings") -> Iterator["Settings"]:
     places = set()
     for worker in range(len(settings.overrides) + 1):
         chosen = settings.for_worker(worker)
-        place = chosen.source("DR_WORLD_NAME")
+        place = chosen.place("DR_WORLD_NAME")
         if place not in places and not is_here(chosen):
             places.add(place)
             yield chosen

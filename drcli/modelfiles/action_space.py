@@ -1,26 +1,30 @@
 """What a car may do: a list of actions or ranges of them, as model_metadata.json states it."""
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drcli.base.problems import Finding, closest, shown
-from drcli.modelfiles.json_file import JsonFile, as_written
+from drcli.base.problems import BadValue, Problem
+from drcli.modelfiles.json_file import JsonFile, Number, Path, as_written, dotted
 
-STEERING_DEG = (-30.0, 30.0)
-"""What the car's front wheels can do; requests beyond it are cut. Source: the reference car."""
-SPEED_MPS = (0.1, 4.0)
-"""What the car's speed is cut to. Source: the reference car."""
 MANY_ACTIONS = 30
 """More discrete actions than this learn slowly; the DeepRacer console allows no more."""
 
 Pair = tuple[float, float]
 """Steering in degrees, positive to the left, and speed in m/s."""
 
-_EXAMPLE = '{"steering_angle": 15, "speed": 1.0}'
+USUAL = {"steering_angle": (-30.0, 30.0), "speed": (0.1, 4.0)}
+"""Degrees and m/s to which the car cuts what is requested. Source: the reference car."""
+
+ACTION = {"steering_angle": 15, "speed": 1.0}
+RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
+"""Examples for remedies."""
+
+_Quantity = Annotated[Number, Field(ge=-1000, le=1000)]
 
 
-class ActionSpace(BaseModel):
+class ActionSpace(NamedTuple):
     """The actions of a model.
 
     Attributes:
@@ -28,8 +32,6 @@ class ActionSpace(BaseModel):
         low: Least steering and speed; None if discrete.
         high: Greatest steering and speed; None if discrete.
     """
-
-    model_config = ConfigDict(frozen=True)
 
     values: tuple[Pair, ...] = ()
     low: Pair | None = None
@@ -46,166 +48,98 @@ class ActionSpace(BaseModel):
         return 2 if self.continuous else len(self.values)
 
 
-class ActionSpaceReader:
-    """Checks the action space of a file; what is noticed is added to the two lists.
+class Action(BaseModel):
+    """One action of a list."""
 
-    Args:
-        file: The file.
-        findings: What is wrong.
-        notes: What is legal but odd.
-    """
+    model_config = ConfigDict(extra="allow")
 
-    def __init__(self, file: JsonFile, findings: list[Finding], notes: list[Finding]) -> None:
-        self._file = file
-        self._findings = findings
-        self._notes = notes
+    steering_angle: _Quantity
+    speed: _Quantity
+    index: Any = None
 
-    def discrete(self, written: Any) -> ActionSpace:
-        """A list of actions."""
-        if not isinstance(written, list):
-            remedy = f"Write a list such as [{_EXAMPLE}]"
-            if isinstance(written, dict):
-                remedy += ', or add "action_space_type": "continuous"'
-            self._reject(("action_space",), written, "is no list of actions", f"{remedy}.")
-            return ActionSpace()
-        if not written:
-            self._reject(
-                ("action_space",), written, "holds no action", f"Add actions such as {_EXAMPLE}."
+
+class Range(BaseModel):
+    """The values that a continuous quantity may have."""
+
+    model_config = ConfigDict(extra="allow")
+
+    low: _Quantity
+    high: _Quantity
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Range":
+        if self.low >= self.high:
+            raise BadValue(
+                "has a low that is not below its high",
+                "Write a low below the high; for a single value use discrete actions.",
             )
-        values = [self._action(number, entry) for number, entry in enumerate(written)]
-        self._check_indices(written)
-        first: dict[Pair, int] = {}
-        for number, pair in enumerate(values):
-            if pair is not None and first.setdefault(pair, number) != number:
-                self._note(
-                    ("action_space", number),
-                    f"action {number} repeats action {first[pair]}",
-                    "Remove one of them: it costs learning and adds nothing.",
-                )
-        if len(values) > MANY_ACTIONS:
-            self._note(
-                ("action_space",),
-                f"{len(values)} actions learn slowly",
-                f"Keep {MANY_ACTIONS} at most, or use ranges.",
+        return self
+
+
+class Ranges(BaseModel):
+    """Continuous actions."""
+
+    model_config = ConfigDict(extra="allow")
+
+    steering_angle: Range
+    speed: Range
+
+    @property
+    def space(self) -> ActionSpace:
+        """The action space."""
+        steering, speed = self.steering_angle, self.speed
+        return ActionSpace(low=(steering.low, speed.low), high=(steering.high, speed.high))
+
+
+def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
+    """What is wrong or odd about a list of actions."""
+    yield from _wrong_indices(file, [action.index for action in actions])
+    first: dict[Pair, int] = {}
+    for number, action in enumerate(actions):
+        path: Path = ("action_space", number)
+        pair = (action.steering_angle, action.speed)
+        if first.setdefault(pair, number) != number:
+            what = f"action {number} repeats action {first[pair]}."
+            remedy = "Remove one of them: it slows learning down and adds nothing."
+            yield file.problem("V-30", path, what, remedy, "warning")
+        for key in USUAL:
+            yield from _beyond_the_car(file, (*path, key), getattr(action, key), key)
+    if len(actions) > MANY_ACTIONS:
+        what = f"{len(actions)} actions learn slowly."
+        remedy = f"Keep at most {MANY_ACTIONS}, or use ranges."
+        yield file.problem("V-32", ("action_space",), what, remedy, "warning")
+
+
+def range_problems(file: JsonFile, ranges: Ranges) -> Iterator[Problem]:
+    """What is odd about ranges of actions."""
+    for key in USUAL:
+        for end in ("low", "high"):
+            value = getattr(getattr(ranges, key), end)
+            yield from _beyond_the_car(file, ("action_space", key, end), value, key)
+
+
+def _beyond_the_car(file: JsonFile, path: Path, value: float, key: str) -> Iterator[Problem]:
+    low, high = USUAL[key]
+    if not low <= value <= high:
+        what = f"{dotted(path)}={value:g} is more than the car can do ({low:g} to {high:g})."
+        remedy = f"Write a number from {low:g} to {high:g}; others are cut to that."
+        yield file.problem("V-32", path, what, remedy, "warning")
+
+
+def _wrong_indices(file: JsonFile, written: list[Any]) -> Iterator[Problem]:
+    """The position counts, so an index must agree; all of them in another order are only odd."""
+    numbers = [n for n in written if isinstance(n, int) and not isinstance(n, bool)]
+    if sorted(numbers) == list(range(len(written))):
+        if numbers != sorted(numbers):
+            what = "action_space has its indices in another order than its actions."
+            remedy = (
+                "Only the order of the actions counts: remove the indices, or sort the actions."
             )
-        return ActionSpace(values=tuple(pair for pair in values if pair is not None))
-
-    def continuous(self, written: Any) -> ActionSpace:
-        """Ranges of steering and speed."""
-        example = '{"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}'
-        if not isinstance(written, dict):
-            self._reject(
-                ("action_space",),
-                written,
-                "is no pair of ranges",
-                f'Write {example}, or "action_space_type": "discrete" for a list of actions.',
-            )
-            return ActionSpace()
-        self._report_keys(("action_space",), written, ("steering_angle", "speed"))
-        steering = self._range("steering_angle", written, STEERING_DEG)
-        speed = self._range("speed", written, SPEED_MPS)
-        if steering is None or speed is None:
-            return ActionSpace()
-        return ActionSpace(low=(steering[0], speed[0]), high=(steering[1], speed[1]))
-
-    def _action(self, number: int, entry: Any) -> Pair | None:
-        path = ("action_space", number)
-        if not isinstance(entry, dict):
-            self._reject(path, entry, "is no action", f"Write actions such as {_EXAMPLE}.")
-            return None
-        self._report_keys(path, entry, ("steering_angle", "speed", "index"))
-        steering = self._number((*path, "steering_angle"), entry, STEERING_DEG)
-        speed = self._number((*path, "speed"), entry, SPEED_MPS)
-        return None if steering is None or speed is None else (steering, speed)
-
-    def _range(self, key: str, written: dict[str, Any], usual: Pair) -> Pair | None:
-        path = ("action_space", key)
-        limits = written.get(key)
-        if not isinstance(limits, dict):
-            remedy = f'Write "{key}": {{"low": {usual[0]:g}, "high": {usual[1]:g}}}.'
-            problem = "is no range" if key in written else "is missing"
-            self._reject(path, limits, problem, remedy)
-            return None
-        self._report_keys(path, limits, ("low", "high"))
-        low = self._number((*path, "low"), limits, usual)
-        high = self._number((*path, "high"), limits, usual)
-        if low is None or high is None:
-            return None
-        if low >= high:
-            remedy = f"Write a low below the high; for a single {key} use discrete actions."
-            self._reject(path, limits, "has a low that is not below its high", remedy)
-            return None
-        return low, high
-
-    def _number(
-        self, path: tuple[str | int, ...], holder: dict[str, Any], usual: Pair
-    ) -> float | None:
-        key = str(path[-1])
-        number = holder.get(key)
-        remedy = f'Write a number without quotes, as in "{key}": 1.0.'
-        if key not in holder:
-            meant = closest(key, holder)
-            rename = f'Rename "{shown(meant)}" to "{key}".' if meant is not None else remedy
-            self._reject(path, None, "is missing", rename)
-            return None
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            self._reject(path, number, "is no number", remedy)
-            return None
-        if abs(number) > 1000:
-            self._reject(path, number, "is far too large", remedy)
-            return None
-        if not usual[0] <= number <= usual[1]:
-            self._note(
-                path,
-                f"{_dotted(path)}={number} is beyond what the car does, {usual}",
-                f"Write a number from {usual[0]:g} to {usual[1]:g}; others are cut to that.",
-            )
-        return float(number)
-
-    def _check_indices(self, written: list[Any]) -> None:
-        """Position counts, so an index must agree; all of them in another order are only odd."""
-        found = [entry.get("index") for entry in written if isinstance(entry, dict)]
-        numbers = [n for n in found if isinstance(n, int) and not isinstance(n, bool)]
-        whole = sorted(numbers) == list(range(len(written)))
-        if whole and numbers != sorted(numbers):
-            self._note(
-                ("action_space",),
-                "the indices of action_space are in another order than its actions, and the order "
-                "counts",
-                "Remove them all, or put the actions into the order of their indices.",
-            )
-        if whole:
-            return
-        for number, entry in enumerate(written):
-            if not isinstance(entry, dict) or "index" not in entry:
-                continue
-            index = entry["index"]
-            if isinstance(index, bool) or index != number:
-                self._reject(
-                    ("action_space", number, "index"),
-                    index,
-                    f"stands at position {number}",
-                    f'Write "index": {number} there, counting from 0, or remove them all.',
-                )
-
-    def _report_keys(
-        self, path: tuple[str | int, ...], holder: dict[str, Any], known: tuple[str, ...]
-    ) -> None:
-        for key in holder:
-            if key not in known:
-                what = f"{_dotted((*path, shown(key)))} has no meaning"
-                self._note((*path, key), what, "Keep or remove it.")
-
-    def _reject(self, path: tuple[str | int, ...], written: Any, problem: str, remedy: str) -> None:
-        value = "" if problem == "is missing" else f"={as_written(written)}"
-        what = f"{_dotted(path)}{value} {problem}"
-        self._findings.append(Finding(self._file.where(*path), what, remedy))
-
-    def _note(self, path: tuple[str | int, ...], what: str, remedy: str) -> None:
-        self._notes.append(Finding(self._file.where(*path), what, remedy))
-
-
-def _dotted(path: tuple[str | int, ...]) -> str:
-    """A path as people write it: `action_space[2].speed`."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
-    return text.removeprefix(".")
+            yield file.problem("V-30", ("action_space",), what, remedy, "warning")
+        return
+    for number, index in enumerate(written):
+        if index is not None and (isinstance(index, bool) or index != number):
+            path: Path = ("action_space", number, "index")
+            what = f"{dotted(path)}={as_written(index)} is at position {number}."
+            remedy = f'Write "index": {number} there, counting from 0, or remove all indices.'
+            yield file.problem("V-30", path, what, remedy)

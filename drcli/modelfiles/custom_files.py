@@ -6,11 +6,17 @@ from importlib import resources
 from pathlib import Path
 from shlex import quote
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+
+FILE_RULES = {
+    keys.REWARD_FUNCTION_FILE: "V-02",
+    keys.MODEL_METADATA_FILE: "V-03",
+    keys.HYPERPARAMETERS_FILE: "V-04",
+}
+"""The rule that each file breaks when it is missing or cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,8 @@ class Inputs:
 def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str, InputFile]:
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
-    The shipped examples only serve a racer who has brought no file at all: one file missing
-    among others is a mistake.
+    The shipped examples are only used when there is no file at all: one file missing among
+    others is a mistake.
 
     Args:
         settings: Say where they are.
@@ -52,7 +58,7 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
         What was found, by file name.
 
     Raises:
-        SettingsError: A file in `custom_files/` cannot be read.
+        ProblemsError: A file in `custom_files/` cannot be read.
     """
     local = custom_files_folder(settings, directory)
     found: dict[str, InputFile] = {}
@@ -83,18 +89,21 @@ def places(settings: Settings) -> dict[str, str]:
 
 def missing_files(
     found: Mapping[str, InputFile], settings: Settings, directory: Path, bucket: str
-) -> dict[str, Finding]:
-    """A finding for each of the three files that is not there, by file name."""
+) -> list[Problem]:
+    """A problem for each of the three files that does not exist."""
     local = custom_files_folder(settings, directory)
-    return {
-        name: Finding(
+    return [
+        Problem(
+            FILE_RULES[name],
+            "error",
             str(local),
-            f"there is no {name} here nor in the bucket at {bucket}/{key}",
+            None,
+            f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
             f"Put your {name} into {local}; an example is {shipped_file(name)}.",
         )
         for name, key in places(settings).items()
         if name not in found
-    }
+    ]
 
 
 def upload_custom_files(
@@ -133,8 +142,10 @@ def _content(path: Path) -> bytes | None:
     try:
         return path.read_bytes() if path.is_file() else None
     except OSError as e:
-        raise SettingsError(
-            f"{path}: cannot be read ({e.strerror or e}).",
-            remedy=f"Make it readable for yourself, as with `chmod u+rx {quote(str(path.parent))}` "
-            f"and `chmod u+r {quote(str(path))}`.",
-        ) from e
+        remedy = (
+            f"Make it readable for yourself, as with `chmod u+rx {quote(str(path.parent))}` "
+            f"and `chmod u+r {quote(str(path))}`."
+        )
+        what = f"cannot be read ({e.strerror or e})."
+        rule = FILE_RULES[path.name]
+        raise ProblemsError([Problem(rule, "error", str(path), None, what, remedy)]) from e

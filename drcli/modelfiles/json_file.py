@@ -1,21 +1,48 @@
-"""Reads a racer's JSON file and remembers the line of each value, so that errors can name it."""
+"""Reads a racer's JSON file, and says in plain English what is wrong in it and in which line."""
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Annotated, Any, get_args
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import shown
+from pydantic import BeforeValidator, ValidationError
+from pydantic_core import ErrorDetails
+
+from drcli.base.problems import (
+    BadValue,
+    Problem,
+    ProblemsError,
+    Severity,
+    closest,
+    one_of,
+    shown,
+)
 from drcli.base.text_file import decode
 
 Path = tuple[str | int, ...]
 """Keys and indices that lead from the whole file to a value."""
 
 LARGEST_BYTES = 1024 * 1024
-"""No parameter file comes near this; a file beyond it was named by mistake."""
+"""A larger file was named by mistake."""
 
-_SPACE = " \t\r\n"
+LARGEST_NUMBER = 1e15
+
+_REMEDY = "Compare it with the file of the same kind that `dr init` writes."
+
+_SYNTAX = {
+    "Expecting value": "a value is missing",
+    "Expecting ',' delimiter": "a comma or a closing bracket is missing",
+    "Expecting ':' delimiter": "a : is missing after the key",
+    "Expecting property name enclosed in double quotes": (
+        'a key in double quotes is missing, as in "lr": 0.0003, or there is a comma too many'
+    ),
+    "Unterminated string starting at": "a text in quotes is not complete",
+    "Extra data": "there is something after the end",
+}
+"""What Python's JSON reader reports, in plain English."""
+
+_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 
 @dataclass(frozen=True)
@@ -32,37 +59,143 @@ class JsonFile:
     values: dict[str, Any]
     lines: Mapping[Path, int]
 
-    def where(self, *path: str | int) -> str:
-        """Place of a value, or of the closest thing around it that exists."""
+    def problem(
+        self, rule: str, path: Path, message: str, remedy: str, severity: Severity = "error"
+    ) -> Problem:
+        """A problem in the line of a value, or of the closest thing around it that exists."""
+        key = dotted(path)
         while path and path not in self.lines:
             path = path[:-1]
-        return f"{self.name} line {self.lines[path]}" if path else self.name
+        line = self.lines[path] if path else None
+        return Problem(rule, severity, self.name, line, message, remedy, key)
 
 
-def read_json_object(data: bytes, name: str) -> JsonFile:
+def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
     """Read a file that must hold one JSON object.
 
     Args:
         data: Content, UTF-8 with or without a byte order mark.
         name: What to call the file in messages.
+        rule: Number of the rule about files that cannot be read.
 
     Raises:
-        SettingsError: It is too large, no text, no JSON, no object, or holds a key twice.
+        ProblemsError: It is too large, not text, not JSON, not an object, or holds a key twice.
     """
-    text = decode(data, name, largest_bytes=LARGEST_BYTES, kind="parameter file", remedy=_REMEDY)
+
+    def problem(line: int | None, message: str, remedy: str = _REMEDY) -> ProblemsError:
+        return ProblemsError([Problem(rule, "error", name, line, message, remedy)])
+
+    text = decode(data, name, rule, largest_bytes=LARGEST_BYTES, remedy=_REMEDY)
     if not text.strip():
-        raise SettingsError(f"{name}: is empty.", remedy=_REMEDY)
-    reader = _Reader(text, name)
+        raise problem(None, "is empty.")
+    correct = f"Correct that line. {_REMEDY}"
     try:
-        values = reader.read()
+        values = json.loads(text)
+    except json.JSONDecodeError as e:
+        what = _SYNTAX.get(e.msg, e.msg)
+        message = f"is not valid JSON at column {e.colno}: {what}."
+        raise problem(e.lineno, message, correct) from e
     except RecursionError as e:
-        raise SettingsError(f"{name}: is nested too deeply.", remedy=_REMEDY) from e
+        raise problem(None, "is nested too deeply.") from e
+    except ValueError as e:  # Python does not convert a number of 5,000 digits
+        raise problem(None, "is not valid JSON: a number has too many digits.") from e
     if not isinstance(values, dict):
-        raise SettingsError(
-            f"{name} line 1: holds {shown(text.strip())}, which is no JSON object.",
-            remedy="Put the values between { and }.",
-        )
-    return JsonFile(name, values, reader.lines)
+        message = f"holds {shown(text.strip())}, not a JSON object."
+        raise problem(1, message, "Put the values between { and }.")
+    lines, faults = _lines(text)
+    for line, fault in faults:
+        raise problem(line, f"is not valid JSON: {fault}.", correct)
+    return JsonFile(name, values, lines)
+
+
+def problems_of(
+    error: ValidationError,
+    file: JsonFile,
+    rule_of: Callable[[Path], str],
+    examples: Mapping[str, Any],
+) -> list[Problem]:
+    """What pydantic found wrong, as problems.
+
+    Args:
+        error: From the validation of the file's values.
+        file: The file.
+        rule_of: Which rule a value belongs to, by its path.
+        examples: Values as they may be written, by key.
+    """
+    found = []
+    for details in error.errors(include_url=False):
+        path, written = details["loc"], details["input"]
+        reason, remedy = _explained(details, examples)
+        value = "" if details["type"] == "missing" else f"={as_written(written)}"
+        message = f"{dotted(path)}{value} {reason}."
+        found.append(file.problem(rule_of(path), path, message, remedy))
+    return found
+
+
+def _explained(details: ErrorDetails, examples: Mapping[str, Any]) -> tuple[str, str]:
+    """The reason and the remedy of one error of pydantic's."""
+    path, context = details["loc"], details.get("ctx", {})
+    key = next(part for part in reversed(path) if isinstance(part, str))
+    example = ""
+    if key in examples:
+        value = json.dumps(examples[key])
+        example = f'"{key}": {value}' if path[-1] == key else value.strip("[]")
+    such_as = f", as in {example}." if example else "."
+    match details["type"]:
+        case "value_error":
+            bad = context["error"]
+            return bad.reason, bad.remedy or f"Write a number without quotes{such_as}"
+        case "missing":
+            meant = closest(key, details["input"])
+            rename = f'Rename "{shown(meant)}" to "{key}".' if meant is not None else ""
+            return "is missing", rename or f"Add {example}."
+        case "int_from_float":
+            return "is not a whole number", f"Write a whole number{such_as}"
+        case "greater_than_equal":
+            return f"is below {context['ge']:g}", f"Write {context['ge']:g} or more{such_as}"
+        case "less_than_equal":
+            return f"is above {context['le']:g}", f"Write {context['le']:g} or less{such_as}"
+        case "bool_type":
+            return "is neither true nor false", "Write true or false, without quotes."
+        case "list_type":
+            return "is not a list", f"Write a list{such_as}"
+        case "too_short":
+            return "is empty", f"Write at least one{such_as}"
+    return "is not an object with keys", f"Write it between {{ }}{such_as}"
+
+
+def _number(written: Any) -> Any:
+    if isinstance(written, bool) or not isinstance(written, int | float):
+        raise BadValue("is not a number", "")
+    if abs(written) > LARGEST_NUMBER:
+        raise BadValue("is far too large", "")
+    return written
+
+
+Number = Annotated[float, BeforeValidator(_number)]
+"""A number without quotes."""
+
+Whole = Annotated[int, BeforeValidator(_number)]
+"""A whole number without quotes; 64.0 is one too."""
+
+
+def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeValidator:
+    """Reads one of the words of a `Literal`, in any letter case.
+
+    Args:
+        literal: The type.
+        spellings: Other spellings in use, in small letters, and the words that they stand for.
+    """
+    words: tuple[str, ...] = get_args(literal)
+    by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
+
+    def read(written: Any) -> str:
+        folded = written.strip().casefold() if isinstance(written, str) else ""
+        if folded not in by_fold:
+            raise BadValue(f"is not one of {', '.join(words)}", one_of(words, str(written)))
+        return by_fold[folded]
+
+    return BeforeValidator(read)
 
 
 def as_written(value: Any) -> str:
@@ -70,105 +203,38 @@ def as_written(value: Any) -> str:
     return shown(json.dumps(value, ensure_ascii=False))
 
 
-_REMEDY = "Compare it with the file of the same kind that `dr init` writes."
+def dotted(path: Path) -> str:
+    """A path as people write it: `action_space[2].speed`."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in path)
+    return "".join(parts).removeprefix(".")
 
 
-class _Reader:
-    """A JSON parser: the library's own for single values, ours for what lies between them."""
+def _lines(text: str) -> tuple[dict[Path, int], list[tuple[int, str]]]:
+    """The line of each value in a JSON text, by its path.
 
-    def __init__(self, text: str, name: str) -> None:
-        self.lines: dict[Path, int] = {}
-        self._text = text
-        self._name = name
-        self._decoder = json.JSONDecoder(parse_constant=self._refuse_constant)
-        self._at = 0
-        self._counted_to = 0
-        self._line = 1
-
-    def read(self) -> Any:
-        value = self._value(())
-        if self._peek():
-            self._fail("there is something after the end")
-        return value
-
-    def _value(self, path: Path) -> Any:
-        start = self._peek()
-        self.lines[path] = self._current_line()
-        if start == "{":
-            return self._object(path)
-        if start == "[":
-            return self._array(path)
-        try:
-            value, self._at = self._decoder.raw_decode(self._text, self._at)
-        except json.JSONDecodeError as e:
-            self._at = e.pos
-            quoted = e.msg.startswith(("Unterminated", "Invalid"))
-            self._fail("a text in quotes is not complete" if quoted else "a value is missing")
-        except ValueError:
-            self._fail("the number has too many digits")
-        return value
-
-    def _object(self, path: Path) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        self._at += 1
-        if self._peek() == "}":
-            self._at += 1
-            return values
-        while True:
-            if self._peek() != '"':
-                self._fail('a key in double quotes is missing, as in "lr": 0.0003')
-            key = self._value((*path, ""))
-            if key in values:
-                self._fail(f"the key {shown(key)} stands twice")
-            self._expect(":", f"the : after {shown(key)} is missing")
-            values[key] = self._value((*path, key))
-            if self._ends("}", "a comma or } is missing"):
-                return values
-            if self._peek() == "}":
-                self._fail("there is a comma before }")
-
-    def _array(self, path: Path) -> list[Any]:
-        values: list[Any] = []
-        self._at += 1
-        if self._peek() == "]":
-            self._at += 1
-            return values
-        while True:
-            values.append(self._value((*path, len(values))))
-            if self._ends("]", "a comma or ] is missing"):
-                return values
-
-    def _ends(self, bracket: str, problem: str) -> bool:
-        """Step over a bracket (True) or a comma (False)."""
-        if self._peek() == bracket:
-            self._at += 1
-            return True
-        self._expect(",", problem)
-        return False
-
-    def _expect(self, character: str, problem: str) -> None:
-        if self._peek() != character:
-            self._fail(problem)
-        self._at += 1
-
-    def _peek(self) -> str:
-        """The next character that is no space; empty at the end."""
-        while self._at < len(self._text) and self._text[self._at] in _SPACE:
-            self._at += 1
-        return self._text[self._at : self._at + 1]
-
-    def _current_line(self) -> int:
-        self._line += self._text.count("\n", self._counted_to, self._at)
-        self._counted_to = self._at
-        return self._line
-
-    def _refuse_constant(self, word: str) -> NoReturn:
-        self._fail(f"{word} is no number that JSON knows")
-
-    def _fail(self, problem: str) -> NoReturn:
-        line = self._text.count("\n", 0, self._at) + 1
-        column = self._at - self._text.rfind("\n", 0, self._at)
-        raise SettingsError(
-            f"{self._name} line {line} column {column}: is no valid JSON, {problem}.",
-            remedy=f"Correct that line. {_REMEDY}",
-        )
+    Returns:
+        The lines, and the faults that Python's JSON reader accepts, each with its line.
+    """
+    lines: dict[Path, int] = {}
+    faults: list[tuple[int, str]] = []
+    path: list[str | int | None] = []  # None where a key of an object comes next
+    line, counted = 1, 0
+    for token in _TOKEN.finditer(text):
+        word = token[0]
+        line, counted = line + text.count("\n", counted, token.start()), token.start()
+        if word in "}]":
+            path.pop()
+        elif word == ",":
+            last = path[-1]
+            path[-1] = last + 1 if isinstance(last, int) else None
+        elif path and path[-1] is None:
+            path[-1] = json.loads(word)
+            if tuple(path) in lines:
+                faults.append((line, f"the key {shown(json.loads(word))} occurs twice"))
+        elif word != ":":
+            lines[tuple(part for part in path if part is not None)] = line
+            if word in "{[":
+                path.append(None if word == "{" else 0)
+            elif word in ("NaN", "Infinity", "-Infinity"):
+                faults.append((line, f"{word} is not a number in JSON"))
+    return lines, faults

@@ -1,52 +1,139 @@
-"""model_metadata.json: actions, sensors, network and algorithm of a model, checked key by key."""
+"""model_metadata.json: actions, sensors, network and algorithm of a model."""
 
 import json
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+)
 
-from drcli.base.problems import Finding, closest, one_of, settings_error, shown
-from drcli.modelfiles.action_space import ActionSpace, ActionSpaceReader
-from drcli.modelfiles.json_file import JsonFile, as_written, read_json_object
+from drcli.base.problems import BadValue, Problem, closest, one_of, refuse, shown
+from drcli.modelfiles.action_space import (
+    ACTION,
+    RANGES,
+    Action,
+    ActionSpace,
+    Ranges,
+    list_problems,
+    range_problems,
+)
+from drcli.modelfiles.json_file import (
+    JsonFile,
+    Number,
+    Path,
+    Whole,
+    as_written,
+    choice,
+    dotted,
+    problems_of,
+    read_json_object,
+)
 
-NETWORKS = (
+Network = Literal[
     "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
     "DEEP_CONVOLUTIONAL_NETWORK",
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP",
     "COMPACT_CONVOLUTIONAL_NETWORK",
-)
+]
 """The reference's three, and a small one of our own that learns faster."""
+Algorithm = Literal["clipped_ppo", "sac"]
+SpaceType = Literal["discrete", "continuous"]
+
 SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
 """Three names of one grey picture."""
 CAMERAS = (*SINGLE_CAMERAS, "STEREO_CAMERAS")
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
-ALGORITHMS = ("clipped_ppo", "sac")
-SPACE_TYPES = ("discrete", "continuous")
-VERSIONS = (1, 2, 3, 4, 5, 6)
-KEYS = (
-    "action_space",
-    "action_space_type",
-    "training_algorithm",
-    "neural_network",
-    "sensor",
-    "version",
-    "lidar_config",
-)
+
+_LIDAR = {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}
+_LIDAR_EXAMPLES: dict[str, Any] = {"lidar_config": _LIDAR, **_LIDAR}
+_LIST_EXAMPLES: dict[str, Any] = {"action_space": [ACTION], **ACTION}
+_RANGE_EXAMPLES: dict[str, Any] = {"action_space": RANGES, **RANGES, "low": 1, "high": 2}
+"""Values for remedies, by key."""
+
+RULES = {
+    "action_space": "V-30",
+    "sensor": "V-33",
+    "version": "V-33",
+    "lidar_config": "V-33",
+    "training_algorithm": "V-34",
+    "neural_network": "V-36",
+    "action_space_type": "V-36",
+}
+"""The keys of the file, and the rules about them; V-31 is about ranges of actions."""
+
+
+def _version(written: Any) -> str:
+    try:
+        known = not isinstance(written, bool) and float(written) in range(1, 7)
+    except (TypeError, ValueError, OverflowError):
+        known = False
+    if not known:
+        raise BadValue("is not a version from 1 to 6", 'Write "version": "5".')
+    return str(written).strip()
+
+
+def _sensors(written: Any) -> tuple[str, ...]:
+    if not isinstance(written, list) or not written:
+        raise BadValue("is not a list of sensors", 'Write "sensor": ["FRONT_FACING_CAMERA"].')
+    for name in written:
+        if name not in CAMERAS + LIDARS:
+            reason = f"holds {shown(str(name))}, which is not a sensor"
+            raise BadValue(reason, one_of(CAMERAS + LIDARS, str(name)))
+    cameras = [name for name in written if name in CAMERAS]
+    if len(cameras) != 1:
+        reason = "holds more than one camera" if cameras else "does not hold a camera"
+        raise BadValue(reason, f"Keep exactly one of {', '.join(CAMERAS)}.")
+    if len(written) > 2:
+        raise BadValue("holds more than one lidar", f"Keep at most one of {', '.join(LIDARS)}.")
+    return tuple(written)
 
 
 class LidarConfig(BaseModel):
-    """`lidar_config`: what DISCRETIZED_SECTOR_LIDAR makes of the rays."""
+    """`lidar_config`: how DISCRETIZED_SECTOR_LIDAR divides the rays."""
 
     model_config = ConfigDict(frozen=True)
 
-    num_sectors: int = 8
-    num_values_per_sector: int = 8
-    clipping_dist: float = 2.0
+    num_sectors: Whole = Field(default=8, ge=1)
+    num_values_per_sector: Whole = Field(default=8, ge=1)
+    clipping_dist: Number = Field(default=2.0, ge=0.15, le=12.0)
     """Metres."""
 
+    @field_validator("num_sectors")
+    @classmethod
+    def _divides_the_rays(cls, number: int) -> int:
+        if 64 % number:
+            raise BadValue("is not a divisor of 64", "Write a divisor of 64, such as 8.")
+        return number
 
-class ModelMetadata(BaseModel):
+
+class _File(BaseModel):
+    """The keys that both kinds of action spaces have; defaults are the reference simulator's."""
+
+    action_space_type: Annotated[SpaceType, choice(SpaceType)] = "discrete"
+    training_algorithm: Annotated[Algorithm, choice(Algorithm)] = "clipped_ppo"
+    neural_network: Annotated[Network, choice(Network)] = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+    sensor: Annotated[tuple[str, ...], BeforeValidator(_sensors)] = ("observation",)
+    version: Annotated[str, BeforeValidator(_version)] = "1.0"
+    lidar_config: LidarConfig = LidarConfig()
+
+
+class _Discrete(_File):
+    action_space: list[Action] = Field(min_length=1)
+
+
+class _Continuous(_File):
+    action_space: Ranges
+
+
+@dataclass(frozen=True)
+class ModelMetadata:
     """What a model is made of; missing keys have the reference simulator's defaults.
 
     Attributes:
@@ -58,20 +145,18 @@ class ModelMetadata(BaseModel):
         lidar: Sectors of a lidar.
         original: The file's content, byte by byte, to be copied into the bucket.
         action_space_json: The file's `action_space`, for readers of its own layout.
-        notes: What is legal but odd, each with what to do about it.
+        notes: What is legal but odd.
     """
 
-    model_config = ConfigDict(frozen=True)
-
     action_space: ActionSpace
-    training_algorithm: str
-    neural_network: str
+    training_algorithm: Algorithm
+    neural_network: Network
     sensor: tuple[str, ...]
     version: str
-    lidar: LidarConfig = LidarConfig()
+    lidar: LidarConfig
     original: bytes
     action_space_json: str
-    notes: tuple[Finding, ...]
+    notes: tuple[Problem, ...]
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "model_metadata.json") -> "ModelMetadata":
@@ -82,9 +167,9 @@ class ModelMetadata(BaseModel):
             name: What to call the file in messages.
 
         Raises:
-            SettingsError: A value is missing, unknown or does not fit the others.
+            ProblemsError: A value is missing, unknown or does not fit the others.
         """
-        return _Reader(read_json_object(data, name), data).read()
+        return _read(read_json_object(data, name, "V-03"), data)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -104,155 +189,100 @@ class ModelMetadata(BaseModel):
         return sum(values.get(name, 0) for name in self.sensor)
 
     @property
-    def action_space_type(self) -> str:
-        """The kind of actions: discrete or continuous."""
+    def action_space_type(self) -> SpaceType:
+        """The kind of actions."""
         return "continuous" if self.action_space.continuous else "discrete"
 
 
-class _Reader:
-    """One file: gathers findings and notes until it can raise or return."""
+def _read(file: JsonFile, original: bytes) -> ModelMetadata:
+    values = {"version": "2.0" if "sensor" in file.values else "1.0", **file.values}
+    if "DISCRETIZED_SECTOR_LIDAR" not in str(values.get("sensor")):
+        values.pop("lidar_config", None)  # it is only used with that sensor
+    continuous = isinstance(values.get("action_space"), dict)
+    problems = [*_unknown_keys(file), *_other_type(file)]
 
-    def __init__(self, file: JsonFile, original: bytes) -> None:
-        self._file = file
-        self._original = original
-        self._findings: list[Finding] = []
-        self._notes: list[Finding] = []
+    def rule_of(path: Path) -> str:
+        return "V-31" if path[0] == "action_space" and continuous else RULES[str(path[0])]
 
-    def read(self) -> ModelMetadata:
-        self._unknown_keys()
-        algorithm = self._word("training_algorithm", ALGORITHMS)
-        space_type = self._word("action_space_type", SPACE_TYPES)
-        network = self._word("neural_network", NETWORKS)
-        space = self._action_space(space_type)
-        version = self._version()
-        sensor = self._sensor(float(version))
-        lidar = LidarConfig()
-        if "DISCRETIZED_SECTOR_LIDAR" in sensor:
-            lidar = self._lidar_config()
-        if algorithm == "sac" and space_type == "discrete":
-            self._reject(
-                "training_algorithm",
-                "needs continuous actions",
-                'Write "action_space_type": "continuous" with ranges, '
-                'or "training_algorithm": "clipped_ppo".',
-            )
-        if self._findings:
-            raise settings_error(self._findings)
-        return ModelMetadata(
-            action_space=space,
-            training_algorithm=algorithm,
-            neural_network=network,
-            sensor=sensor,
-            version=version,
-            lidar=lidar,
-            original=self._original,
-            action_space_json=json.dumps(self._file.values["action_space"]),
-            notes=tuple(self._notes),
+    read: _Discrete | _Continuous
+    try:
+        read = (_Continuous if continuous else _Discrete).model_validate(values)
+    except ValidationError as error:
+        examples = _RANGE_EXAMPLES if continuous else _LIST_EXAMPLES
+        refuse([*problems, *problems_of(error, file, rule_of, _LIDAR_EXAMPLES | examples)])
+        raise
+    if isinstance(read, _Continuous):
+        space = read.action_space.space
+        problems += range_problems(file, read.action_space)
+    else:
+        space = ActionSpace(tuple((a.steering_angle, a.speed) for a in read.action_space))
+        problems += list_problems(file, read.action_space)
+    problems += [*_contradictions(file, read), *_unused_keys(file, read, ())]
+    refuse(problems)
+    return ModelMetadata(
+        action_space=space,
+        training_algorithm=read.training_algorithm,
+        neural_network=read.neural_network,
+        sensor=("observation",) if float(read.version) < 2 else read.sensor,
+        version=read.version,
+        lidar=read.lidar_config,
+        original=original,
+        action_space_json=json.dumps(values["action_space"]),
+        notes=tuple(problems),
+    )
+
+
+def _other_type(file: JsonFile) -> Iterator[Problem]:
+    """An action space of the other type than the file says."""
+    kinds: dict[type, tuple[str, str]] = {
+        list: ("discrete", "a list"),
+        dict: ("continuous", "ranges"),
+    }
+    kind, name = kinds.get(type(file.values.get("action_space")), ("", ""))
+    stated = str(file.values.get("action_space_type", "discrete")).strip().casefold()
+    if kind and stated in get_args(SpaceType) and stated != kind:
+        what = f"action_space is {name}, but action_space_type is {stated}."
+        remedy = f'Write "action_space_type": "{kind}", or {stated} actions.'
+        yield file.problem("V-36", ("action_space",), what, remedy)
+
+
+def _contradictions(file: JsonFile, read: _Discrete | _Continuous) -> Iterator[Problem]:
+    """Values that do not fit each other."""
+    if read.training_algorithm == "sac" and isinstance(read, _Discrete):
+        what = 'training_algorithm="sac" needs continuous actions.'
+        remedy = (
+            'Write "action_space_type": "continuous" with ranges, '
+            'or "training_algorithm": "clipped_ppo".'
         )
+        yield file.problem("V-34", ("training_algorithm",), what, remedy)
+    if float(read.version) < 2 and read.sensor != ("observation",):
+        what = f"version {float(read.version):g} has one camera; its sensor list is ignored."
+        remedy = 'Write "version": "5", or remove the sensors.'
+        yield file.problem("V-33", ("sensor",), what, remedy, "warning")
 
-    def _unknown_keys(self) -> None:
-        for key, written in self._file.values.items():
-            if key in KEYS:
-                continue
-            meant = closest(key, KEYS, cutoff=0.75)
-            where = self._file.where(key)
-            if meant is None:
-                what = f"{shown(key)} has no meaning here"
-                self._notes.append(Finding(where, what, "Keep or remove the line."))
-            else:
-                what = f"{shown(key)}={as_written(written)} is no key of this file"
-                self._findings.append(Finding(where, what, f"Did you mean {meant}?"))
 
-    def _word(self, key: str, words: tuple[str, ...]) -> str:
-        """One of the words in any letter case; the first word is the default."""
-        written = self._file.values.get(key, words[0])
-        spelt = {word.casefold(): word for word in words}
-        if isinstance(written, str) and written.casefold() in spelt:
-            return spelt[written.casefold()]
-        self._reject(key, f"is none of {', '.join(words)}", one_of(words, str(written)))
-        return words[0]
+def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
+    """Keys that nothing reads; one like a known key is probably misspelt."""
+    for key, written in file.values.items():
+        if key in RULES:
+            continue
+        meant = closest(key, RULES, cutoff=0.75)
+        if meant is None:
+            what, remedy = f"{shown(key)} is not used.", "Keep or remove the line."
+            yield file.problem("V-03", (key,), what, remedy, "warning")
+        else:
+            what = f"{shown(key)}={as_written(written)} is not a known key."
+            yield file.problem("V-03", (key,), what, f"Did you mean {meant}?")
 
-    def _action_space(self, space_type: str) -> ActionSpace:
-        if "action_space" not in self._file.values:
-            self._findings.append(
-                Finding(
-                    self._file.name,
-                    "action_space is missing",
-                    'Add a list such as "action_space": [{"steering_angle": 0, "speed": 1.0}].',
-                )
-            )
-            return ActionSpace()
-        reader = ActionSpaceReader(self._file, self._findings, self._notes)
-        written = self._file.values["action_space"]
-        if space_type == "continuous":
-            return reader.continuous(written)
-        return reader.discrete(written)
 
-    def _version(self) -> str:
-        default = "2.0" if "sensor" in self._file.values else "1.0"
-        written = self._file.values.get("version", default)
-        try:
-            fits = not isinstance(written, bool) and float(written) in VERSIONS
-        except (TypeError, ValueError, OverflowError):
-            fits = False
-        if fits:
-            return str(written).strip()
-        self._reject("version", "is no version from 1 to 6", 'Write "version": "5".')
-        return default
-
-    def _sensor(self, version: float) -> tuple[str, ...]:
-        names = self._file.values.get("sensor", ["observation"])
-        known = (*CAMERAS, *LIDARS)
-        if not isinstance(names, list) or not names:
-            self._reject("sensor", "is no list of sensors", 'Write ["FRONT_FACING_CAMERA"].')
-            return ("observation",)
-        unknown = [name for name in names if name not in known]
-        if unknown:
-            word = str(unknown[0])
-            self._reject("sensor", f"holds {shown(word)}, which is no sensor", one_of(known, word))
-            return ("observation",)
-        cameras = [name for name in names if name in CAMERAS]
-        lidars = [name for name in names if name in LIDARS]
-        if len(cameras) != 1:
-            problem = "holds no camera" if not cameras else "holds more than one camera"
-            self._reject("sensor", problem, f"Keep exactly one of {', '.join(CAMERAS)}.")
-        if len(lidars) > 1:
-            self._reject(
-                "sensor", "holds more than one lidar", f"Keep at most one of {', '.join(LIDARS)}."
-            )
-        if version < 2 and "sensor" in self._file.values and names != ["observation"]:
-            what = f"version {version:g} has one camera; its sensor list is ignored"
-            remedy = 'Write "version": "5", or remove the sensors.'
-            self._notes.append(Finding(self._file.where("sensor"), what, remedy))
-            return ("observation",)
-        return tuple(names)
-
-    def _lidar_config(self) -> LidarConfig:
-        config = self._file.values.get("lidar_config", {})
-        if not isinstance(config, dict):
-            remedy = 'Write {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}.'
-            self._reject("lidar_config", "is no object", remedy)
-            return LidarConfig()
-        rules: dict[str, tuple[Callable[[float], bool], str]] = {
-            "num_sectors": (
-                lambda n: n > 0 and n % 1 == 0 and 64 % n == 0,
-                "Write a divisor of 64, such as 8.",
-            ),
-            "num_values_per_sector": (lambda n: n >= 1 and n % 1 == 0, "Write a whole number."),
-            "clipping_dist": (lambda n: 0.15 <= n <= 12.0, "Write metres from 0.15 to 12."),
-        }
-        for key, (fits, remedy) in rules.items():
-            number: Any = config.get(key)
-            real = isinstance(number, int | float) and not isinstance(number, bool)
-            if key in config and not (real and fits(number)):
-                what = f"lidar_config.{key}={as_written(number)} does not fit"
-                where = self._file.where("lidar_config", key)
-                self._findings.append(Finding(where, what, remedy))
-        if self._findings:
-            return LidarConfig()
-        return LidarConfig(**{key: config[key] for key in rules if key in config})
-
-    def _reject(self, key: str, problem: str, remedy: str) -> None:
-        written: Any = self._file.values.get(key)
-        what = f"{key}={as_written(written)} {problem}"
-        self._findings.append(Finding(self._file.where(key), what, remedy))
+def _unused_keys(file: JsonFile, value: Any, path: Path) -> Iterator[Problem]:
+    """The same inside of values."""
+    if isinstance(value, list):
+        for number, item in enumerate(value):
+            yield from _unused_keys(file, item, (*path, number))
+    if isinstance(value, BaseModel):
+        for key in value.model_extra or {}:
+            what, remedy = f"{dotted((*path, key))} is not used.", "Keep or remove it."
+            yield file.problem("V-03", (*path, key), what, remedy, "warning")
+        for key in type(value).model_fields:
+            yield from _unused_keys(file, getattr(value, key), (*path, key))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.base.problems import Finding, settings_error
+from drcli.base.problems import Problem
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
@@ -30,8 +30,8 @@ class Design:
         """The design that a model in the bucket was trained with.
 
         Raises:
-            ObjectMissing: One of its files is not there.
-            SettingsError: One of them is no such file.
+            ObjectMissing: One of its files does not exist.
+            ProblemsError: One of them is wrong.
         """
         places = (keys.model_metadata(prefix), keys.hyperparameters(prefix))
         metadata, parameters = (f"{bucket.name}/{key}" for key in places)
@@ -42,98 +42,68 @@ class Design:
             parameters,
         )
 
-    def refuse_conflict(self) -> None:
-        """Check that the two files fit each other.
-
-        Raises:
-            SettingsError: They do not.
-        """
+    def conflicts(self) -> list[Problem]:
+        """What does not fit between the two files."""
         conflict = self.parameters.conflict(
             self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
         )
-        if conflict is not None:
-            what = conflict.removesuffix(".")
-            raise settings_error(
-                [Finding(self.parameters_origin, what, "Change one of the two files.")]
-            )
+        if conflict is None:
+            return []
+        place, remedy = self.parameters_origin, "Change one of the two files."
+        return [Problem("V-34", "error", place, None, conflict, remedy)]
 
 
-def refuse_misfit(trained: Design, wanted: Design, model: str) -> list[str]:
-    """Check that weights of one model fit another.
+def misfits(trained: Design, wanted: Design, model: str) -> list[Problem]:
+    """What keeps the weights of one model from fitting another, or means something else there.
 
-    A network's inputs and outputs cannot be added to or taken away from; what its outputs mean may
-    change.
+    The inputs and outputs of a network are fixed; what its outputs mean may change.
 
     Args:
         trained: Of the model that has the weights.
-        wanted: Of the model that shall take them over.
+        wanted: Of the model that takes them over.
         model: What to call the first in messages.
-
-    Returns:
-        Sentences about what fits but means something else.
-
-    Raises:
-        SettingsError: They do not fit; a line for each key that differs names file and both values.
     """
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin
-    misfits = [_other_actions(old, new, where, model)]
-    misfits += [
-        _difference(where, key, before, now, model)
-        for key, before, now in (
-            ("training_algorithm", old.training_algorithm, new.training_algorithm),
-            ("neural_network", old.neural_network, new.neural_network),
-            ("sensor", _sensors(old), _sensors(new)),
+    before, now = trained.parameters, wanted.parameters
+    differences = [
+        (where, "training_algorithm", old.training_algorithm, new.training_algorithm),
+        (where, "neural_network", old.neural_network, new.neural_network),
+        (where, "sensor", _sensors(old), _sensors(new)),
+        (wanted.parameters_origin, "stack_size", str(before.stack_size), str(now.stack_size)),
+        (wanted.parameters_origin, "critic", before.critic, now.critic),
+    ]
+    found = [] if _actions(old) == _actions(new) else [_other_actions(old, new, where, model)]
+    found += [_difference(*each, model) for each in differences if each[2] != each[3]]
+    if not found and old.action_space != new.action_space:
+        what = (
+            f"{model} was trained with other values of action_space, so it has to learn what its "
+            "actions do now."
         )
-    ]
-    misfits += [
-        _difference(wanted.parameters_origin, key, before, now, model)
-        for key, before, now in (
-            ("stack_size", str(trained.parameters.stack_size), str(wanted.parameters.stack_size)),
-            ("critic", trained.parameters.critic, wanted.parameters.critic),
-        )
-    ]
-    findings = [misfit for misfit in misfits if misfit is not None]
-    if findings:
-        raise settings_error(findings)
-    if old.action_space == new.action_space:
-        return []
-    return [
-        f"{where}: {model} was trained with other values of action_space, so it has to learn what "
-        "its actions do now."
-    ]
+        found = [Problem("V-35", "warning", where, None, what, "Go on if you mean it.")]
+    return found
 
 
-def _other_actions(
-    old: ModelMetadata, new: ModelMetadata, where: str, model: str
-) -> Finding | None:
-    before, now = (
-        f"{count} {each.action_space_type} action{'s' * (count != 1)}"
-        for each in (old, new)
-        for count in [each.action_space.num_actions]
+def _actions(metadata: ModelMetadata) -> str:
+    count = metadata.action_space.num_actions
+    return f"{count} {metadata.action_space_type} action{'s' * (count != 1)}"
+
+
+def _other_actions(old: ModelMetadata, new: ModelMetadata, where: str, model: str) -> Problem:
+    what = f"{model} was trained with {_actions(old)}, but action_space has {_actions(new)} here."
+    remedy = (
+        "Keep type and number of actions (their values may change), or start a new model with "
+        "fresh weights."
     )
-    if (old.action_space_type, old.action_space.num_actions) == (
-        new.action_space_type,
-        new.action_space.num_actions,
-    ):
-        return None
-    return Finding(
-        where,
-        f"{model} was trained with {before}, action_space has {now} here",
-        "Keep type and number of actions (their values may change), or start a new model "
-        "with fresh weights.",
-    )
+    return Problem("V-35", "error", where, None, what, remedy)
 
 
-def _difference(where: str, key: str, before: str, now: str, model: str) -> Finding | None:
-    if before == now:
-        return None
-    return Finding(
-        where,
-        f"{key}={now}, but {model} was trained with {key}={before}, and its weights fit nothing "
-        "else",
-        f"Write {key}={before} there, or start a new model with fresh weights.",
+def _difference(where: str, key: str, before: str, now: str, model: str) -> Problem:
+    what = (
+        f"{key}={now}, but {model} was trained with {key}={before}, and its weights only fit that."
     )
+    remedy = f"Write {key}={before} there, or start a new model with fresh weights."
+    return Problem("V-35", "error", where, None, what, remedy)
 
 
 def _sensors(metadata: ModelMetadata) -> str:

@@ -3,15 +3,18 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from drcli.base.errors import SettingsError
+from drcli.base.problems import Place, Problem, ProblemsError, refuse
+from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointRecord
-from drcli.modelfiles.network_shape import Design, refuse_misfit
+from drcli.modelfiles.network_shape import Design, misfits
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.model_prefix import contains
 from drcli.store.repair import Model, readable_scores
+
+PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,12 @@ class Transfer:
     Attributes:
         source: Where the weights are from.
         tensors: The weights, a safetensors file.
-        warnings: Sentences about what is allowed and may surprise.
+        warnings: What is allowed and may surprise.
     """
 
     source: Pretrained
     tensors: bytes
-    warnings: list[str]
+    warnings: list[Problem]
 
     def hand_over(self, bucket: Bucket, prefix: str) -> CheckpointRecord:
         """Make the weights checkpoint 0 of a new model, which its trainer goes on from.
@@ -65,37 +68,47 @@ def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) ->
         wiping: Whether what lies under the new model's prefix is going to be deleted.
 
     Raises:
-        SettingsError: There is no such model, it has no whole checkpoint, or it does not fit.
+        ProblemsError: There is no such model, it has no whole checkpoint, or it does not fit.
     """
     prefix = settings.pretrained_prefix
-    place = settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX")
-    written = f"{place}: DR_LOCAL_S3_PRETRAINED_PREFIX={prefix}"
+    place = settings.place(PREFIX)
     if wiping and contains(settings.model_prefix, prefix):
-        raise SettingsError(
-            f"{written}: -w would delete that model, because it lies below "
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix}.",
-            remedy="Choose a DR_LOCAL_S3_MODEL_PREFIX beside it.",
+        what = (
+            f"-w would delete that model, because it is inside "
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix}."
         )
-    source, tensors = read_weights(bucket, prefix, settings.pretrained_checkpoint, written)
+        remedy = "Choose a DR_LOCAL_S3_MODEL_PREFIX beside it."
+        raise _wrong(PREFIX, place, prefix, what, remedy)
+    source, tensors = named_weights(settings, bucket)
     try:
         trained = Design.of_model(bucket, prefix)
     except ObjectMissing as e:
-        raise SettingsError(
-            f"{written}: that model is not complete: {e}",
-            remedy="Restore that file from a copy, or name another model.",
-        ) from e
+        remedy = "Restore that file from a copy, or name another model."
+        raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
     model = f"s3://{bucket.name}/{prefix}"
-    warnings = refuse_misfit(trained, wanted, model)
+    warnings = misfits(trained, wanted, model)
+    refuse(warnings)
     if settings.pretrained_checkpoint == "best" and source.metric is None:
+        name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
+        what = (
+            f"no checkpoint of {model} has been evaluated yet, so its first one, {source.name}, "
+            "counts as its best."
+        )
+        remedy = "Go on if you mean it."
         warnings.append(
-            f"{settings.source('DR_LOCAL_S3_PRETRAINED_CHECKPOINT')}: no checkpoint of {model} was "
-            f"evaluated yet, so {source.name} only counts as its best for being the first."
+            setting_problem(name, settings.place(name), what, remedy, severity="warning")
         )
     return Transfer(source, tensors, warnings)
 
 
+def named_weights(settings: Settings, bucket: Bucket) -> tuple[Pretrained, bytes]:
+    """The weights that the DR_LOCAL_S3_PRETRAINED settings name, as `read_weights` reads them."""
+    prefix, checkpoint = settings.pretrained_prefix, settings.pretrained_checkpoint
+    return read_weights(bucket, prefix, checkpoint, PREFIX, settings.place(PREFIX))
+
+
 def read_weights(
-    bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], written: str
+    bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], name: str, place: Place
 ) -> tuple[Pretrained, bytes]:
     """The weights of a model's last or best checkpoint, whole.
 
@@ -103,10 +116,11 @@ def read_weights(
         bucket: Holds the model.
         prefix: The model.
         checkpoint: Which of its checkpoints.
-        written: Where and how somebody named the model, such as `run.env line 3: NAME=value`.
+        name: The setting that names the model.
+        place: Where that setting was given.
 
     Raises:
-        SettingsError: There are none; the sentence says what is missing.
+        ProblemsError: There are none; the sentence says what is missing.
     """
     folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
     remedy = "Correct the prefix, or train that model first."
@@ -114,25 +128,27 @@ def read_weights(
     try:
         scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
         pointed = store.pointed()
-        name = None if pointed is None else str(pointed)
+        chosen = None if pointed is None else str(pointed)
         if scores is not None:
-            last = name or scores.last_checkpoint.name
-            name = scores.best_checkpoint.name if checkpoint == "best" else last
-        if name is None:
-            raise SettingsError(f"{written}: there is no checkpoint at {folder}.", remedy=remedy)
-        found = store.load(name)
+            last = chosen or scores.last_checkpoint.name
+            chosen = scores.best_checkpoint.name if checkpoint == "best" else last
+        if chosen is None:
+            raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
+        found = store.load(chosen)
     except (ObjectMissing, ObjectDamaged) as e:
         if any(item.key.endswith(".ckpt.index") for item in bucket.list(keys.model_folder(prefix))):
-            raise SettingsError(
-                f"{written}: the checkpoints at {folder} are TensorFlow's, whose weights cannot "
-                "be read here.",
-                remedy="Name a model that was trained here, or start with fresh weights.",
-            ) from e
+            what = f"the checkpoints at {folder} are TensorFlow's, which cannot be read here."
+            remedy = "Name a model that was trained here, or start with fresh weights."
+            raise _wrong(name, place, prefix, what, remedy) from e
         other = "last" if checkpoint == "best" else "best"
-        raise SettingsError(
-            f"{written}: its {checkpoint} checkpoint cannot be used: {e}",
-            remedy=f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or name another model.",
-        ) from e
-    metric = None if scores is None else scores.metric_of(name)
+        what = f"its {checkpoint} checkpoint cannot be used: {e}"
+        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or name another model."
+        raise _wrong(name, place, prefix, what, remedy) from e
+    metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    return Pretrained(prefix, checkpoint, name, metric, sha256), found.tensors
+    return Pretrained(prefix, checkpoint, chosen, metric, sha256), found.tensors
+
+
+def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:
+    """Why the model that a setting names cannot be used."""
+    return ProblemsError([setting_problem(name, place, f"{name}={prefix}: {message}", remedy)])

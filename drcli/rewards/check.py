@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.checks.sandbox.sandbox_records import Place
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, try_rewards
@@ -141,8 +141,8 @@ class RewardReport:
     parameters: list[ParameterReport]
     drivers: list[DriverReport]
     curve: list[float | None]
-    errors: list[Violation]
-    warnings: list[Violation]
+    errors: list[Problem]
+    warnings: list[Problem]
     others: list[OtherRace]
 
     @property

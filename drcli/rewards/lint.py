@@ -4,8 +4,7 @@ import ast
 import warnings
 from collections.abc import Iterator
 
-from drcli.base.problems import closest
-from drcli.checks.check_report import Severity, Violation
+from drcli.base.problems import Problem, Severity, closest
 from drcli.checks.first_step import idle_conditions
 from drcli.checks.sandbox.sandbox_records import (
     REMEDIES,
@@ -79,7 +78,7 @@ _EFFECTS: dict[EffectKind, tuple[str, Severity, str, str]] = {
 """Rule, severity, words and remedy for each kind of effect."""
 
 
-def problems_of(tried: TriedReward) -> list[Violation]:
+def problems_of(tried: TriedReward) -> list[Problem]:
     """Everything worth telling, errors first."""
     found = [
         *_failures(tried),
@@ -144,12 +143,12 @@ def _parsed(text: bytes) -> ast.Module:
         return ast.Module([], [])
 
 
-def _failures(tried: TriedReward) -> Iterator[Violation]:
+def _failures(tried: TriedReward) -> Iterator[Problem]:
     for failure in tried.result.failures:
         message = failure.sentence() + _first(tried, failure)
         remedy = _missing_module(tried, failure) or REMEDIES[failure.kind]
-        where = _where(tried, failure.line)
-        yield Violation(_RULES[failure.kind], "error", where, message, remedy)
+        line = failure.line or None
+        yield Problem(_RULES[failure.kind], "error", tried.name, line, message, remedy)
 
 
 def _first(tried: TriedReward, failure: Failure) -> str:
@@ -175,23 +174,24 @@ def _missing_module(tried: TriedReward, failure: Failure) -> str:
     )
 
 
-def _effects(tried: TriedReward) -> Iterator[Violation]:
+def _effects(tried: TriedReward) -> Iterator[Problem]:
     for kind, (rule, severity, words, remedy) in _EFFECTS.items():
         for line in sorted({effect.line for effect in tried.result.effects if effect.kind == kind}):
             done = [e for e in tried.result.effects if e.kind == kind and e.line == line]
             times = sum(effect.times for effect in done)
             what = f": {done[0].what}" if done[0].what else ""
-            yield Violation(
+            yield Problem(
                 rule,
                 severity,
-                _where(tried, line),
+                tried.name,
+                line or None,
                 f"It {words}{what} ({_counted(times, 'time')} in "
                 f"{_counted(tried.result.calls, 'call')}).",
                 remedy,
             )
 
 
-def _habits(tried: TriedReward) -> Iterator[Violation]:
+def _habits(tried: TriedReward) -> Iterator[Problem]:
     """What it prints, and what it collects."""
     printed, calls = tried.result.printed, max(tried.result.calls, 1)
     if printed.lines > _CHATTY * calls:
@@ -216,7 +216,7 @@ def _habits(tried: TriedReward) -> Iterator[Violation]:
         )
 
 
-def _names(tried: TriedReward) -> Iterator[Violation]:
+def _names(tried: TriedReward) -> Iterator[Problem]:
     """Conditions on steps that never come, and names that are not parameters."""
     for idle in idle_conditions(tried.text):
         yield _warning(tried, "first-step", idle.message, idle.remedy, idle.line)
@@ -232,7 +232,7 @@ def _names(tried: TriedReward) -> Iterator[Violation]:
         )
 
 
-def _memory(tried: TriedReward) -> Iterator[Violation]:
+def _memory(tried: TriedReward) -> Iterator[Problem]:
     random, memory = tried.result.random, tried.result.memory
     if random is not None:
         yield _warning(
@@ -254,7 +254,7 @@ def _memory(tried: TriedReward) -> Iterator[Violation]:
         )
 
 
-def _speed(tried: TriedReward) -> Iterator[Violation]:
+def _speed(tried: TriedReward) -> Iterator[Problem]:
     timing = tried.result.timing
     if timing is None:
         return
@@ -299,9 +299,5 @@ def _counted(count: int, thing: str) -> str:
 
 def _warning(
     tried: TriedReward, rule: str, message: str, remedy: str, line: int | None = None
-) -> Violation:
-    return Violation(rule, "warning", _where(tried, line), message, remedy)
-
-
-def _where(tried: TriedReward, line: int | None) -> str:
-    return f"{tried.name} line {line}" if line else tried.name
+) -> Problem:
+    return Problem(rule, "warning", tried.name, line or None, message, remedy)

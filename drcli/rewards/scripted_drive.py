@@ -113,10 +113,9 @@ def drive(settings: Settings) -> Drive:
     Raises:
         SettingsError: There is no such track, or the race does not fit on it.
     """
-    if (why := settings.unsupported("training")) is not None:
-        raise SettingsError(
-            why, remedy="Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
-        )
+    if (problem := settings.unsupported("training")) is not None:
+        remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
+        raise SettingsError(str(problem), remedy=remedy)
     track = load_world(settings)
     race = load_race(settings, track)
     drivers = [STEADY, FAST, WEAVING, LEAVING, STANDING]

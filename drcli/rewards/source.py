@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.base.problems import Finding, FindingsError
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import shipped_file
 from drcli.store import keys
@@ -33,20 +33,23 @@ def files_of(files: Sequence[Path]) -> list[Path]:
     """The files given, each of which must be there.
 
     Raises:
-        FindingsError: Some do not exist.
+        ProblemsError: Some do not exist.
     """
     found = [_inside(file) for file in files]
     missing = [
-        Finding(
+        Problem(
+            "V-02",
+            "error",
             str(file),
-            "there is no such file",
+            None,
+            "there is no such file.",
             "Name a reward function, such as custom_files/reward_function.py.",
         )
         for file in found
         if not file.is_file()
     ]
     if missing:
-        raise FindingsError(missing)
+        raise ProblemsError(missing)
     return found
 
 

@@ -88,8 +88,8 @@ def plan_increment(
 
     bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
     look_after(settings, bucket, before)
-    place = f"{settings.source(MODEL)}: {MODEL}={before}"
-    pretrained, _ = read_weights(bucket, before, settings.pretrained_checkpoint, place)
+    checkpoint, place = settings.pretrained_checkpoint, settings.place(MODEL)
+    pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(

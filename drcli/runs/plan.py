@@ -11,8 +11,8 @@ from typing import Any, Literal
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.file_lock import only_writer
+from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
-from drcli.checks.check_report import by_severity, refuse
 from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
@@ -139,10 +139,10 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         bucket,
         Plans(options.wipe, Design.of_model(bucket, prefix) if options.resume else None),
     )
-    refuse(examined.violations)
+    refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
-    _, odd = by_severity(examined.violations)
-    untold = (item.sentence for item in odd if item.rule not in UNTOLD)
+    odd = of_severity(examined.problems, "warning")
+    untold = (str(problem) for problem in odd if problem.rule not in UNTOLD)
     warnings = [*passed_over, *settings.warnings, *untold]
 
     source = transfer.source if transfer is not None else None
@@ -163,9 +163,9 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
     """Say what cannot be run yet instead of running something else."""
-    sentence = settings.unsupported(job)
-    if sentence is not None:
-        raise SettingsError(sentence, remedy="Change that setting.")
+    problem = settings.unsupported(job)
+    if problem is not None:
+        raise ProblemsError([problem])
 
 
 def refuse_second_run(settings: Settings, folder: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
 from drcli.config.worlds import can_be_fetched, remedy
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -81,7 +82,7 @@ def load_race(s: Settings, track: Track) -> Race:
     """The race of the settings, once it is sure that it fits on the track.
 
     Raises:
-        SettingsError: There is no room for that many obstacles or bots.
+        ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
     try:
         race = race_of(s)
@@ -92,10 +93,9 @@ def load_race(s: Settings, track: Track) -> Race:
             number, gap = "DR_OA_NUMBER_OF_OBSTACLES", "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES"
         else:
             number, gap = "DR_H2B_NUMBER_OF_BOT_CARS", "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS"
-        raise SettingsError(
-            f"{s.source(number)}: {number}: {error}",
-            remedy=f"Set a smaller {number} or a smaller {gap}.",
-        ) from None
+        place, remedy = s.place(number), f"Set a smaller {number} or a smaller {gap}."
+        problem = Problem("V-07", "error", *place, f"{number}: {error}", remedy, number)
+        raise ProblemsError([problem]) from None
     return race
 
 

@@ -6,6 +6,8 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any, get_args, get_type_hints
 
+from drcli.base.problems import Problem
+
 REPORTS: Mapping[str, tuple[str, ...]] = {
     "runs.status:RunReport": ("start-training", "status"),
     "runs.stopping:StopReport": (
@@ -68,6 +70,9 @@ def keys_of(report: str) -> list[tuple[str, str]]:
 
 
 def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
+    if report is Problem:
+        yield from ((f"{path}{key}", meaning) for key, meaning in Problem.JSON_KEYS.items())
+        return
     meanings = {
         name: _sentence(text)
         for kind in report.__mro__

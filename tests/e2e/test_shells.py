@@ -119,7 +119,7 @@ def test_an_experiment_is_chosen_and_stays_chosen(run, folder):
         ("broken.env", "broken.env line 1: nonsense has no ="),
         ("-e", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
         ("-e ''", "-e needs the name of an experiment. Try: source bin/activate.sh -e NAME"),
-        ("-e ../x", "../x is no plain folder name. Try: Write one of fast."),
+        ("-e ../x", "../x is not a plain folder name. Try: Write one of fast."),
         ("-x", "-x is not an option or a file. Try: source bin/activate.sh [-e NAME] [FILE]"),
     ],
 )

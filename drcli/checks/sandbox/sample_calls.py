@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from drcli.base.errors import SettingsError
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
 from drcli.workers.build_race import load_race, load_world
 from drsim.car.car import CONTROL_HZ
@@ -32,24 +32,24 @@ _FALLBACK_WORLD = "reinvent_base"
 """Where the reward function is tried when no track of the racer's own loads."""
 
 
-def sample_races(settings: str) -> tuple[list[list[RewardParams]], list[Violation]]:
+def sample_races(settings: str) -> tuple[list[list[RewardParams]], list[Problem]]:
     """A sequence of calls for each race of the workers, and what keeps a race from being loaded."""
     everything = Settings.restore(settings)
-    problems: list[Violation] = []
+    problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
     for worker in range(len(everything.overrides) + 1):
         own = everything.for_worker(worker)
         try:
             track = load_world(own)
         except SettingsError as error:
-            where = own.source("DR_WORLD_NAME")
-            problems.append(Violation("V-05", "error", where, str(error), error.remedy))
+            place = own.place("DR_WORLD_NAME")
+            text, remedy = str(error), error.remedy
+            problems.append(Problem("V-05", "error", *place, text, remedy, "DR_WORLD_NAME"))
             continue
         try:
             race = load_race(own, track)
-        except SettingsError as error:
-            where = str(error).partition(": ")[0]
-            problems.append(Violation("V-07", "error", where, str(error), error.remedy))
+        except ProblemsError as error:
+            problems += error.problems
             continue
         if (own.world_name, race) not in samples:
             samples[own.world_name, race] = sample_params(track, race)

@@ -23,7 +23,7 @@ from time import monotonic, perf_counter, sleep  # which racers' code may replac
 from typing import Any, NoReturn, TextIO
 
 from drcli.base import signal_guard
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.checks.sandbox.sample_calls import sample_races
 from drcli.checks.sandbox.sandbox_records import (
     FAULTS_FILE,
@@ -58,7 +58,7 @@ Calls = Sequence[Sequence[RewardParams]]
 Values = dict[Place, float | None]
 
 
-def calls_of(request: SandboxRequest) -> tuple[Calls, list[Violation]]:
+def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
     """The calls that are asked for, waypoints included, and what cannot be loaded."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:

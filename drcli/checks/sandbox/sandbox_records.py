@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from drcli.base.json_record import Misfit, built, parsed
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 
 FAULTS_FILE = "faults.txt"
 """What Python writes when it ends the process: stacks, or the traceback of an exception."""
@@ -185,7 +185,7 @@ class SandboxResult:
         finished: False as long as nothing but the worlds has been tried.
     """
 
-    problems: list[Violation] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
     values: list[list[float | None]] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     returned: dict[str, int] = field(default_factory=dict)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from drcli.base.problems import FindingsError
+from drcli.base.problems import ProblemsError
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson
 from drcli.cli.setup_questions import with_answers
@@ -128,7 +128,7 @@ def init(
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
             plan = plan_folder(Path(folder or current_folder()), values)
-    except FindingsError as error:
+    except ProblemsError as error:
         raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
         there = f"{plan.folder} already has {', '.join(plan.clashes)}."
@@ -149,18 +149,18 @@ def init(
     console.suggest(steps, elsewhere=True)
 
 
-def _in_options(error: FindingsError, names: Collection[str]) -> Exception:
+def _in_options(error: ProblemsError, names: Collection[str]) -> Exception:
     """A failure in the words of the command line, where that is what is wrong.
 
     Args:
         error: In the words of the settings files, which do not exist yet.
         names: Settings that were given here.
     """
-    ours = [item for item in error.findings if item.what.partition("=")[0] in names]
+    ours = [item for item in error.errors if item.key in names]
     if not ours:
         return error
     return typer.BadParameter(
-        "\n".join(f"{_spelt(item.what)}. {_spelt(item.remedy)}" for item in ours)
+        "\n".join(f"{_spelt(item.message)} {_spelt(item.remedy)}" for item in ours)
     )
 
 

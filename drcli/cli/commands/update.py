@@ -37,7 +37,7 @@ def update(
     Example: dr-update
     """
     loaded = settings()
-    files = {place.partition(" line ")[0] for place in loaded.sources.values()}
+    files = {place.file for place in loaded.sources.values()}
     files = {name for name in files if name not in ("environment", "flag")}
     report = Checked(sorted(files), len(loaded.sources), list(loaded.warnings))
     if not quiet:

@@ -8,7 +8,8 @@ from rich.text import Text
 from drcli.cli.views.layout import indented
 
 if TYPE_CHECKING:
-    from drcli.checks.check_report import Report, Violation
+    from drcli.base.problems import Problem
+    from drcli.checks.check_report import Report
 
 BELOW_RULE = 8
 """Columns before what is wrong, below its rule."""
@@ -24,7 +25,7 @@ def report(found: "Report") -> RenderableType:
     ):
         if group:
             parts.append(Text(title, style=style))
-            parts += [part for item in group for part in _violation(item)]
+            parts += [part for item in group for part in _problem(item)]
     if found.skipped:
         parts.append(Text("Not tried", style="bold"))
         parts += [indented(f"{', '.join(item.rules)}: {item.reason}") for item in found.skipped]
@@ -32,7 +33,7 @@ def report(found: "Report") -> RenderableType:
     return Group(*parts)
 
 
-def _violation(item: "Violation") -> list[RenderableType]:
+def _problem(item: "Problem") -> list[RenderableType]:
     lines = [indented(f"{item.rule}  {item.where}"), indented(item.message, BELOW_RULE)]
     if item.remedy:
         lines.append(indented(Text(f"Try: {item.remedy}", style="dim"), BELOW_RULE))

@@ -10,7 +10,7 @@ from drcli.cli.views import sparkline
 from drcli.cli.views.layout import Fitted, Rows, indented
 
 if TYPE_CHECKING:
-    from drcli.checks.check_report import Violation
+    from drcli.base.problems import Problem
     from drcli.rewards.check import OtherRace, RewardReport
     from drcli.rewards.compare import ComparisonReport
     from drcli.rewards.plot import PlotReport
@@ -155,7 +155,7 @@ def _curve(rewards: list[float], columns: int) -> Text:
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
 
-def _problem(problem: "Violation", title: str, style: str) -> RenderableType:
+def _problem(problem: "Problem", title: str, style: str) -> RenderableType:
     return Group(
         Text.assemble((f"{title}: ", style), problem.where, (f" ({problem.rule})", "dim")),
         indented(problem.message),

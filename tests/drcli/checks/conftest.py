@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.check_report import Report, Violation
+from drcli.base.problems import Problem
+from drcli.checks.check_report import Report
 from drcli.checks.sandbox.sandbox_process import calls_of, try_function
 from drcli.checks.try_inputs import problems_of, request_of
 from drcli.checks.validate import validate
@@ -80,7 +81,7 @@ class Folder:
     def report(self, *, console: bool = False) -> Report:
         return validate(self.path, console_compatible=console, environ={})
 
-    def breaches(self, rule: str, *, console: bool = False) -> list[Violation]:
+    def breaches(self, rule: str, *, console: bool = False) -> list[Problem]:
         report = self.report(console=console)
         return [
             item for item in (*report.errors, *report.warnings, *report.notes) if item.rule == rule
@@ -88,12 +89,12 @@ class Folder:
 
 
 @pytest.fixture
-def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Violation]]:
+def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Problem]]:
     """What a start finds about the worlds and the reward function, in this process."""
 
     def find(
         settings: Settings, reward: InputFile | None = None, **options: float
-    ) -> list[Violation]:
+    ) -> list[Problem]:
         request = replace(request_of(settings, reward), **options)
         calls, problems = calls_of(request)
         if reward is None:
@@ -112,7 +113,7 @@ def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Vio
 def folder(
     working_folder: Path,
     monkeypatch: pytest.MonkeyPatch,
-    try_here: Callable[..., list[Violation]],
+    try_here: Callable[..., list[Problem]],
 ) -> Folder:
     """A folder whose bucket is in memory and whose sandbox needs no process."""
     made = Folder(working_folder)

@@ -39,7 +39,7 @@ def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb,
     found = list(review_disk(settings, settings.directory))
 
     assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
-    assert all("Only 1.9 GB of the disk are free" in item.message for item in found)
+    assert all("only 1.9 GB of the disk are free" in item.message for item in found)
 
 
 @pytest.mark.parametrize(("free_gb", "told"), [(2.2, 0), (2.0, 1)])
@@ -144,4 +144,4 @@ def test_a_bucket_that_gives_back_something_else_is_an_error():
     [found] = probe(ForgetfulBucket())
 
     assert (found.rule, found.severity) == ("V-50", "error")
-    assert "does not give back" in found.message
+    assert "does not return" in found.message

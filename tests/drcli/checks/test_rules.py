@@ -111,7 +111,7 @@ CASES = (
         lambda f: f.hyperparameters(),
         lambda f: f.write("hyperparameters.json", "{"),
         "error",
-        ("custom_files/hyperparameters.json line 1", "no valid JSON"),
+        ("custom_files/hyperparameters.json line 1", "not valid JSON"),
     ),
     Case(
         "V-04",
@@ -280,7 +280,7 @@ CASES = (
         lambda f: f.reward(reward("if params['steps'] > 900:", "    return 2.0", "return 1.0")),
         lambda f: f.reward(reward("if params['steps'] > 900: return 2.0", "return 1.0")),
         "warning",
-        ("line 2", "E701", "Put what follows the colon on a line of its own, or end"),
+        ("line 2", "E701", "Correct it, or end the line with `# noqa`."),
     ),
     Case(
         "V-22",
@@ -348,7 +348,7 @@ CASES = (
         lambda f: f.metadata(action_space=[action(0, index=0), action(9, index=1)]),
         lambda f: f.metadata(action_space=[action(0, index=1), action(9, index=0)]),
         "warning",
-        ("the indices of action_space are in another order", "Remove them all"),
+        ("action_space has its indices in another order", "remove the indices"),
     ),
     Case(
         "V-31",
@@ -391,7 +391,7 @@ CASES = (
         lambda f: f.metadata(action_space=[action(n) for n in range(30)]),
         lambda f: f.metadata(action_space=[action(n - 15) for n in range(31)]),
         "error",
-        ("31 actions learn slowly", "Keep 30 at most"),
+        ("31 actions learn slowly", "Keep at most 30"),
         console=True,
     ),
     Case(
@@ -513,7 +513,7 @@ CASES = (
         lambda f: (f.settings(DR_WORKERS=5), f.hyperparameters(num_episodes_between_training=5)),
         lambda f: (f.settings(DR_WORKERS=6), f.hyperparameters(num_episodes_between_training=5)),
         "error",
-        ("run.env line 3", "DR_WORKERS=6 is more than", "DR_WORKERS to 5"),
+        ("run.env line 3", "DR_WORKERS=6 is more than", "DR_WORKERS to at most 5"),
     ),
     Case(
         "V-45",

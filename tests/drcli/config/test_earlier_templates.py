@@ -102,7 +102,7 @@ def test_a_former_name_is_no_setting_and_no_misspelling(folder, name):
     settings = folder.load(f"{name}=0.05\n")
 
     assert name not in catalogue()
-    assert not any("is no setting" in text for text in settings.warnings)
+    assert not any("is not a setting" in text for text in settings.warnings)
 
 
 @pytest.mark.parametrize(

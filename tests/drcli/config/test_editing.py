@@ -94,9 +94,13 @@ def test_a_wrong_experiment_can_be_corrected(files):
     ("name", "value", "words"),
     [
         ("DR_WORKERS", "0", "system.env stays as it was: DR_WORKERS=0 is below 1"),
-        ("DR_RACE_TYPE", "RALLY", "run.env stays as it was: DR_RACE_TYPE=RALLY is none of"),
+        ("DR_RACE_TYPE", "RALLY", "run.env stays as it was: DR_RACE_TYPE=RALLY is not one of"),
         ("DR_CAR_NAME", "$NOBODY", "run.env"),
-        ("DR_TRAIN_SEED", "1\n2", "run.env stays as it was: DR_TRAIN_SEED='1.*is no whole number"),
+        (
+            "DR_TRAIN_SEED",
+            "1\n2",
+            "run.env stays as it was: DR_TRAIN_SEED='1.*is not a whole number",
+        ),
         ("DR_TRAIN_SEED", "\0", "run.env"),
         ("DR_CLOUD", "remote", "DR_REMOTE_MINIO_URL is empty"),
         ("DR_EXPERIMENT_NAME", "none", "has no experiments/none/run.env"),
@@ -140,7 +144,7 @@ def test_mistakes_of_before_may_stay_and_are_told(files):
 
     assert content(files) == b"DR_EVAL_MAX_RESETS=-1\nDR_TRAIN_SEED=4\n"
     assert done.warnings == (
-        "run.env line 1: DR_EVAL_MAX_RESETS=-1 is below 0. That was so before.",
+        "run.env line 1: DR_EVAL_MAX_RESETS=-1 is below 0. This was wrong before.",
     )
 
 

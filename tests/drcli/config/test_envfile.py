@@ -32,20 +32,20 @@ def test_a_value_is_read_as_it_was_meant(data, value):
     file = parse_env(data, "run.env")
 
     assert [(entry.name, entry.value) for entry in file.entries] == [("A", value)]
-    assert file.findings == ()
+    assert file.problems == ()
 
 
 @pytest.mark.parametrize("data", [b"", b"\n", b"   ", b"# only a comment", b"\xef\xbb\xbf"])
 def test_a_file_without_settings_is_fine(data):
     file = parse_env(data, "run.env")
 
-    assert (file.entries, file.findings) == ((), ())
+    assert (file.entries, file.problems) == ((), ())
 
 
 def test_every_entry_knows_its_line():
     file = parse_env(b"# top\r\n\r\nA=1\r\n\r\n  \r\nB='x'\n\nC=3", "run.env")
 
-    assert [entry.where for entry in file.entries] == [
+    assert [str(entry.place) for entry in file.entries] == [
         "run.env line 3",
         "run.env line 6",
         "run.env line 8",
@@ -62,30 +62,30 @@ def test_names_in_single_quotes_are_not_filled_in():
     ("line", "sentence", "remedy"),
     [
         (b"DR_WORKERS", "run.env line 2: DR_WORKERS has no =.", "Write NAME=value"),
-        (b'A="open', 'run.env line 2: A="open is no NAME=value line.', "close every quote"),
-        (b"=5", "run.env line 2: =5 is no NAME=value line.", "Write NAME=value"),
+        (b'A="open', 'run.env line 2: A="open is not a NAME=value line.', "close every quote"),
+        (b"=5", "run.env line 2: =5 is not a NAME=value line.", "Write NAME=value"),
         (
             b"DR-WORKERS=5",
             "run.env line 2: DR-WORKERS=5 does not start with a variable name.",
             "letters, digits and _",
         ),
-        (b"A='1'2", "run.env line 2: A='1'2 is no NAME=value line.", "close every quote"),
+        (b"A='1'2", "run.env line 2: A='1'2 is not a NAME=value line.", "close every quote"),
     ],
 )
 def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remedy):
     file = parse_env(b"X=1\n" + line + b"\nY=2\n", "run.env")
 
     assert [entry.name for entry in file.entries] == ["X", "Y"]
-    assert [str(finding) for finding in file.findings] == [sentence]
-    assert remedy in file.findings[0].remedy
+    assert [str(problem) for problem in file.problems] == [sentence]
+    assert remedy in file.problems[0].remedy
 
 
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
-        (b"A=1\nB=\xff\xfe\n", "run.env line 2: holds byte 0xff, which is no UTF-8 text."),
-        ("A=1\n".encode("utf-16-le"), "run.env line 1: holds a NUL, so is no text."),
-        (b"#" * (LARGEST_BYTES + 1), "run.env: is 65,537 bytes long, which no settings file is."),
+        (b"A=1\nB=\xff\xfe\n", "run.env line 2: byte 0xff is not UTF-8 text."),
+        ("A=1\n".encode("utf-16-le"), "run.env line 1: holds a NUL, so it is not text."),
+        (b"#" * (LARGEST_BYTES + 1), "run.env: is 65,537 bytes long; 65,536 are allowed."),
     ],
 )
 def test_what_is_no_text_is_refused_with_the_place(data, sentence):
@@ -102,7 +102,7 @@ def test_any_bytes_are_read_or_refused(data):
     with contextlib.suppress(SettingsError):
         file = parse_env(data, "run.env")
 
-        assert all(entry.where.startswith("run.env line ") for entry in file.entries)
+        assert all(entry.place.file == "run.env" for entry in file.entries)
 
 
 @pytest.mark.parametrize(
@@ -143,4 +143,4 @@ def test_after_an_edit_every_other_name_reads_as_before(lines, end, name):
 
     values = {entry.name: entry.value for entry in parse_env(before, "run.env").entries}
     assert {entry.name: entry.value for entry in after.entries} == {**values, name: "m-2/$X"}
-    assert after.findings == ()
+    assert after.problems == ()

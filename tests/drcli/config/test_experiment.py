@@ -7,7 +7,7 @@ import pytest
 def test_an_experiment_that_cannot_be_a_folder_is_not_offered_to_be_made(folder, name):
     refusal = folder.refusal("", experiment=name)
 
-    assert "is no plain folder name." in str(refusal)
+    assert "is not a plain folder name." in str(refusal)
     assert refusal.remedy == "Name a folder in experiments/, or drop the name."
 
 

@@ -38,7 +38,7 @@ def test_the_defaults_are_the_values_of_the_reference(folder):
 
     silent = folder.load("")
 
-    same = {"sources": {}, "warnings": ()}
+    same = {"sources": {}, "problems": ()}
     assert silent.replaced(**same) == written.replaced(**same)
 
 

@@ -5,7 +5,7 @@ import pwd
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.base.problems import FindingsError
+from drcli.base.problems import ProblemsError
 from drcli.config.settings import load_settings
 
 
@@ -14,13 +14,13 @@ from drcli.config.settings import load_settings
     [
         pytest.param(
             "DR_WORKERS=abc",
-            "run.env line 2: DR_WORKERS=abc is no whole number.",
+            "run.env line 2: DR_WORKERS=abc is not a whole number.",
             "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
             id="not-a-whole-number",
         ),
         pytest.param(
             "DR_WORKERS=2.5",
-            "run.env line 2: DR_WORKERS=2.5 is no whole number.",
+            "run.env line 2: DR_WORKERS=2.5 is not a whole number.",
             "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
             id="fraction-of-a-worker",
         ),
@@ -39,14 +39,14 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=5 %",
-            "run.env line 2: DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=5 % is no number.",
+            "run.env line 2: DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST=5 % is not a number.",
             "Set DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST to a number from 0 to 1, "
             "or leave it out for the default 0.05.",
             id="not-a-number",
         ),
         pytest.param(
             "DR_EVAL_COLLISION_PENALTY=nan",
-            "run.env line 2: DR_EVAL_COLLISION_PENALTY=nan is no number.",
+            "run.env line 2: DR_EVAL_COLLISION_PENALTY=nan is not a number.",
             "Set DR_EVAL_COLLISION_PENALTY to a number, 0 or more, "
             "or leave it out for the default 5.0.",
             id="nan",
@@ -59,7 +59,7 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_RACE_TYPE=TIMETRIAL",
-            "run.env line 2: DR_RACE_TYPE=TIMETRIAL is none of TIME_TRIAL, OBJECT_AVOIDANCE, "
+            "run.env line 2: DR_RACE_TYPE=TIMETRIAL is not one of TIME_TRIAL, OBJECT_AVOIDANCE, "
             "HEAD_TO_BOT, HEAD_TO_MODEL.",
             "Did you mean TIME_TRIAL? Write one of TIME_TRIAL, OBJECT_AVOIDANCE, HEAD_TO_BOT, "
             "HEAD_TO_MODEL.",
@@ -67,13 +67,13 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_WORKER=2",
-            "run.env line 2: DR_WORKER=2 is no setting.",
+            "run.env line 2: DR_WORKER=2 is not a setting.",
             "Did you mean DR_WORKERS? Correct the name, or remove the line.",
             id="misspelt-name",
         ),
         pytest.param(
             "dr_world_name=Oval_track",
-            "run.env line 2: dr_world_name=Oval_track is no setting.",
+            "run.env line 2: dr_world_name=Oval_track is not a setting.",
             "Did you mean DR_WORLD_NAME? Correct the name, or remove the line.",
             id="name-in-small-letters",
         ),
@@ -105,34 +105,35 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=runs/fast",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=runs/fast lies in runs/, where running "
-            "trainings keep what they work with.",
-            "Let it begin with another name, such as my-runs/.",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=runs/fast is inside runs/, where running "
+            "trainings keep their files.",
+            "Choose a prefix that starts with another name, such as my-runs/.",
             id="prefix-among-running-trainings",
         ),
         pytest.param(
             "DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine",
             "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your "
-            "own files, or holds it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
+            "own files, or contains it "
+            "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
             "Give the model a folder of its own: -w would wipe your files.",
             id="own-files-in-the-model",
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=custom_files/model",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model lies in the folder of "
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model is inside the folder of "
             "your own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
             "Give the model a folder beside it: they could overwrite each other.",
             id="model-among-own-files",
         ),
         pytest.param(
             "DR_LOCAL_S3_BUCKET=s3://bucket",
-            "run.env line 2: DR_LOCAL_S3_BUCKET=s3://bucket is no name of a bucket.",
+            "run.env line 2: DR_LOCAL_S3_BUCKET=s3://bucket is not the name of a bucket.",
             "Write its plain name of 3 to 63 letters, digits, dots and hyphens, without s3://.",
             id="bucket-as-address",
         ),
         pytest.param(
             "DR_LOCAL_S3_BUCKET=Bad_Bucket",
-            "run.env line 2: DR_LOCAL_S3_BUCKET=Bad_Bucket is no name of a bucket with "
+            "run.env line 2: DR_LOCAL_S3_BUCKET=Bad_Bucket is not the name of a bucket with "
             "DR_CLOUD=local.",
             "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and "
             "last, as in my-bucket.",
@@ -140,32 +141,32 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_AWS_APP_REGION=eu_west",
-            "run.env line 2: DR_AWS_APP_REGION=eu_west is no AWS region.",
+            "run.env line 2: DR_AWS_APP_REGION=eu_west is not an AWS region.",
             "Write one such as us-east-1 or eu-central-1.",
             id="region",
         ),
         pytest.param(
             f"DR_LOCAL_S3_MODEL_PREFIX={'m' * 256}",
-            f"run.env line 2: DR_LOCAL_S3_MODEL_PREFIX={'m' * 80}... is longer than servers and "
-            "disks take.",
+            f"run.env line 2: DR_LOCAL_S3_MODEL_PREFIX={'m' * 80}... is too long for servers and "
+            "disks.",
             "Write at most 255 characters between slashes, and 800 in all.",
             id="long-prefix",
         ),
         pytest.param(
             "DR_OA_OBJECT_POSITIONS=0.5,inf",
-            "run.env line 2: DR_OA_OBJECT_POSITIONS=0.5,inf is no list of progress,lane pairs.",
+            "run.env line 2: DR_OA_OBJECT_POSITIONS=0.5,inf is not a list of progress,lane pairs.",
             'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
             id="infinite-lane",
         ),
         pytest.param(
             "DR_SAGEMAKER_CUDA_DEVICES=0;1",
-            "run.env line 2: DR_SAGEMAKER_CUDA_DEVICES=0;1 is no list of GPUs.",
+            "run.env line 2: DR_SAGEMAKER_CUDA_DEVICES=0;1 is not a list of GPUs.",
             "Write numbers as nvidia-smi counts them, such as 0 or 0,1, or -1 for none.",
             id="gpus",
         ),
         pytest.param(
             "DR_REMOTE_MINIO_URL=mynas:9000",
-            "run.env line 2: DR_REMOTE_MINIO_URL=mynas:9000 is no web address.",
+            "run.env line 2: DR_REMOTE_MINIO_URL=mynas:9000 is not a web address.",
             "Write it as in http://192.168.1.5:9000.",
             id="address-without-scheme",
         ),
@@ -186,7 +187,7 @@ from drcli.config.settings import load_settings
             "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0",
             "run.env line 2: DR_H2B_LOWER_LANE_CHANGE_TIME=3.0 is more than "
             "DR_H2B_UPPER_LANE_CHANGE_TIME=2.0.",
-            "Exchange the two, or set both to the same time.",
+            "Swap the two, or set both to the same time.",
             id="lane-change-times-crossed",
         ),
         pytest.param(
@@ -237,9 +238,9 @@ def test_everything_wrong_is_reported_at_once_in_the_order_of_reading(folder):
 
     assert str(refusal).splitlines() == [
         "run.env line 1: DR_WORKERS=0 is below 1.",
-        "run.env line 2: DR_WORLDNAME=x is no setting.",
+        "run.env line 2: DR_WORLDNAME=x is not a setting.",
         "run.env line 3: DR_EVAL_MAX_RESETS=-1 is below 0.",
-        "system.env line 1: DR_CLOUD=lokal is none of local, remote, aws, azure.",
+        "system.env line 1: DR_CLOUD=lokal is not one of local, remote, aws, azure.",
     ]
     assert "Did you mean local?" in refusal.remedy
 
@@ -278,7 +279,7 @@ def test_names_that_multiply_each_other_cannot_fill_the_memory(folder):
 def test_a_filled_in_value_is_shown_with_what_was_written(folder):
     refusal = folder.refusal("N=many\nDR_WORKERS=$N")
 
-    assert str(refusal) == "run.env line 2: DR_WORKERS=many is no whole number (written $N)."
+    assert str(refusal) == "run.env line 2: DR_WORKERS=many is not a whole number (written $N)."
 
 
 @pytest.mark.parametrize("layer", ["environ", "flags"])
@@ -286,7 +287,7 @@ def test_a_mistake_outside_the_files_names_its_place(folder, layer):
     refusal = folder.refusal("", **{layer: {"DR_WORKERS": "all"}})
 
     place = {"environ": "environment", "flags": "flag"}[layer]
-    assert str(refusal) == f"{place}: DR_WORKERS=all is no whole number."
+    assert str(refusal) == f"{place}: DR_WORKERS=all is not a whole number."
 
 
 @pytest.mark.parametrize("target", ["system.env", "nowhere"])
@@ -312,7 +313,7 @@ def test_a_file_that_is_no_text_is_all_that_is_reported(folder):
 
     refusal = folder.refusal("DR_CAR_NAME=$TEAM\n")
 
-    assert str(refusal) == "system.env line 2: holds byte 0xff, which is no UTF-8 text."
+    assert str(refusal) == "system.env line 2: byte 0xff is not UTF-8 text."
 
 
 def test_a_password_in_a_wrong_address_is_not_repeated(folder):
@@ -325,9 +326,12 @@ def test_a_password_in_a_wrong_address_is_not_repeated(folder):
 def test_findings_and_warnings_of_a_refused_load_can_be_told_apart(folder):
     refusal = folder.refusal("DR_WORKERS=0\nTEAM=blue\n")
 
-    assert isinstance(refusal, FindingsError)
-    assert [finding.where for finding in refusal.findings] == ["run.env line 1"]
-    assert refusal.warnings == ("run.env line 2: TEAM is no setting and has no effect.",)
+    assert isinstance(refusal, ProblemsError)
+    assert [(problem.where, problem.severity) for problem in refusal.problems] == [
+        ("run.env line 1", "error"),
+        ("run.env line 2", "warning"),
+    ]
+    assert str(refusal.problems[1]) == ("run.env line 2: TEAM is not a setting and has no effect.")
 
 
 def test_of_very_many_findings_only_some_are_listed(folder):
@@ -336,7 +340,7 @@ def test_of_very_many_findings_only_some_are_listed(folder):
     lines = str(refusal).splitlines()
     assert len(lines) == 41
     assert lines[-1] == "And 960 more like these."
-    assert len(refusal.findings) == 1_000
+    assert len(refusal.problems) == 1_000
 
 
 def test_of_very_many_warnings_only_some_are_listed(folder):

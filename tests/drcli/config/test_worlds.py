@@ -64,10 +64,10 @@ def test_the_missing_track_of_a_worker_is_placed_in_its_file(folder):
     folder.write("worker-2.env", "DR_WORLD_NAME=ben\n")
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\n")
 
-    (finding,) = worlds.missing(settings)
+    (problem,) = worlds.missing(settings)
 
-    assert finding.where == "worker-2.env line 1"
-    assert finding.remedy.startswith("Did you mean bean?")
+    assert problem.where == "worker-2.env line 1"
+    assert problem.remedy.startswith("Did you mean bean?")
 
 
 def test_every_world_of_the_community_is_known_by_name():
@@ -86,13 +86,13 @@ def test_the_names_of_the_community_are_those_of_its_files():
 def test_a_track_of_the_community_that_is_not_here_can_be_fetched(folder, world):
     settings = folder.load(f"DR_WORLD_NAME={world}\n")
 
-    (finding,) = worlds.fetchable(settings)
+    (problem,) = worlds.fetchable(settings)
 
     name = world.removesuffix(".npy")
     assert list(worlds.missing(settings)) == []
     assert worlds.to_fetch(settings) == [name]
-    assert f"`dr-tracks fetch {name}`" in finding.remedy
-    assert f"`dr-tracks add {name}.npy`" in finding.remedy
+    assert f"`dr-tracks fetch {name}`" in problem.remedy
+    assert f"`dr-tracks add {name}.npy`" in problem.remedy
 
 
 @pytest.mark.parametrize("world", ["reinvent_base", "reinvent_wood", "reinvent_base_cw", "nowhere"])
@@ -107,7 +107,7 @@ def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=4\nDR_WORLD_NAME=LGSWide\n")
 
     assert worlds.to_fetch(settings) == ["LGSWide", "Spain_track"]
-    assert [finding.where for finding in worlds.fetchable(settings)] == [
+    assert [problem.where for problem in worlds.fetchable(settings)] == [
         "run.env line 3",
         "worker-2.env line 1",
         "worker-3.env line 1",

@@ -88,26 +88,26 @@ def test_the_action_space_is_kept_as_written_for_logs():
     [
         pytest.param(
             {"action_space": []},
-            "action_space=[] holds no action",
-            'Add actions such as {"steering_angle": 15, "speed": 1.0}.',
+            "action_space=[] is empty",
+            'Write at least one, as in "action_space": [{"steering_angle": 15, "speed": 1.0}].',
             id="no-action",
         ),
         pytest.param(
-            {"action_space": {"speed": 1}},
-            'action_space={"speed": 1} is no list of actions',
-            'or add "action_space_type": "continuous".',
+            {"action_space": RANGES},
+            "action_space is ranges, but action_space_type is discrete",
+            'Write "action_space_type": "continuous", or discrete actions.',
             id="ranges-without-their-type",
         ),
         pytest.param(
-            {"action_space_type": "continuous", "action_space": [1]},
-            "action_space=[1] is no pair of ranges",
-            '"action_space_type": "discrete" for a list of actions.',
+            {"action_space_type": "continuous", "action_space": ACTIONS},
+            "action_space is a list, but action_space_type is continuous",
+            'Write "action_space_type": "discrete", or continuous actions.',
             id="list-as-ranges",
         ),
         pytest.param(
             {"action_space": [7]},
-            "action_space[0]=7 is no action",
-            "Write actions such as",
+            "action_space[0]=7 is not an object with keys",
+            'Write it between { }, as in {"steering_angle": 15, "speed": 1.0}.',
             id="number-as-action",
         ),
         pytest.param(
@@ -118,20 +118,20 @@ def test_the_action_space_is_kept_as_written_for_logs():
         ),
         pytest.param(
             {"action_space": [{"steering_angle": 5, "speed": "1"}]},
-            'action_space[0].speed="1" is no number',
+            'action_space[0].speed="1" is not a number',
             'Write a number without quotes, as in "speed": 1.0.',
             id="speed-in-quotes",
         ),
         pytest.param(
             {"action_space": [{"steering_angle": 5, "speed": 1e6}]},
-            "action_space[0].speed=1000000.0 is far too large",
-            "Write a number",
+            "action_space[0].speed=1000000.0 is above 1000",
+            "Write 1000 or less",
             id="speed-beyond-reason",
         ),
         pytest.param(
             {"action_space": [{**ACTIONS[0], "index": 0}, {**ACTIONS[1], "index": 2}]},
-            "action_space[1].index=2 stands at position 1",
-            'Write "index": 1 there, counting from 0, or remove them all.',
+            "action_space[1].index=2 is at position 1",
+            'Write "index": 1 there, counting from 0, or remove all indices.',
             id="gap-in-indices",
         ),
         pytest.param(
@@ -146,18 +146,18 @@ def test_the_action_space_is_kept_as_written_for_logs():
         pytest.param(
             {"action_space_type": "continuous", "action_space": {"speed": RANGES["speed"]}},
             "action_space.steering_angle is missing",
-            'Write "steering_angle": {"low": -30, "high": 30}.',
+            'Add "steering_angle": {"low": -30, "high": 30}.',
             id="no-steering-range",
         ),
         pytest.param(
             {"action_space_type": "steps"},
-            'action_space_type="steps" is none of discrete, continuous',
+            'action_space_type="steps" is not one of discrete, continuous',
             "Write one of discrete, continuous.",
             id="unknown-type",
         ),
         pytest.param(
             {"training_algorithm": "ppo"},
-            'training_algorithm="ppo" is none of clipped_ppo, sac',
+            'training_algorithm="ppo" is not one of clipped_ppo, sac',
             "Write one of clipped_ppo, sac.",
             id="unknown-algorithm",
         ),
@@ -169,7 +169,7 @@ def test_the_action_space_is_kept_as_written_for_logs():
         ),
         pytest.param(
             {"neural_network": "DEEP_CONVOLUTIONAL_NETWORK_SHALOW"},
-            'neural_network="DEEP_CONVOLUTIONAL_NETWORK_SHALOW" is none of '
+            'neural_network="DEEP_CONVOLUTIONAL_NETWORK_SHALOW" is not one of '
             "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW, DEEP_CONVOLUTIONAL_NETWORK, "
             "DEEP_CONVOLUTIONAL_NETWORK_DEEP, COMPACT_CONVOLUTIONAL_NETWORK",
             "Did you mean DEEP_CONVOLUTIONAL_NETWORK_SHALLOW?",
@@ -177,19 +177,19 @@ def test_the_action_space_is_kept_as_written_for_logs():
         ),
         pytest.param(
             {"sensor": "FRONT_FACING_CAMERA"},
-            'sensor="FRONT_FACING_CAMERA" is no list of sensors',
-            'Write ["FRONT_FACING_CAMERA"].',
+            'sensor="FRONT_FACING_CAMERA" is not a list of sensors',
+            'Write "sensor": ["FRONT_FACING_CAMERA"].',
             id="sensor-without-list",
         ),
         pytest.param(
             {"sensor": ["FRONT_FACING_CAMRA"]},
-            'sensor=["FRONT_FACING_CAMRA"] holds FRONT_FACING_CAMRA, which is no sensor',
+            'sensor=["FRONT_FACING_CAMRA"] holds FRONT_FACING_CAMRA, which is not a sensor',
             "Did you mean FRONT_FACING_CAMERA?",
             id="misspelt-sensor",
         ),
         pytest.param(
             {"sensor": ["LIDAR"]},
-            'sensor=["LIDAR"] holds no camera',
+            'sensor=["LIDAR"] does not hold a camera',
             "Keep exactly one of",
             id="no-camera",
         ),
@@ -207,19 +207,19 @@ def test_the_action_space_is_kept_as_written_for_logs():
         ),
         pytest.param(
             {"version": 7},
-            "version=7 is no version from 1 to 6",
+            "version=7 is not a version from 1 to 6",
             'Write "version": "5".',
             id="unknown-version",
         ),
         pytest.param(
             {"version": "new"},
-            'version="new" is no version from 1 to 6',
+            'version="new" is not a version from 1 to 6',
             'Write "version": "5".',
             id="version-as-word",
         ),
         pytest.param(
             {"sensr": ["LIDAR"]},
-            'sensr=["LIDAR"] is no key of this file',
+            'sensr=["LIDAR"] is not a known key',
             "Did you mean sensor?",
             id="misspelt-key",
         ),
@@ -228,7 +228,7 @@ def test_the_action_space_is_kept_as_written_for_logs():
                 "sensor": ["observation", "DISCRETIZED_SECTOR_LIDAR"],
                 "lidar_config": {"num_sectors": 7},
             },
-            "lidar_config.num_sectors=7 does not fit",
+            "lidar_config.num_sectors=7 is not a divisor of 64",
             "Write a divisor of 64, such as 8.",
             id="lidar-sectors",
         ),
@@ -256,7 +256,7 @@ def test_a_value_deep_inside_is_named_with_its_own_line():
     with pytest.raises(SettingsError) as refusal:
         ModelMetadata.from_bytes(text, "m.json")
 
-    assert str(refusal.value) == "m.json line 4: action_space[1].speed=null is no number."
+    assert str(refusal.value) == "m.json line 4: action_space[1].speed=null is not a number."
 
 
 @pytest.mark.parametrize(
@@ -265,11 +265,11 @@ def test_a_value_deep_inside_is_named_with_its_own_line():
         ({"action_space": [ACTIONS[0], ACTIONS[0]]}, "action 1 repeats action 0."),
         (
             {"action_space": [{"steering_angle": 35, "speed": 1}]},
-            "action_space[0].steering_angle=35 is beyond what the car does, (-30.0, 30.0).",
+            "action_space[0].steering_angle=35 is more than the car can do (-30 to 30).",
         ),
         (
             {"action_space": [{"steering_angle": 3, "speed": 4.5}]},
-            "action_space[0].speed=4.5 is beyond what the car does, (0.1, 4.0).",
+            "action_space[0].speed=4.5 is more than the car can do (0.1 to 4).",
         ),
         (
             {"action_space": [{"steering_angle": k / 10, "speed": 1} for k in range(31)]},
@@ -277,9 +277,9 @@ def test_a_value_deep_inside_is_named_with_its_own_line():
         ),
         (
             {"action_space": [{**ACTIONS[0], "colour": 1}]},
-            "action_space[0].colour has no meaning.",
+            "action_space[0].colour is not used.",
         ),
-        ({"description": "mine"}, "description has no meaning here."),
+        ({"description": "mine"}, "description is not used."),
         (
             {"version": 1, "sensor": ["LEFT_CAMERA"]},
             "version 1 has one camera; its sensor list is ignored.",

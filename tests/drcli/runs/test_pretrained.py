@@ -110,7 +110,7 @@ def test_two_names_of_one_camera_fit(trained):
         (
             {"action_space": [{"steering_angle": 0, "speed": 1.0}]},
             {},
-            "was trained with 3 discrete actions, action_space has 1 discrete action here.",
+            "was trained with 3 discrete actions, but action_space has 1 discrete action here.",
         ),
         (
             {
@@ -121,7 +121,7 @@ def test_two_names_of_one_camera_fit(trained):
                 },
             },
             {},
-            "was trained with 3 discrete actions, action_space has 2 continuous actions here.",
+            "was trained with 3 discrete actions, but action_space has 2 continuous actions here.",
         ),
         (
             {"neural_network": "DEEP_CONVOLUTIONAL_NETWORK"},
@@ -208,7 +208,7 @@ def test_checkpoints_of_tensorflow_are_called_what_they_are(racer):
     racer.bucket.put("model-1/model/12_Step-7824.ckpt.index", b"")
     racer.run_env(*CLONE)
 
-    with pytest.raises(SettingsError, match="are TensorFlow's, whose weights cannot be read here"):
+    with pytest.raises(SettingsError, match="are TensorFlow's, which cannot be read here"):
         racer.start()
 
 
@@ -242,4 +242,6 @@ def test_a_best_checkpoint_that_was_never_evaluated_is_warned_of(racer):
 
     plan = racer.start()
 
-    assert any("no checkpoint of s3://bucket/model-1 was evaluated yet" in w for w in plan.warnings)
+    assert any(
+        "no checkpoint of s3://bucket/model-1 has been evaluated yet" in w for w in plan.warnings
+    )

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.check_report import Report, Skipped, Violation
+from drcli.base.problems import Problem
+from drcli.checks.check_report import Report, Skipped
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
@@ -205,8 +206,14 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)
-    where = "custom_files/reward_function.py line 12"
-    broken = Violation("V-21", "error", where, "It is wrong. " * 9, "Write it as it shall be. " * 5)
+    broken = Problem(
+        "V-21",
+        "error",
+        "custom_files/reward_function.py",
+        12,
+        "It is wrong. " * 9,
+        "Write it as it shall be. " * 5,
+    )
     skipped = Skipped(
         ("V-10", "V-11"), "The bucket cannot be reached while the settings are wrong."
     )
@@ -225,7 +232,7 @@ def _settings():
 
 
 def _reward_report() -> SimpleNamespace:
-    remark = Violation("works", "error", "reward_function.py line 3", "It fails. " * 9, "Mend it.")
+    remark = Problem("works", "error", "reward_function.py", 3, "It fails. " * 9, "Correct it.")
     return SimpleNamespace(
         works=False,
         others=[],

@@ -131,9 +131,9 @@ def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
     assert printed.out.splitlines() == [
         "Error: run.env line 1: DR_WORKERS=0 is below 1.",
         "  Try: Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
-        "Error: run.env line 2: DR_WORLDNAME=x is no setting.",
+        "Error: run.env line 2: DR_WORLDNAME=x is not a setting.",
         "  Try: Did you mean DR_WORLD_NAME? Correct the name, or remove the line.",
-        "Warning: run.env line 3: TEAM is no setting and has no effect.",
+        "Warning: run.env line 3: TEAM is not a setting and has no effect.",
         "Settings: 2 errors, 1 warning.",
     ]
     assert printed.err.splitlines()[0] == (
@@ -226,7 +226,7 @@ def test_a_wrong_value_is_refused_and_nothing_written(dr, working_folder, capsys
 
     assert code == 3
     said = capsys.readouterr().err
-    assert "run.env stays as it was: DR_WORKERS=many is no whole number." in said
+    assert "run.env stays as it was: DR_WORKERS=many is not a whole number." in said
     assert (working_folder / "run.env").read_bytes() == before
 
 
@@ -272,7 +272,7 @@ def test_a_track_that_is_not_here_is_refused_with_the_likely_one(dr, working_fol
 
     said = capsys.readouterr().err
     assert code == 3
-    assert "run.env stays as it was: DR_WORLD_NAME=reinvent_bse is not an available track." in said
+    assert "run.env stays as it was: DR_WORLD_NAME=reinvent_bse is not a known track." in said
     assert "Did you mean reinvent_base?" in said
     assert (working_folder / "run.env").read_bytes() == before
 
@@ -292,7 +292,7 @@ def test_a_track_that_was_missing_before_does_not_stop_other_changes(dr, working
     code = dr("config", "set", "DR_WORKERS=3")
 
     assert code == 0
-    assert "DR_WORLD_NAME=Nope is not an available track. That was so before." in (
+    assert "DR_WORLD_NAME=Nope is not a known track. This was wrong before." in (
         capsys.readouterr().err
     )
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.check_report import Violation, refuse
+from drcli.base.problems import Problem, refuse
 
 
 def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, capsys):
@@ -174,9 +174,9 @@ def test_each_file_that_is_wrong_is_named_with_its_own_remedy(dr, run, capsys):
     with pytest.raises(SettingsError) as refusal:
         refuse(
             [
-                Violation("V-04", "error", "hyperparameters.json line 2", "No comma.", "Put one."),
-                Violation("V-03", "error", "model_metadata.json line 1", "It is empty.", same),
-                Violation("V-03", "error", "model_metadata.json line 9", "It is torn.", same),
+                Problem("V-04", "error", "hyperparameters.json", 2, "No comma.", "Put one."),
+                Problem("V-03", "error", "model_metadata.json", 1, "It is empty.", same),
+                Problem("V-03", "error", "model_metadata.json", 9, "It is torn.", same),
             ]
         )
     run.refusal = refusal.value

@@ -24,7 +24,7 @@ def test_what_is_odd_is_shown_and_no_failure(dr, working_folder, capsys):
     code = dr("update")
 
     assert code == 0
-    assert "Warning: run.env line 2: DR_WORKERS stands at" in capsys.readouterr().err
+    assert "Warning: run.env line 2: DR_WORKERS is also set at" in capsys.readouterr().err
 
 
 def test_quiet_is_silent(dr, working_folder, capsys):

@@ -37,8 +37,8 @@ def test_the_next_experiment_gets_the_next_number(dr, empty):
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("a/b", [], "--experiment a/b is no plain folder name"),
-        ("..", [], "--experiment .. is no plain folder name"),
+        ("a/b", [], "--experiment a/b is not a plain folder name"),
+        ("..", [], "--experiment .. is not a plain folder name"),
         ("x", ["--cloud", "aws"], "for all: `dr config set DR_CLOUD=aws`."),
         ("x", ["--prefix", "a b"], "--prefix a b holds ' '"),
     ],

@@ -99,21 +99,21 @@ def test_a_spot_instance_finds_the_lines_that_it_replaces(dr, empty, file, liter
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--cloud", "locla"], "--cloud locla is none of local, remote, aws, azure. Did you mean"),
+        (["--cloud", "locla"], "--cloud locla is not one of local, remote, aws, azure. Did"),
         (["--cloud", "remote"], "--cloud remote needs an address, but --endpoint is empty. Set"),
         (["--prefix", "a b"], "--prefix a b holds ' '"),
         (["--prefix", "custom_files"], "--prefix custom_files is the folder of your own files"),
         (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' holds '\\n'"),
-        (["--profile", "\udcff"], "--profile '\\udcff' cannot stand in"),
-        (["--race-type", "RALLY"], "--race-type RALLY is none of"),
+        (["--profile", "\udcff"], "--profile '\\udcff' cannot be written into"),
+        (["--race-type", "RALLY"], "--race-type RALLY is not one of"),
         (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 1"),
         (["--workers", "0"], "--workers 0 is below 1."),
         (
             ["--bucket", "Bad_Bucket"],
-            "--bucket Bad_Bucket is no name of a bucket with --cloud local",
+            "--bucket Bad_Bucket is not the name of a bucket with --cloud local",
         ),
         ([""], "The name of the folder is empty"),
-        (["--experiment", ""], "--experiment  is no plain folder name"),
+        (["--experiment", ""], "--experiment  is not a plain folder name"),
     ],
     ids=str,
 )
@@ -148,7 +148,7 @@ def test_a_file_where_a_folder_has_to_be_is_named_and_nothing_written(dr, empty,
     code = dr("init")
 
     assert code == 3
-    assert f"{empty / obstacle}: is no folder" in capsys.readouterr().err
+    assert f"{empty / obstacle}: is not a folder" in capsys.readouterr().err
     assert [path.name for path in empty.iterdir()] == [obstacle]
     assert (empty / obstacle).read_text() == "mine"
 
@@ -166,7 +166,7 @@ def test_a_folder_that_nobody_may_write_to_is_named(dr, empty, capsys, monkeypat
     code = dr("init", "new")
 
     assert code == 3
-    assert f"{empty}: may not be written into." in capsys.readouterr().err
+    assert f"{empty}: is write-protected." in capsys.readouterr().err
     assert list(empty.iterdir()) == []
 
 
@@ -177,7 +177,7 @@ def test_a_folder_where_a_file_has_to_be_is_named_and_nothing_written(dr, empty,
     code = dr("init", "--force")
 
     assert code == 3
-    assert f"{empty / obstacle}: is no file" in capsys.readouterr().err
+    assert f"{empty / obstacle}: is not a file" in capsys.readouterr().err
     assert [path for path in empty.rglob("*") if path.is_file()] == []
 
 
@@ -309,7 +309,7 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(dr, empty, capsys):
     code = dr("init", "file/racer")
 
     assert code == 3
-    assert f"{empty / 'file'}: is no folder" in capsys.readouterr().err
+    assert f"{empty / 'file'}: is not a folder" in capsys.readouterr().err
 
 
 def test_a_track_that_has_no_file_of_its_own_is_no_surprise(dr, empty, capsys):

@@ -1,0 +1,151 @@
+"""What trains here but may not elsewhere: on the reference, on the console, on the car."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from math import gcd
+
+from drcli.base.problems import Problem, Severity
+from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import Settings
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+
+LONGEST_NAME = 64
+"""Characters in the name of an imported model. Source: the reference's validation script."""
+
+CONSOLE_SPEED_MPS = (0.5, 4.0)
+"""Speeds of ranges of actions there; in lists they start at 0.1. Source: the console's limits."""
+
+CONSOLE_ACTIONS = 2
+"""Least number of actions in a list there."""
+
+LAP = 1.0
+"""(episodes / workers) x advance has to be this, so that all evaluations start at one place."""
+
+_ROUNDING = 1e-4
+"""What a decimal fraction such as 0.0333333 may be off."""
+
+MOST_EPISODES = 100
+"""An iteration has no more."""
+
+
+def review_names(settings: Settings, *, console: bool) -> Iterator[Problem]:
+    """V-01: names under which a model may be imported."""
+    for setting, prefix in (
+        ("DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix),
+        ("DR_UPLOAD_S3_PREFIX", settings.upload_s3_prefix),
+    ):
+        name = prefix.rpartition("/")[2]
+        derived = setting != "DR_LOCAL_S3_MODEL_PREFIX" and setting not in settings.sources
+        if derived or (re.fullmatch(r"[A-Za-z0-9-]+", name) and len(name) <= LONGEST_NAME):
+            continue
+        what = f"{setting}={prefix}: a model cannot be imported elsewhere as {name}."
+        remedy = f"Use at most {LONGEST_NAME} letters, digits and hyphens after the last /."
+        place = settings.place(setting)
+        yield Problem("V-01", _severity(console), *place, what, remedy, setting)
+
+
+def review_actions(
+    metadata: ModelMetadata,
+    parameters: Hyperparameters | None,
+    settings: Settings,
+    where: str,
+    *,
+    console: bool,
+) -> Iterator[Problem]:
+    """V-31 to V-34: what the car and the console make of model_metadata.json."""
+
+    def problem(rule: str, message: str, remedy: str) -> Problem:
+        severity = _severity(console) if rule == "V-34" else "warning"
+        return Problem(rule, severity, where, None, message, remedy)
+
+    space = metadata.action_space
+    if space.low is not None and space.high is not None:
+        (right, slow), (left, fast) = space.low, space.high
+        if abs(right) > left:
+            yield problem(
+                "V-31",
+                f"action_space.steering_angle from {right:g} to {left:g}: the physical car cannot "
+                "steer further to the right than to the left.",
+                f'Write "high": {abs(right):g}, or a "low" of {-left:g} or more.',
+            )
+        low, high = CONSOLE_SPEED_MPS
+        if not low <= slow <= fast <= high:
+            yield problem(
+                "V-32",
+                f"action_space.speed from {slow:g} to {fast:g} is outside of the console's limits.",
+                f"Stay within {low:g} to {high:g} for a model that shall train there.",
+            )
+    elif len(space.values) < CONSOLE_ACTIONS:
+        what = "action_space has a single action; the console takes 2 to 30."
+        yield problem("V-32", what, "Add an action.")
+    if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
+        yield problem(
+            "V-33",
+            "sensor holds DISCRETIZED_SECTOR_LIDAR; the physical car loads no model with it.",
+            "Use SECTOR_LIDAR for a model that shall drive there.",
+        )
+    if metadata.training_algorithm != "sac" or parameters is None:
+        return
+    for written, value, wanted in (
+        ("num_episodes_between_training", parameters.num_episodes_between_training, 1),
+        ("DR_WORKERS", settings.workers, 1),
+        ("exploration_type", parameters.exploration_type, "additive_noise"),
+    ):
+        if value != wanted:
+            yield problem(
+                "V-34",
+                f"training_algorithm=sac with {written}={value}: it works here, but the console "
+                f"and the reference take {wanted} only.",
+                f"Write {written}={wanted} for a model that shall train there.",
+            )
+
+
+def as_console(item: Problem) -> Problem:
+    """The same where the console counts: actions beyond its limits are refused there."""
+    return replace(item, severity="error") if item.rule == "V-32" else item
+
+
+def review_balance(
+    settings: Settings, parameters: Hyperparameters, origin: str
+) -> Iterator[Problem]:
+    """V-42 and V-45: the numbers of episodes, workers and starts fit each other."""
+    episodes, workers = parameters.num_episodes_between_training, settings.workers
+    if workers > episodes:
+        return  # an error of its own
+    if episodes % workers:
+        around = (episodes // workers * workers, (episodes // workers + 1) * workers)
+        better = " or ".join(str(n) for n in around if n <= MOST_EPISODES)
+        what = (
+            f"DR_WORKERS={workers} does not divide num_episodes_between_training={episodes} in "
+            f"{origin}: some workers drive an episode more than others."
+        )
+        remedy = f"Write {better} episodes, or DR_WORKERS={gcd(episodes, workers)}."
+        yield _warning("DR_WORKERS", settings, what, remedy)
+    advance = settings.train_round_robin_advance_dist
+    lap = episodes / workers * advance
+    if settings.train_change_start_position and abs(lap - LAP) > _ROUNDING:
+        name = "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"
+        what = (
+            f"({episodes} episodes / {workers} workers) x {name}={advance:g} is {lap:.4g} and not "
+            "1: elsewhere each evaluation would start at another place. Here it does not."
+        )
+        remedy = f"Write {name}={workers / episodes:.6g}{_better_episodes(workers, advance)}."
+        yield _warning(name, settings, what, remedy)
+
+
+def _warning(name: str, settings: Settings, message: str, remedy: str) -> Problem:
+    return setting_problem(name, settings.place(name), message, remedy, severity="warning")
+
+
+def _better_episodes(workers: int, advance: float) -> str:
+    """The other way out of V-42, where it is a whole number of episodes."""
+    episodes = workers / advance if advance else 0.0
+    if not 1 <= episodes <= MOST_EPISODES or abs(episodes - round(episodes)) > 1e-6:
+        return ""
+    return f", or num_episodes_between_training={round(episodes)}"
+
+
+def _severity(console: bool) -> Severity:
+    return "error" if console else "warning"
