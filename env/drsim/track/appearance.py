@@ -7,8 +7,8 @@ one channel at a time: `Look.in_channel`.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 RGB = tuple[float, float, float]
 
@@ -157,17 +157,13 @@ class Look:
         Returns:
             A look whose greys are the values of that channel, 0..255.
         """
-        return replace(
-            self,
-            road=self.road.in_channel(channel),
-            line=self.line.in_channel(channel),
-            dash=self.dash.in_channel(channel),
-            kerb=self.kerb.in_channel(channel),
-            kerb_light=self.kerb_light and self.kerb_light.in_channel(channel),
-            field=self.field.in_channel(channel),
-            chequer=self.chequer.in_channel(channel),
-            walls=self.walls.in_channel(channel),
-        )
+        materials = {f.name: getattr(self, f.name) for f in fields(self)}
+        seen: dict[str, Any] = {
+            name: material.in_channel(channel)
+            for name, material in materials.items()
+            if isinstance(material, Paint | Walls)
+        }
+        return replace(self, **seen)
 
 
 def look_of(world: str) -> Look:
@@ -240,26 +236,34 @@ _REINVENT_ROADS = {
 }
 
 _LINE_OUTSIDE = {
-    "Virtual_May19_Train_track": (0.0762, 0.0),
-    "Oval_track": (0.0762, 0.0),
-    "Bowtie_track": (0.0762, 0.0),
-    "AWS_track": (0.0762, 0.0),
-    "July_2020": (0.0762, 0.0),
-    "caecer_loop": (0.0762, 0.0),
-    "Spain_track": (0.0762, 0.0),
-    "Spain_track_f1": (0.0762, 0.0),
+    **dict.fromkeys(
+        [
+            "Virtual_May19_Train_track",
+            "Oval_track",
+            "Bowtie_track",
+            "AWS_track",
+            "July_2020",
+            "caecer_loop",
+            "Spain_track",
+            "Spain_track_f1",
+        ],
+        (0.0762, 0.0),
+    ),
     "Straight_track": (0.1525, 0.0),
-    "China_track": (0.051, 0.07),
-    "Mexico_track": (0.051, 0.07),
-    "Tokyo_Training_track": (0.051, 0.07),
-    "New_York_Track": (0.051, 0.07),
-    "Canada_Training": (0.051, 0.07),
-    "Monaco": (0.076, 0.07),
-    "Monaco_building": (0.076, 0.07),
-    "Singapore": (0.076, 0.07),
-    "Singapore_building": (0.076, 0.07),
-    "Singapore_f1": (0.076, 0.07),
-    "Austin": (0.076, 0.07),
+    **dict.fromkeys(
+        [
+            "China_track",
+            "Mexico_track",
+            "Tokyo_Training_track",
+            "New_York_Track",
+            "Canada_Training",
+        ],
+        (0.051, 0.07),
+    ),
+    **dict.fromkeys(
+        ["Monaco", "Monaco_building", "Singapore", "Singapore_building", "Singapore_f1", "Austin"],
+        (0.076, 0.07),
+    ),
 }
 """Worlds whose line lies outside the road: width of the line and of the kerb, metres. Source:
 the reference simulator's meshes; the width of the first eight is that of all other worlds."""

@@ -272,7 +272,7 @@ def test_an_action_outside_its_space_is_named(oval, action):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"race": "drifting"}, "There is no race 'drifting'"),
+        ({"race": "drifting"}, "'drifting' is not a race"),
         ({"sensors": ("RADAR",)}, "There is no sensor RADAR"),
         ({"sensors": "RADAR"}, "There is no sensor RADAR"),
         ({"view": "inside"}, "view is 'inside'"),

@@ -91,13 +91,6 @@ def test_paint_colours_whole_objects_of_one_car_but_not_their_tyres():
     assert colors[5:] == [[200.0, 100.0, 50.0]] * 2
 
 
-def test_a_painted_shape_is_the_same_but_for_its_colour():
-    blue = SHAPES["race_car"].painted((0.0, 0.0, 255.0))
-
-    assert bounds(blue) == bounds(SHAPES["race_car"])
-    assert {box.color for box in blue.boxes} == {(0.0, 0.0, 255.0), (25.5, 25.5, 25.5)}
-
-
 def test_no_shapes_make_no_boxes():
     solids = Solids(4, [])
 
