@@ -177,8 +177,8 @@ class Traffic:
     ) -> Contacts:
         """Find out which cars ran into what, and stop bots that ran into a racer.
 
-        An obstacle always counts. A bot or a opponent counts for the one behind, by the gap along the
-        track; a bot behind its racer makes all bots of that racer wait.
+        An obstacle always counts. With a bot or an opponent, the car behind has crashed, by the gap
+        along the track. A bot behind its racer makes all bots of that racer wait.
 
         Args:
             active: Cars that were driven; the others touch nothing and nobody. Shape (n,).
@@ -199,8 +199,8 @@ class Traffic:
         origin_m = along_m - REFERENCE_POINT_AHEAD_M
         there_m = self.distance_m.copy()
         if self._opponents:
-            # The opponent's own count, so that exactly one of two is behind. Where they drive towards
-            # each other it says nothing, and both meet what is ahead of them.
+            # The opponent's own count, so that exactly one of two is behind. If they drive towards
+            # each other, both meet what is ahead of them.
             opponent = np.arange(len(active)) ^ 1
             same_way = self._backward == self._backward[opponent]
             there_m[same_way, 0] = origin_m[opponent[same_way]]

@@ -236,34 +236,26 @@ _REINVENT_ROADS = {
 }
 
 _LINE_OUTSIDE = {
-    **dict.fromkeys(
-        [
-            "Virtual_May19_Train_track",
-            "Oval_track",
-            "Bowtie_track",
-            "AWS_track",
-            "July_2020",
-            "caecer_loop",
-            "Spain_track",
-            "Spain_track_f1",
-        ],
-        (0.0762, 0.0),
-    ),
+    "Virtual_May19_Train_track": (0.0762, 0.0),
+    "Oval_track": (0.0762, 0.0),
+    "Bowtie_track": (0.0762, 0.0),
+    "AWS_track": (0.0762, 0.0),
+    "July_2020": (0.0762, 0.0),
+    "caecer_loop": (0.0762, 0.0),
+    "Spain_track": (0.0762, 0.0),
+    "Spain_track_f1": (0.0762, 0.0),
     "Straight_track": (0.1525, 0.0),
-    **dict.fromkeys(
-        [
-            "China_track",
-            "Mexico_track",
-            "Tokyo_Training_track",
-            "New_York_Track",
-            "Canada_Training",
-        ],
-        (0.051, 0.07),
-    ),
-    **dict.fromkeys(
-        ["Monaco", "Monaco_building", "Singapore", "Singapore_building", "Singapore_f1", "Austin"],
-        (0.076, 0.07),
-    ),
+    "China_track": (0.051, 0.07),
+    "Mexico_track": (0.051, 0.07),
+    "Tokyo_Training_track": (0.051, 0.07),
+    "New_York_Track": (0.051, 0.07),
+    "Canada_Training": (0.051, 0.07),
+    "Monaco": (0.076, 0.07),
+    "Monaco_building": (0.076, 0.07),
+    "Singapore": (0.076, 0.07),
+    "Singapore_building": (0.076, 0.07),
+    "Singapore_f1": (0.076, 0.07),
+    "Austin": (0.076, 0.07),
 }
 """Worlds whose line lies outside the road: width of the line and of the kerb, metres. Source:
 the reference simulator's meshes; the width of the first eight is that of all other worlds."""

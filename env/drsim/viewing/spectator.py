@@ -122,8 +122,8 @@ class Spectator:
         standing = _NOTHING if objects is None else objects
         if standing.shape != (len(self._shapes), 3):
             raise ValueError(
-                f"The shape {standing.shape} does not fit {len(self._shapes)} poses of x, y and yaw: "
-                "give one for each shape that the spectator was made with."
+                f"Poses have the shape {standing.shape}, not ({len(self._shapes)}, 3): give x, y "
+                "and yaw, one for each shape that the spectator was made with."
             )
         everything = np.concatenate([np.asarray(pose, np.float64)[None], standing])
         self._solids.move(np.array([0]), everything[None, :, :2], everything[None, :, 2])

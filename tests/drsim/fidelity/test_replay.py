@@ -198,7 +198,7 @@ def test_a_world_whose_route_is_not_here_costs_only_its_own_lines(tmp_path, caps
     printed = capsys.readouterr()
     assert code == 0
     assert json.loads(printed.out)["track"] is None
-    assert "No world is called 'Nowhere_track'" in printed.err
+    assert "There is no track 'Nowhere_track' here" in printed.err
 
 
 def test_a_world_that_the_recording_was_not_driven_on_is_told(tmp_path, capsys):

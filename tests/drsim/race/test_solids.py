@@ -61,7 +61,7 @@ def test_a_turned_shape_carries_its_parts_around_the_point_that_its_pose_names()
     *place, half_length, half_width, low, high, color = row.tolist()
     assert place == pytest.approx([3.0, 4.5, 0.0, 1.0], abs=1e-6)
     assert [half_length, half_width, low, high] == pytest.approx([0.1, 0.05, 0.1, 0.9])
-    assert color == [10.0, 20.0, 30.0]
+    assert list(color) == [10.0, 20.0, 30.0]
 
 
 def test_every_car_has_its_own_places():

@@ -243,7 +243,7 @@ def test_racers_start_on_different_lanes_and_the_second_one_behind() -> None:
     lanes, gaps_m = traffic.start_lane(everybody), traffic.start_gap_m(everybody)
 
     assert lanes.tolist() == [OUTER, INNER, OUTER, INNER]
-    assert gaps_m.tolist() == [0.0, OPPONENT_GAP_M, 0.0, RIVAL_GAP_M]
+    assert gaps_m.tolist() == [0.0, OPPONENT_GAP_M, 0.0, OPPONENT_GAP_M]
 
 
 def test_a_new_episode_of_one_car_leaves_the_others_alone() -> None:
