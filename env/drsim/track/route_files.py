@@ -127,8 +127,8 @@ def _bytes_of(file: Path) -> bytes:
         ) from None
     if len(data) > _MAX_BYTES:
         raise TrackError(
-            f"it is larger than {_MAX_BYTES} bytes, far more than a route needs. Name another file, or "
-            "resample the route to one row every 0.3 m."
+            f"it is larger than {_MAX_BYTES} bytes, far more than a route needs. Name another "
+            "file, or resample the route to one row every 0.3 m."
         )
     return data
 
@@ -200,8 +200,8 @@ def _checked(array: NDArray[np.generic]) -> Floats:
         or array.dtype.kind not in "fiu"
     ):
         raise TrackError(
-            f"it contains an array of shape {array.shape} and type {array.dtype}, but a route has 2, "
-            f"3 or 6 columns of numbers: {_COLUMNS}. Export the route again."
+            f"it contains an array of shape {array.shape} and type {array.dtype}, but a route has "
+            f"2, 3 or 6 columns of numbers: {_COLUMNS}. Export the route again."
         )
     rows = np.ascontiguousarray(array, dtype=np.float64)
     wrong = np.flatnonzero(~(np.abs(rows) <= _FURTHEST_M).all(axis=1))

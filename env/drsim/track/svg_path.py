@@ -65,8 +65,8 @@ def _value(text: str, place: int, kind: str) -> tuple[float, int]:
     value = float(match[1]) if match else math.inf
     if match is None or abs(value) > FURTHEST:
         raise TrackError(
-            f"'{text[place : place + 40].strip()}' does not start with a usable number. Save the drawing "
-            "again as plain SVG."
+            f"'{text[place : place + 40].strip()}' does not start with a usable number. Save the "
+            "drawing again as plain SVG."
         )
     return value, match.end()
 
@@ -91,8 +91,8 @@ class _Pen:
             self._obey(match[1], match[2])
         if path[place:].strip():
             raise TrackError(
-                f"'{path[place : place + 40].strip()}' is not a path command. Save the drawing again "
-                "as plain SVG."
+                f"'{path[place : place + 40].strip()}' is not a path command. Save the drawing "
+                "again as plain SVG."
             )
         return self.curves
 

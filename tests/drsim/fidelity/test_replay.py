@@ -255,7 +255,7 @@ def test_what_cannot_be_replayed_is_refused_in_a_sentence(
 
 
 def test_a_folder_that_does_not_exist_is_refused():
-    with pytest.raises(RecordingError, match="There is no folder"):
+    with pytest.raises(RecordingError, match="does not exist"):
         load_recordings(Path("nowhere"))
 
 
