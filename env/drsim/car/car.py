@@ -1,4 +1,4 @@
-"""The DeepRacer car: a batch of MuJoCo cars that turns actions into poses."""
+"""The car: many MuJoCo cars that turn steering and speed requests into poses."""
 
 import math
 from dataclasses import dataclass
@@ -55,15 +55,15 @@ REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
 _SETTLE_STEPS = 30
 
 _VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
-"""Numbers of the model in which cars may differ from each other."""
+"""Arrays of the model in which cars may differ from each other."""
 
 _BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
-"""Attributes of a batch of cars that are MuJoCo's batch, or views of it."""
+"""Attributes of `CarBatch` that are MuJoCo's batch, or views of it."""
 
 
 @dataclass(frozen=True)
 class CarParameters:
-    """What may differ between one version 5 car and the next; masses and geometry stand in car.xml.
+    """The calibrated numbers of the car; masses and geometry are in car.xml.
 
     The defaults were found by replaying recorded actions of the reference simulator (release 6,
     continuous actions), every other episode, and comparing where the car ended one second later. On
@@ -140,15 +140,9 @@ def car_model(
 def motor_commands(
     steering_deg: Floats, speed_mps: Floats, parameters: CarParameters
 ) -> tuple[Floats, Floats]:
-    """What the motors are asked for, within the limits of the car.
+    """Steering angles in radians and wheel speeds in rad/s for the motors, each of shape (n,).
 
-    Args:
-        steering_deg: Requested wheel angles, left positive. Shape (n,).
-        speed_mps: Requested speeds. Shape (n,).
-        parameters: The car.
-
-    Returns:
-        Steering angle in radians and wheel speed in rad/s, each of shape (n,).
+    Requests (left positive, shape (n,)) are clipped to the limits of the car.
     """
     steering_rad = np.radians(np.clip(steering_deg, -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(speed_mps, MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
@@ -158,7 +152,7 @@ def motor_commands(
 
 
 class CarBatch:
-    """Cars that know nothing of each other, stepped together on MuJoCo's thread pool.
+    """Independent cars, stepped together on MuJoCo's thread pool.
 
     The same actions give bit-identical motion on one machine, whatever the number of threads.
     All attributes are refreshed by `place` and `drive`.
@@ -204,7 +198,7 @@ class CarBatch:
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that the motion of the cars depends on. MuJoCo's own batch cannot be copied."""
+        """Everything that the motion depends on. MuJoCo's own batch cannot be copied."""
         varied = {name: self._batch.expanded(name) for name in _VARIED}
         return {
             **{name: value for name, value in self.__dict__.items() if name not in _BOUND},
@@ -214,7 +208,7 @@ class CarBatch:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build a batch of its own for a copy, in the same state."""
+        """Build a new batch in the same state."""
         num_threads, physics, varied = (
             state.pop(name) for name in ("num_threads", "physics", "varied")
         )
@@ -234,7 +228,7 @@ class CarBatch:
         self._ctrl: Floats = self._batch.bind("ctrl")
 
     def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
-        """Make cars unlike the calibrated one, until told otherwise. Call it before `place`.
+        """Change cars from the calibrated one until the next call. Call it before `place`.
 
         Args:
             cars: Which cars. Shape (k,).

@@ -1,4 +1,4 @@
-"""Camera frames of many cars, rendered on other threads while the caller goes on."""
+"""Camera frames of many cars, rendered on other threads in the background."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,10 +17,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _FRAMES_PER_JOB = 4
-"""Small enough to share work evenly; handing over a job costs about half a frame."""
+"""Small enough to share the work evenly; starting a job costs about half a frame."""
 
 _FRAMES_ALONE = 2
-"""So few frames are rendered sooner than other threads wake up."""
+"""So few frames are rendered before another thread would wake up."""
 
 
 class FrameRenderer:
@@ -66,11 +66,11 @@ class FrameRenderer:
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the threads; nothing is being rendered between `finish` and `start`."""
+        """Everything but the threads."""
         return {**self.__dict__, "_pool": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Give a copy threads of its own."""
+        """Start new threads for a copy."""
         self.__dict__.update(state)
         self._pool = _pool(self._num_threads)
 
@@ -82,7 +82,7 @@ class FrameRenderer:
             lens_pos: Lenses of all cars, metres; copied. Shape (n, 3).
             lens_mat: Their axes in the world; copied. Shape (n, 3, 3).
         """
-        # They are copied once: the caller may move the cars on while others render.
+        # Copied, because the caller may move the cars while other threads render.
         lens_pos, lens_mat = lens_pos.copy(), lens_mat.copy()
         for first, last in _runs(cars):
             for begin in range(first, last, _FRAMES_PER_JOB):
