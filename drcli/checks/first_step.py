@@ -27,21 +27,16 @@ _TURNED: dict[type[ast.cmpop], ast.cmpop] = {
 
 @dataclass(frozen=True)
 class Idle:
-    """A condition that is the same in every call.
-
-    Attributes:
-        line: Where it stands.
-        text: The condition, as Python writes it.
-        holds: Whether it is always true; else it never is.
-    """
+    """A condition that is the same in every call, as Python writes it."""
 
     line: int
     text: str
     holds: bool
+    """Whether it is always true; else it never is."""
 
     @property
     def message(self) -> str:
-        """What is the matter with it, two sentences."""
+        """What is wrong with it, in two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "
@@ -60,12 +55,11 @@ class Idle:
 def idle_conditions(text: str | bytes) -> list[Idle]:
     """The comparisons of `steps` with a number that come out the same in every call, by line.
 
-    Guards against a division by nothing, such as `steps > 0`, are none of them. `steps` is known
+    Guards against a division by zero, such as `steps > 0`, are not reported. `steps` is known
     where it is read from the parameters and by a name that a function gives it alone; what one
     function hands to another is not followed.
 
-    Args:
-        text: A reward function, or the bytes of its file; what is not Python has no conditions.
+    The text may be bytes; what is not Python has no conditions.
     """
     try:
         with warnings.catch_warnings():

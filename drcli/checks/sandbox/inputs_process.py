@@ -18,7 +18,6 @@ from types import TracebackType
 import numpy as np
 
 from drcli.base import signal_guard
-from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.checks.check_report import leave_tried
 from drcli.config.settings import Settings
@@ -169,9 +168,8 @@ def _course(settings: Settings, found: list[Problem]) -> tuple[Track, Race]:
     """The track and race of a worker; on another track where its own does not load."""
     try:
         track = load_world(settings)
-    except SettingsError as error:
-        place = settings.place("DR_WORLD_NAME")
-        found.append(Problem("V-05", "error", *place, str(error), error.remedy, "DR_WORLD_NAME"))
+    except ProblemsError as error:
+        found += error.problems
         return load_track(FALLBACK_WORLD), TIME_TRIAL
     return track, load_race(settings, track)
 
