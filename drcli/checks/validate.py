@@ -24,7 +24,7 @@ from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import review_settings
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
-from drcli.config.worlds import fetchable
+from drcli.config.worlds import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find
@@ -194,7 +194,8 @@ class _Validation:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
                 examined = examine(job, files, None, plans)
-        to_fetch = {track.where: track for track in fetchable(settings)}
+        tracks = track_problems(settings)
+        to_fetch = {each.where: each for each in tracks if each.severity == "note"}
         self.found += [_without_start(each, to_fetch) for each in examined.problems]
         return examined
 

@@ -13,7 +13,7 @@ from drcli.config.env_file import Entry
 from drcli.config.setting_problems import setting_problem
 
 LONGEST_VALUE = 4096
-"""Characters of a filled-in value. Names that repeat each other could otherwise fill the memory."""
+"""Characters of a filled-in value, so that names that repeat each other cannot fill the memory."""
 
 DEEPEST_CHAIN = 20
 """Names that may refer to each other in a row."""
@@ -28,12 +28,7 @@ def references(value: str) -> set[str]:
 
 
 class Layers:
-    """Looks up names, the strongest layer first.
-
-    Args:
-        layers: Entries by name, strongest layer first.
-        defaults: Values of the names that nobody set; `$NAME` is filled in there too.
-    """
+    """Looks up names: in entries by name, the strongest layer first, then in defaults."""
 
     def __init__(self, layers: Sequence[Mapping[str, Entry]], defaults: Mapping[str, str]) -> None:
         self.problems: dict[str, Problem] = {}

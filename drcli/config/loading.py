@@ -22,12 +22,7 @@ from drcli.config.setting_problems import file_problem, setting_problem
 
 
 class Loader:
-    """One load: collects problems until it can raise or return.
-
-    Args:
-        directory: Folder with run.env, absolute.
-        contents: Content of files, by name, that replaces what is on the disk.
-    """
+    """One load: collects problems until it can raise or return. Arguments are those of `Files`."""
 
     def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
         self._files = Files(directory, contents)
@@ -86,11 +81,7 @@ class Loader:
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
     def run_file(self, upper: list[dict[str, Entry]]) -> str:
-        """Name of the run.env that counts.
-
-        Args:
-            upper: Layers above the files.
-        """
+        """Name of the run.env that counts, below these layers."""
         experiment = chosen_experiment(self._files, [*upper, self._system()])
         return run_file(self._files, upper, experiment)
 

@@ -1,7 +1,6 @@
-"""Which tracks there are, by name, without loading the simulation that drives on them."""
+"""Knows the names of all tracks, without loading the simulation."""
 
 import re
-from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,16 +51,12 @@ def built_in() -> list[str]:
 
 
 def own(folder: Path) -> list[str]:
-    """The racer's own tracks.
-
-    Args:
-        folder: Where their route files lie; it need not exist.
-    """
+    """The racer's own tracks, by the route files in a folder, which need not exist."""
     return _stems(folder, ROUTE_FILES)
 
 
-def is_here(settings: "Settings") -> bool:
-    """Whether the track of some settings is here; also where that cannot be known."""
+def is_installed(settings: "Settings") -> bool:
+    """Whether the track of some settings is installed; also where that cannot be known."""
     if not built_in():
         return True
     world = settings.world_name
@@ -75,46 +70,38 @@ def is_here(settings: "Settings") -> bool:
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def missing(settings: "Settings") -> Iterator[Problem]:
-    """The tracks that are neither here nor the community's, each place that names one once."""
-    for chosen in _absent(settings):
-        if not can_be_fetched(chosen):
-            yield setting_problem(
-                "DR_WORLD_NAME",
-                chosen.place("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={shown(chosen.world_name)} is not a known track.",
-                remedy(chosen),
-            )
+def track_problem(settings: "Settings") -> Problem | None:
+    """What is wrong with the track of some settings; a note where it can be fetched."""
+    place, name = settings.place("DR_WORLD_NAME"), settings.world_name
+    if is_installed(settings):
+        return None
+    if _name(settings) in COMMUNITY:
+        what = f"DR_WORLD_NAME={name} is a community track that is not installed yet."
+        return setting_problem("DR_WORLD_NAME", place, what, remedy(settings), severity="note")
+    what = f"DR_WORLD_NAME={shown(name)} is not a known track."
+    return setting_problem("DR_WORLD_NAME", place, what, remedy(settings))
 
 
-def fetchable(settings: "Settings") -> Iterator[Problem]:
-    """The tracks of the community that are not here yet, each place that names one once."""
-    for chosen in _absent(settings):
-        if can_be_fetched(chosen):
-            yield setting_problem(
-                "DR_WORLD_NAME",
-                chosen.place("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed "
-                "yet.",
-                remedy(chosen),
-                severity="note",
-            )
+def track_problems(settings: "Settings") -> list[Problem]:
+    """The same for the tracks of all workers, each place once."""
+    workers = (settings.for_worker(worker) for worker in range(len(settings.overrides) + 1))
+    problems = map(track_problem, workers)
+    return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
 def to_fetch(settings: "Settings") -> list[str]:
     """Names of the community's tracks that a start has to fetch first."""
-    return list(
-        dict.fromkeys(_name(chosen) for chosen in _absent(settings) if can_be_fetched(chosen))
-    )
+    workers = [settings.for_worker(worker) for worker in range(len(settings.overrides) + 1)]
+    return list(dict.fromkeys(_name(own) for own in workers if can_be_fetched(own)))
 
 
 def can_be_fetched(settings: "Settings") -> bool:
-    """Whether the track of some settings is the community's and not here."""
-    return _name(settings) in COMMUNITY and not is_here(settings)
+    """Whether the track of some settings is a community track that is not installed."""
+    return _name(settings) in COMMUNITY and not is_installed(settings)
 
 
 def remedy(settings: "Settings") -> str:
-    """What to do about a track that is not here."""
+    """What to do about a track that is not installed."""
     name = _name(settings)
     if name in COMMUNITY:
         return (
@@ -127,19 +114,8 @@ def remedy(settings: "Settings") -> str:
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _absent(settings: "Settings") -> Iterator["Settings"]:
-    """The settings of the workers whose track is not here, for each place that names one."""
-    places = set()
-    for worker in range(len(settings.overrides) + 1):
-        chosen = settings.for_worker(worker)
-        place = chosen.place("DR_WORLD_NAME")
-        if place not in places and not is_here(chosen):
-            places.add(place)
-            yield chosen
-
-
 def _name(settings: "Settings") -> str:
-    """The track without the ending of a file that people write behind it."""
+    """The track without the ending of a file, which people may write."""
     world = settings.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 

@@ -21,17 +21,12 @@ FILE_RULES = {
 
 @dataclass(frozen=True)
 class InputFile:
-    """One of the racer's files.
-
-    Attributes:
-        name: File name.
-        data: Its content.
-        origin: Where it was found, for people.
-    """
+    """One of the racer's files, with its content."""
 
     name: str
     data: bytes
     origin: str
+    """Where it was found, for messages."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +42,7 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
     The shipped examples are only used when there is no file at all: one file missing among
-    others is a mistake.
-
-    Args:
-        settings: Say where they are.
-        directory: The racer's working folder.
-        bucket: None where it cannot be read.
-
-    Returns:
-        What was found, by file name.
+    others is a mistake. The bucket is None where it cannot be read.
 
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
@@ -111,14 +98,9 @@ def upload_custom_files(
 ) -> None:
     """Copy the racer's local files to where the bucket keeps them for the next start."""
     local = custom_files_folder(settings, directory)
-    places = (
-        (inputs.reward, settings.reward_key),
-        (inputs.hyperparameters, settings.hyperparameters_key),
-        (inputs.metadata, settings.model_metadata_key),
-    )
-    for file, key in places:
+    for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
         if Path(file.origin).parent == local:
-            bucket.put(key, file.data)
+            bucket.put(places(settings)[file.name], file.data)
 
 
 def custom_files_folder(settings: Settings, directory: Path) -> Path:

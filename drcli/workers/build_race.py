@@ -1,13 +1,14 @@
 """The track, the race and the reward function of a run, made for a worker. Needs no torch."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
-from drcli.config.worlds import can_be_fetched, remedy
+from drcli.config.worlds import remedy, track_problem
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -32,21 +33,20 @@ MAX_EPISODE_STEPS = 10_000
 
 
 def load_world(settings: Settings) -> Track:
-    """The track that DR_WORLD_NAME names."""
+    """The track that DR_WORLD_NAME names.
+
+    Raises:
+        ProblemsError: It is not installed or damaged (V-05).
+    """
     try:
         return load_track(settings.world_name, settings.tracks_folder)
     except TrackError as error:
-        where = settings.source("DR_WORLD_NAME")
-        if can_be_fetched(settings):
-            raise SettingsError(
-                f"DR_WORLD_NAME={settings.world_name} ({where}) is a community track that is "
-                "not installed yet.",
-                remedy=remedy(settings),
-            ) from None
-        raise SettingsError(
-            f"DR_WORLD_NAME={settings.world_name:.80} ({where}): {error}",
-            remedy=remedy(settings),
-        ) from None
+        problem = track_problem(settings)
+        if problem is None:
+            name, place = "DR_WORLD_NAME", settings.place("DR_WORLD_NAME")
+            what = f"{name}={settings.world_name:.80}: {error}"
+            problem = Problem("V-05", "error", *place, what, remedy(settings), name)
+        raise ProblemsError([replace(problem, severity="error")]) from None
 
 
 def race_of(s: Settings) -> Race:

@@ -52,11 +52,11 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli.config.worlds import ROUTE_FILES, is_here, remedy
+    from drcli.config.worlds import ROUTE_FILES, is_installed, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
     wanted = settings().replaced(world_name=name, overrides=())
-    if not name.endswith(ROUTE_FILES) and not is_here(wanted):
+    if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
     view = show_track(name, wanted.tracks_folder, png, columns=columns)
