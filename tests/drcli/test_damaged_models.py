@@ -29,12 +29,12 @@ from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.repair import read_metrics
 from drcli.workers.sim import SimWorker
 from drcli.workers.trainer import Trainer
 from drcli.workers.worker_process import StopRequested
+from memory_bucket import MemoryBucket
 
 PREFIX = "team/model"
 ITERATIONS = 2

@@ -15,7 +15,7 @@ from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 RUN_ENV = (
     "DR_WORLD_NAME=reinvent_base",

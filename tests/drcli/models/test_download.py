@@ -9,7 +9,7 @@ import yaml
 from drcli.base.errors import SettingsError, StorageError
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
 

@@ -10,7 +10,7 @@ from drcli.config.settings import Settings, load_settings
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]
 

@@ -12,7 +12,7 @@ from drcli.config.settings import load_settings
 from drcli.runs import log_upload
 from drcli.runs.log_upload import LogCopy, LogUpload
 from drcli.runs.run_logs import begin_logs, log_file
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
 PART = 1000

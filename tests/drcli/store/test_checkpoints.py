@@ -14,7 +14,7 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import tie_break_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 PREFIX = "team/model-1"
 
