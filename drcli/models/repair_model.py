@@ -3,16 +3,16 @@
 It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
 """
 
-import json
 import re
 from collections.abc import Callable
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
+from drcli.exchange.training_start import TrainingStart
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.models.run_metadata import read_note
+from drcli.models.run_metadata import read_start
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.reconstruct import readable_records
@@ -59,7 +59,7 @@ def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     return [
         *repair(model, missing=missing),
         *_repair_parameters(model),
-        *_repair_run_metadata(model),
+        *_repair_start(model),
     ]
 
 
@@ -103,11 +103,11 @@ def _saved(model: Model, name: str) -> bytes:
     return b""
 
 
-def _repair_run_metadata(model: Model) -> list[str]:
+def _repair_start(model: Model) -> list[str]:
     """Keep the seed at least, which a training goes on with."""
-    bucket, key = model.bucket, keys.run_note(model.prefix)
+    bucket, key = model.bucket, keys.training_start(model.prefix)
     try:
-        read_note(bucket, model.prefix)
+        read_start(bucket, model.prefix)
     except ObjectDamaged as error:
         found = _SEED.search(bucket.get(key))
         seeds = [record.counters.seed for record in readable_records(bucket, model.prefix)]
@@ -117,7 +117,7 @@ def _repair_run_metadata(model: Model) -> list[str]:
         kept = set_aside(bucket, model.prefix, key)
         became = "Its seed is lost; the training goes on with a new one."
         if seed is not None:
-            bucket.put(key, json.dumps({"seed": seed}).encode())
+            bucket.put(key, TrainingStart(seed).encode())
             became = f"Its seed, {seed}, was brought back."
         return [f"{error} {became} The damaged one is kept as {bucket.name}/{kept}."]
     return []

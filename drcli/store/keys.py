@@ -71,8 +71,8 @@ def history(prefix: str) -> str:
     return metrics_prefix(prefix) + "/history.json"
 
 
-def run_note(prefix: str) -> str:
-    """What the next start of this training must know of the last one, such as its seed."""
+def training_start(prefix: str) -> str:
+    """What the last start of the training was started with, such as its seed."""
     return folder(prefix) + "ip/run.json"
 
 

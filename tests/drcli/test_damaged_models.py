@@ -201,7 +201,7 @@ OBJECTS = {
     "history": keys.history(PREFIX),
     "metrics": keys.training_metrics(keys.metrics_prefix(PREFIX)),
     "record": "record",
-    "note": keys.run_note(PREFIX),
+    "note": keys.training_start(PREFIX),
     "hyperparameters": keys.hyperparameters(PREFIX),
     "metadata": keys.model_metadata(PREFIX),
     "evaluation": keys.evaluation_result(PREFIX, 0),

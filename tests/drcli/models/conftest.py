@@ -98,7 +98,7 @@ def put_model(
     bucket.put(keys.model_metadata(prefix), json.dumps({"design": design}).encode())
     bucket.put(keys.hyperparameters(prefix), b'{"lr": 0.001}')
     bucket.put(keys.reward_function(prefix), b"def reward_function(params): ...")
-    bucket.put(keys.run_note(prefix), b'{"seed": 7}')
+    bucket.put(keys.training_start(prefix), b'{"seed": 7}')
     bucket.put(keys.training_metrics(keys.metrics_prefix(prefix)), b'{"metrics": []}')
     bucket.put(keys.history(prefix), b'{"iterations": []}')
     bucket.put(keys.training_trace(prefix, 0), b"episode,steps")

@@ -46,7 +46,7 @@ def test_a_resumed_start_keeps_the_seed_and_the_notes_before_it(racer):
 def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
     racer.start()
     racer.store("model-1").save(0, 0, b"weights")
-    racer.bucket.put(keys.run_note("model-1"), b'{"seed": 11}')
+    racer.bucket.put(keys.training_start("model-1"), b'{"seed": 11}')
 
     plan = racer.start(resume=True)
 
