@@ -1,4 +1,4 @@
-"""Looks after the small objects of a model before a command relies on them.
+"""Checks and repairs the small objects of a model before a command relies on them.
 
 It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
 """
@@ -29,14 +29,14 @@ def look_after(
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
-    """Say what is damaged of a model, and repair it where nobody trains it.
+    """Tell what is damaged of a model, and repair it where nobody trains it.
 
     Args:
         settings: Of the command.
         bucket: Holds the model.
         prefix: The model.
         may_write: Whether the command may change something.
-        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
@@ -51,7 +51,7 @@ def repair_all(model: Model, *, missing: bool = True) -> list[str]:
 
     Args:
         model: Which.
-        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
 
     Returns:
         What was damaged and what became of it, a sentence each.
@@ -84,7 +84,7 @@ def _repair_parameters(model: Model) -> list[str]:
             try:
                 check(saved, name)
             except SettingsError:
-                continue  # whoever needs the file says what is wrong with it
+                continue  # the command that needs the file tells what is wrong with it
             kept = set_aside(model.bucket, model.prefix, key)
             model.bucket.put(key, saved)
             told.append(

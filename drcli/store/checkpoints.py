@@ -1,4 +1,4 @@
-"""Checkpoints of a model in the bucket: written so that a reader never takes a damaged one.
+"""Checkpoints of a model in the bucket, written so that a reader never takes a damaged one.
 
 A checkpoint is its tensors, optionally its optimizer's, and a small record with sizes, hashes and
 counters. It counts from the moment the pointer names it, which is written after all of these. The
@@ -95,7 +95,7 @@ class CheckpointStore:
 
         The weights are what everybody waits for, so they are published alone; the state, twice
         their size, follows while the workers already drive. The state of the checkpoint before
-        stays: whoever has to fall back on that one goes on with it.
+        stays, for a trainer that has to go back to that one.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
@@ -121,7 +121,7 @@ class CheckpointStore:
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
-            known = None  # the best is forgotten, which is no reason to end a training
+            known = None  # the best is forgotten; the training can go on
         scores = best_checkpoint.with_newest(known, record.name, record.sim_time_s)
         write_scores(self._bucket, self._prefix, scores)
 
@@ -238,7 +238,7 @@ class CheckpointStore:
         lower_is_better: bool = False,
         tie_break: float | None = None,
     ) -> bool:
-        """Note how a checkpoint was evaluated; True when it is now the best.
+        """Record how a checkpoint was evaluated; True when it is now the best.
 
         Equal means are told apart by the tie-break, and go to the newer one if that is equal too;
         anything beats a checkpoint that was never evaluated. One that was pruned meanwhile cannot

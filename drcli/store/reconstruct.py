@@ -131,8 +131,8 @@ def reconstruct_record(
         history: All iterations, as far as they are known.
 
     Returns:
-        None where its weights cannot be read, or nobody knows how many episodes it has learned
-        from: an older checkpoint has to do then.
+        None where its weights cannot be read, or it is unknown how many episodes it has learned
+        from: an older checkpoint is used then.
     """
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:

@@ -98,13 +98,13 @@ class Collector:
             # Not in the order in which they arrived: equal seeds, equal minibatches.
             return self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
-            # Workers that wait for the trainer look after their manifests.
+            # Workers that wait for the trainer notice that their manifests are gone.
             print(f"Training> {error} Iteration {iteration} is driven again.")
             self._reader.reject(iteration, manifests)
             return None
 
     def recall(self, iteration: int) -> Rollout | None:
-        """What is still there of an older iteration, whoever drove it; None if nothing is whole."""
+        """What is left of an older iteration, of any start; None if a part is damaged."""
         try:
             manifests = self._reader.find_manifests(iteration, range(self._workers))
             return self._read(manifests).rollout if manifests else None
