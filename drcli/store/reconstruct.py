@@ -20,9 +20,8 @@ from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
 from drcli.store.best_checkpoint import (
     evaluated_numbers,
-    metric_of,
     read_evaluation,
-    tie_break_of,
+    score_of,
     with_evaluation,
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -177,9 +176,8 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
         record = by_name.get(result.checkpoint)
         if record is None:
             continue
-        average, tie_break = metric_of(metric, result), tie_break_of(metric, result)
-        score = Score(record.name, average, record.sim_time_s, tie_break)
-        scores = with_evaluation(scores, score, lower_is_better=metric == "laptime")
+        score = score_of(result, metric, record.sim_time_s)
+        scores = with_evaluation(scores, score, metric)
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)
     return scores

@@ -10,7 +10,7 @@ from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.iteration import IterationRecord
 from drcli.store import keys
-from drcli.store.best_checkpoint import metric_of, read_evaluation, tie_break_of
+from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
@@ -125,12 +125,7 @@ class Scoring:
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
         """Let an evaluated checkpoint be the best one, if it is."""
-        self._checkpoints.record_evaluation(
-            result.checkpoint,
-            metric_of(self._metric, result),
-            lower_is_better=self._metric == "laptime",
-            tie_break=tie_break_of(self._metric, result),
-        )
+        self._checkpoints.record_evaluation(result, self._metric)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             print(f"Best checkpoint number: {best.number}, Last checkpoint number: {newest.number}")

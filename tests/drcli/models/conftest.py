@@ -15,6 +15,7 @@ from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
+from evaluations import evaluated
 from memory_bucket import MemoryBucket
 
 RUN_ENV = (
@@ -93,7 +94,9 @@ def put_model(
     for number in numbers:
         weights = f"weights {number} of design {design}".encode()
         record = store.save(number, 100 * number, weights, counters=Counters(episodes=number))
-        store.record_evaluation(record.name, 90.0 if number == numbers[0] else 50.0)
+        store.record_evaluation(
+            evaluated(record.name, 90.0 if number == numbers[0] else 50.0), "progress"
+        )
     store.attach_optimizer(record, b"moments")
     bucket.put(keys.model_metadata(prefix), json.dumps({"design": design}).encode())
     bucket.put(keys.hyperparameters(prefix), b'{"lr": 0.001}')
