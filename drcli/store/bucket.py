@@ -45,11 +45,9 @@ class Bucket(Protocol):
     @property
     def name(self) -> str:
         """Name of the bucket."""
-        ...
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing when there is none."""
-        ...
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
         """Read a whole object, and how long ago it was written.
@@ -61,19 +59,15 @@ class Bucket(Protocol):
         Raises:
             ObjectMissing: There is none.
         """
-        ...
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Write an object, which other readers see whole or not at all. May be repeated."""
-        ...
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects; it is not an error if one does not exist."""
-        ...
 
     def exists(self, key: str) -> bool:
         """Whether there is an object under this key."""
-        ...
 
     def list(self, folder: str) -> Listing:
         """All objects below a folder, sorted by key.
@@ -81,7 +75,6 @@ class Bucket(Protocol):
         Args:
             folder: Ends with a slash, so that `model-1/` does not list `model-10/`; empty for all.
         """
-        ...
 
 
 def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
