@@ -102,7 +102,7 @@ class RolloutReader:
 
         Args:
             iteration: Which rollouts.
-            checkpoints: those that may have driven them; others are left over from a run that
+            checkpoints: Those that may have driven them; others are left over from a run that
                 was stopped or went back, and count as missing.
             workers: Who drives.
             patience_s: After that long, go on with what is there.
