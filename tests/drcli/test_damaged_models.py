@@ -280,7 +280,7 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
 
 
 def is_told(name: str, damage: str) -> bool:
-    """Whether whoever mends a model needs the object, so that its damage is worth a word."""
+    """Whether the repair of a model needs the object, so that its damage is told."""
     if name in ("lease", "trainer"):
         return damage in ("empty", "cut short", "a list")
     if (name, damage) == ("hyperparameters", "no keys"):
