@@ -42,7 +42,7 @@ class ModelEntry:
         modified: When the newest of them was written, ISO 8601.
         training: Whether it is being trained now.
         damaged: What is damaged of its index, a sentence; the checkpoints are then what could be
-            reconstructed.
+            rebuilt.
     """
 
     prefix: str

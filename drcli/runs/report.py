@@ -72,7 +72,7 @@ class RunReport:
         last: The newest checkpoint.
         warning: What is wrong with the learning curve; empty when nothing is.
         damaged: What is damaged of the model in the bucket, a sentence each; the curve and the
-            checkpoints are then what could be reconstructed.
+            checkpoints are then what could be rebuilt.
     """
 
     run_id: int
