@@ -131,7 +131,7 @@ class Delivery:
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
     def settle(self, score: Score, needed: Sequence[Item]) -> None:
-        """Look whether somebody else has delivered here meanwhile, and mend what that broke.
+        """Look whether somebody else has delivered here meanwhile, and repair what that broke.
 
         Two deliveries may cross: the index of one, the pointer of the other, and files that one
         has deleted while the other relied on them. The later index counts, as long as what it

@@ -89,7 +89,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
     if patience_share(error) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
     return NoAnswer(
-        f"Cannot {attempt} ({attempt.endpoint.setting}): nothing answers there.",
+        f"Cannot {attempt} ({attempt.endpoint.setting}): no server answers there.",
         remedy=_wake_up(attempt.endpoint),
     )
 
@@ -127,14 +127,14 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
         return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
-            remedy="Make room, for instance by deleting models that you no longer need, and "
+            remedy="Free some space, for instance by deleting models that you no longer need, and "
             "continue the run.",
         )
     return StorageError(
         f"Cannot {attempt}: the server answered {status} {code}.",
         remedy=f"Look at {endpoint.data_dir / '.server.log'}."
         if endpoint.engine is not None and endpoint.data_dir is not None
-        else "Try again; if it stays so, ask whoever runs that server.",
+        else "Try again; if it fails again, ask the person who runs that server.",
     )
 
 

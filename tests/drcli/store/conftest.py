@@ -7,9 +7,9 @@ import pytest
 from moto.server import ThreadedMotoServer
 
 from drcli.store.endpoint import Endpoint, StorageConfig
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
+from memory_bucket import MemoryBucket
 
 
 @pytest.fixture
