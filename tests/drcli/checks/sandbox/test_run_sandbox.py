@@ -110,3 +110,17 @@ def test_processes_that_racers_code_starts_end_with_the_sandbox(begin, tmp_path)
     while psutil.pid_exists(child) and psutil.Process(child).status() != psutil.STATUS_ZOMBIE:
         assert time.monotonic() < deadline, "the child lives on"
     assert {effect.kind for effect in result.effects} >= {"process", "writes"}
+
+
+def test_a_result_that_racers_code_has_written_is_refused_with_a_reason(begin):
+    text = (
+        "import os\nfrom pathlib import Path\n"
+        "def reward_function(params):\n"
+        "    Path(__file__).with_name('result.json').write_text('{}')\n"
+        "    os._exit(0)\n"
+    )
+
+    [failure] = begin(text).result().failures
+
+    assert failure.kind == "ends"
+    assert "its version is None" in failure.reason
