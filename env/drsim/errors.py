@@ -22,8 +22,8 @@ class RewardError(RuntimeError):
         source: The text of that line, or an empty string.
         params: The parameters of the failing call in short form; empty when loading failed.
         kind: What is wrong.
-        reason: What went wrong in a call, such as "KeyError: 'sped'", without place and parameters;
-            empty when loading failed.
+        reason: What went wrong, without the place: in a call such as "KeyError: 'sped'", else a
+            whole sentence.
     """
 
     def __init__(

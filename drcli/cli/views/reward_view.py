@@ -120,8 +120,8 @@ def _facts(report: "RewardReport") -> Table:
     if report.time is not None:
         table.add_row(
             "time",
-            f"{_time(report.time.median_us)} per call, worst {_time(report.time.worst_us)}; driving "
-            f"takes {report.time.slower_percent:.1f} % longer",
+            f"{_time(report.time.median_us)} per call, worst {_time(report.time.worst_us)}; "
+            f"driving takes {report.time.slower_percent:.1f} % longer",
         )
     reads = [parameter.name for parameter in report.parameters if parameter.read]
     if reads:
