@@ -1,4 +1,4 @@
-"""How reports about reward functions look."""
+"""Shows reports about reward functions."""
 
 from typing import TYPE_CHECKING
 
