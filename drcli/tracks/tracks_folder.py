@@ -116,7 +116,7 @@ def add_track(
     except OSError as error:
         raise SettingsError(
             f"{target} cannot be written: {error.strerror}.",
-            remedy="Make room on the disk, correct the permissions, or set DR_TRACKS_DIR to another "
+            remedy="Make room on the disk, correct the permissions or set DR_TRACKS_DIR to another "
             "folder.",
         ) from None
     finally:
