@@ -18,7 +18,7 @@ class RewardError(RuntimeError):
 
     `file` and `line` (from 1) say where, if known, `source` is the text of that line, and `params`
     are the parameters of the failing call in short form. `kind` says what is wrong, `reason` what
-    went wrong in a call, without place and parameters; it is empty when loading failed.
+    went wrong, without the place: in a call such as "KeyError: 'sped'", else a whole sentence.
     """
 
     def __init__(

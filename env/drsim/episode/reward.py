@@ -61,11 +61,10 @@ def load_reward_function(path: Path) -> RewardFunction:
     module = _run_module(path, code)
     function = getattr(module, _FUNCTION_NAME, None)
     if not callable(function):
-        raise RewardError(
-            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`.",
-            file=path,
-            kind="signature",
+        what = (
+            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`."
         )
+        raise _refused(what, path, None, kind="signature")
     _check_arity(path, function)
     _check_kind(path, function)
     checked: RewardFunction = function
@@ -249,8 +248,14 @@ def _refused(
     what: str, path: Path, line: int | None, *, kind: RewardErrorKind = "load"
 ) -> RewardError:
     """A file that cannot be used, with the line in question."""
-    text = f"{what}{quoted(path, line)}"
-    return RewardError(text, file=path, line=line, source=source(path, line), kind=kind)
+    return RewardError(
+        f"{what}{quoted(path, line)}",
+        file=path,
+        line=line,
+        source=source(path, line),
+        kind=kind,
+        reason=what.replace(place(path, line), ""),
+    )
 
 
 def _number(value: object) -> float:
