@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drcli.base.json_record import Misfit
-from drcli.checks.check_report import Violation
+from drcli.base.problems import Problem
 from drcli.checks.sandbox.sandbox_records import (
     Difference,
     Effect,
@@ -19,7 +19,7 @@ from drcli.checks.sandbox.sandbox_records import (
 )
 
 RESULT = SandboxResult(
-    problems=[Violation("V-05", "error", "run.env line 1", "No such track.", "Correct it.")],
+    problems=[Problem("V-05", "error", "run.env", 1, "No such track.", "Correct it.")],
     values=[[1.0, None], []],
     failures=[Failure("raises", "KeyError: 'a'", 3, "return params['a']", "{}", "", Place(0, 1))],
     returned={"float": 1},
