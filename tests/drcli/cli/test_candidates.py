@@ -10,7 +10,6 @@ import pytest
 from drcli.cli import program
 from drcli.cli.app import main
 from drcli.cli.completion import ASKS, LINE
-from drcli.cli.table import program_names
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 
@@ -191,7 +190,3 @@ def test_an_answer_loads_nothing_slow(working_folder, line):
 
     assert done.stderr == "set()\n"
     assert done.stdout
-
-
-def test_every_program_is_known():
-    assert {"dr", "dr-status", "dr-start-training", "droa-import-model"} <= set(program_names())
