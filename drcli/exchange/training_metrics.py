@@ -91,6 +91,8 @@ def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
     file = parsed(data)
     if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
         raise Misfit("it has no list of 'metrics'")
+    if file.get("version", FILE_VERSION) != FILE_VERSION:
+        raise Misfit(f"its version is {str(file['version'])[:20]}, not {FILE_VERSION}")
     return [EpisodeMetrics.from_json(record) for record in file["metrics"]]
 
 

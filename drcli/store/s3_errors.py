@@ -127,7 +127,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
         return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
-            remedy="Free some space, for instance by deleting models that you no longer need, and "
+            remedy="Make room, for instance by deleting models that you no longer need, and "
             "continue the run.",
         )
     return StorageError(

@@ -122,6 +122,14 @@ def test_files_that_list_something_else_are_refused(data):
             decode(data)
 
 
+def test_metrics_of_another_version_are_refused():
+    file = json.loads(encode_metrics([RECORDS[9]], "progress"))
+
+    assert file["version"] == 2.0
+    with pytest.raises(Misfit, match=r"its version is 3\.0, not 2\.0"):
+        decode_metrics(json.dumps({**file, "version": 3.0}).encode())
+
+
 def test_a_checkpoint_record_has_the_format_of_version_0_1_0():
     written = json.loads(CHECKPOINT.encode())
 
