@@ -136,3 +136,24 @@ def test_a_result_that_racers_code_has_written_is_refused_with_a_reason(begin):
 
     assert failure.kind == "ends"
     assert "its version is None" in failure.reason
+
+
+def test_secrets_are_kept_from_racers_code(begin, monkeypatch):
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    monkeypatch.setenv("PLAIN", "seen")
+    monkeypatch.setattr("drcli.config.secret_environment.hide_process", lambda: None)
+    text = (
+        "import os\ndef reward_function(params):\n"
+        "    return float('AWS_SECRET_ACCESS_KEY' in os.environ) + 2 * ('PLAIN' in os.environ)\n"
+    )
+
+    assert begin(text).result().values == [[2.0] * 10] * 2
+
+
+def test_signals_to_the_command_fail_with_the_line_that_sends_them(begin):
+    text = "import os\ndef reward_function(params):\n    os.kill(os.getppid(), 9)\n"
+
+    [failure] = begin(text).result().failures
+
+    assert (failure.kind, failure.line) == ("raises", 3)
+    assert "PermissionError" in failure.reason
