@@ -106,14 +106,9 @@ class CarParameters:
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
 ) -> mujoco.MjModel:
-    """Compile the car's MJCF with the given parameters written over it.
+    """The model of one car on an endless floor: car.xml with the given parameters.
 
-    Args:
-        parameters: Calibrated values; the defaults when left out.
-        longest_latency_s: By how much the delays may be lengthened afterwards, seconds.
-
-    Returns:
-        A model of one car on an endless floor.
+    The delays can be lengthened by up to `longest_latency_s` afterwards.
     """
     p = parameters or CarParameters()
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
@@ -177,11 +172,8 @@ class CarBatch:
     ) -> None:
         """Build cars that stand at the world's origin.
 
-        Args:
-            num_cars: How many cars, at least 1.
-            num_threads: Threads that step them, the caller's included, at least 1.
-            parameters: Calibrated values; the defaults when left out.
-            longest_latency_s: Largest latency that `vary` will be given, seconds.
+        `num_threads` step them, the caller's included; `longest_latency_s` is the largest latency
+        that `vary` will get.
         """
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
