@@ -187,6 +187,15 @@ class CarBatch:
         self.lens_pos: Floats = np.zeros((num_cars, 3))
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
+        self._motion = _Motion(
+            self.origin_xy,
+            self.front_xy,
+            self.yaw_rad,
+            self.wheel_xy,
+            self.lens_pos,
+            self.lens_mat,
+            self.speed,
+        )
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -277,20 +286,7 @@ class CarBatch:
 
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
-        _poses_of(
-            self._qpos,
-            self._qvel,
-            _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad),
-            _Motion(
-                self.origin_xy,
-                self.front_xy,
-                self.yaw_rad,
-                self.wheel_xy,
-                self.lens_pos,
-                self.lens_mat,
-                self.speed,
-            ),
-        )
+        _poses_of(self._qpos, self._qvel, _MOUNT, self._motion)
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
@@ -319,6 +315,9 @@ class _Motion(NamedTuple):
     lens_pos: Floats
     lens_mat: Floats
     speed: Floats
+
+
+_MOUNT = _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad)
 
 
 @kernel
