@@ -106,14 +106,9 @@ class CarParameters:
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
 ) -> mujoco.MjModel:
-    """Compile the car's MJCF with the given parameters written over it.
+    """The model of one car on an endless floor: car.xml with the given parameters.
 
-    Args:
-        parameters: Calibrated values; the defaults when left out.
-        longest_latency_s: By how much the delays may be lengthened afterwards, seconds.
-
-    Returns:
-        A model of one car on an endless floor.
+    The delays can be lengthened by up to `longest_latency_s` afterwards.
     """
     p = parameters or CarParameters()
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
@@ -177,11 +172,8 @@ class CarBatch:
     ) -> None:
         """Build cars that stand at the world's origin.
 
-        Args:
-            num_cars: How many cars, at least 1.
-            num_threads: Threads that step them, the caller's included, at least 1.
-            parameters: Calibrated values; the defaults when left out.
-            longest_latency_s: Largest latency that `vary` will be given, seconds.
+        `num_threads` step them, the caller's included; `longest_latency_s` is the largest latency
+        that `vary` will get.
         """
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
@@ -195,6 +187,15 @@ class CarBatch:
         self.lens_pos: Floats = np.zeros((num_cars, 3))
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
+        self._motion = _Motion(
+            self.origin_xy,
+            self.front_xy,
+            self.yaw_rad,
+            self.wheel_xy,
+            self.lens_pos,
+            self.lens_mat,
+            self.speed,
+        )
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -285,20 +286,7 @@ class CarBatch:
 
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
-        _poses_of(
-            self._qpos,
-            self._qvel,
-            _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad),
-            _Motion(
-                self.origin_xy,
-                self.front_xy,
-                self.yaw_rad,
-                self.wheel_xy,
-                self.lens_pos,
-                self.lens_mat,
-                self.speed,
-            ),
-        )
+        _poses_of(self._qpos, self._qvel, _MOUNT, self._motion)
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
@@ -327,6 +315,9 @@ class _Motion(NamedTuple):
     lens_pos: Floats
     lens_mat: Floats
     speed: Floats
+
+
+_MOUNT = _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad)
 
 
 @kernel

@@ -127,7 +127,7 @@ class Simulation:
         reverse: bool | Bools = False,
         seeds: NDArray[np.uint64] | None = None,
     ) -> StepResult:
-        """Begin episodes: put cars on the track at rest and take the `prepare` step.
+        """Begin episodes: put cars on the track at rest, for the `prepare` step.
 
         Cars start on the centre line, or on the lane away from an obstacle that stands there;
         racers start side by side, each second one a little further back.

@@ -42,16 +42,10 @@ class FrameRenderer:
         lighting: Lighting | None = None,
         after: Callable[[slice], None] | None = None,
     ) -> None:
-        """Prepare empty frames.
+        """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
 
-        Args:
-            scene: What the cameras see.
-            num_cars: How many cars.
-            num_threads: Threads that render, the caller's included.
-            eyes: Cameras of a car, 1 or 2.
-            solids: What stands around each car; it must not move between `start` and `finish`.
-            lighting: The light of each car's world.
-            after: Called with the rows of frames that have just been rendered, on their thread.
+        `solids` must not move between `start` and `finish`. `after` is called with the rows of
+        frames that have just been rendered, on the thread that rendered them.
         """
         self.frames: NDArray[np.uint8] = np.zeros(
             (num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8

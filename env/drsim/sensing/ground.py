@@ -4,6 +4,7 @@ Everything is drawn from signed distances, so that edges fall between texels whe
 """
 
 import math
+import zlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.jit import kernel
-from drsim.sensing.ground_texture import grain_tile
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
 from drsim.track.track import Track
@@ -23,6 +23,12 @@ Single = np.float32
 
 _FINE = 4
 """Samples along each side of a texel where the start line is painted."""
+
+_TILE = 512
+"""Side of the grain, which repeats over the ground, in texels."""
+
+_STROKE_M = 0.010
+"""Length of one fibre of the grain. Source: estimated on frames of the reference simulator."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,7 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
     near, far = line_near_m / grid.texel_m, line_far_m / grid.texel_m
     kerb_end = near - look.kerb_width_m / grid.texel_m
     limits = Single(near), Single(far), Single(kerb_end)
-    ground = _mix(cover, grain_tile(track.name, grid.texel_m), *limits, paints)
+    ground = _mix(cover, _grain_tile(track.name, grid.texel_m), *limits, paints)
     if look.start_depth_m > 0.0:
         _paint_start(track, look, grid, ground)
     return ground
@@ -318,3 +324,37 @@ def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
     cover = within.mean(axis=(2, 3))
     seen = (within * shade).mean(axis=(2, 3)) + (1.0 - cover) * window
     window[:] = np.rint(seen).astype(np.uint8)
+
+
+def _grain_tile(world: str, texel_m: float) -> Singles:
+    """Fibres strewn over a tile that joins itself at its edges: mean 0, deviation 1.
+
+    The seed is the world's name, so that a world looks the same on every machine and in every run.
+    """
+    random = np.random.default_rng(zlib.crc32(world.encode()))
+    count = _TILE * _TILE // 8
+    fibres = random.random((count, 3))
+    shades = random.standard_normal(count)
+    tile = np.zeros((_TILE, _TILE))
+    _strew(fibres, shades, _STROKE_M / texel_m, tile)
+    even: Singles = ((tile - tile.mean()) / tile.std()).astype(np.float32)
+    return even
+
+
+@kernel
+def _strew(fibres: Floats, shades: Floats, length: float, tile: Floats) -> None:
+    """Add short straight strokes at places and angles given as fractions of the tile and a turn."""
+    side = tile.shape[0]
+    dots = math.ceil(2.0 * length) + 1
+    for i in range(len(fibres)):
+        angle = 2.0 * math.pi * fibres[i, 2]
+        for dot in range(dots):
+            out = length * (dot / (dots - 1.0) - 0.5)
+            x = fibres[i, 0] * side + out * math.cos(angle)
+            y = fibres[i, 1] * side + out * math.sin(angle)
+            column, row = math.floor(x), math.floor(y)
+            right, up = x - column, y - row
+            tile[row % side, column % side] += shades[i] * (1.0 - right) * (1.0 - up)
+            tile[row % side, (column + 1) % side] += shades[i] * right * (1.0 - up)
+            tile[(row + 1) % side, column % side] += shades[i] * (1.0 - right) * up
+            tile[(row + 1) % side, (column + 1) % side] += shades[i] * right * up

@@ -171,7 +171,7 @@ def test_a_pickle_in_a_route_file_is_never_opened(tmp_path):
     file = tmp_path / "trap.npy"
     np.save(file, np.array([[Trap()] * 6] * 4, dtype=object), allow_pickle=True)
 
-    with pytest.raises(TrackError, match="no route file"):
+    with pytest.raises(TrackError, match="not a route file"):
         read(str(file))
 
     assert not (tmp_path / "sprung").exists()

@@ -144,9 +144,9 @@ def test_an_open_track_can_be_reversed_but_has_no_direction(tmp_path):
     track = load_track("mine", tmp_path)
 
     assert directed(track, reverse=True).reverse
-    with pytest.raises(TrackError, match="no loop"):
+    with pytest.raises(TrackError, match="not a loop"):
         directed(track, clockwise=False)
-    with pytest.raises(TrackError, match="no loop"):
+    with pytest.raises(TrackError, match="not a loop"):
         load_track("mine_cw", tmp_path)
 
 
