@@ -1,4 +1,4 @@
-"""Conditions of a reward function that wait for a first step it is never told of.
+"""Finds conditions of a reward function that wait for a first step that is never paid.
 
 The car is put on the road in step 1, which is not paid: the first call of an episode has `steps` 2,
 in training and in evaluations. Source: the reference simulator, in whose traces each episode has a

@@ -1,6 +1,6 @@
 """Flag, process environment, run.env and system.env on top of each other, with $NAME filled in.
 
-A reference takes the value that wins in the end, wherever it stands: overriding the model prefix
+A reference takes the value that wins in the end, wherever it is set: overriding the model prefix
 with a flag moves the metrics folder that run.env derives from it too. A name that refers to itself
 means the value below its own layer.
 """
@@ -81,7 +81,7 @@ class Layers:
             if name == entry.name:
                 value = self._text(name, below, trail) if below < len(self._layers) else None
             elif name in trail or len(trail) > DEEPEST_CHAIN:
-                self._reject(entry, f"refers in a circle or through too many names ({name})")
+                self._reject(entry, f"refers to itself or through too many names ({name})")
                 return ""
             else:
                 value = self._text(name, 0, trail)
@@ -90,13 +90,13 @@ class Layers:
             if not value and match[2] is not None:
                 return match[2]
             if value is None:
-                self._reject(entry, f"refers to {name}, which is set nowhere", name)
+                self._reject(entry, f"refers to {name}, which is not set", name)
                 return ""
             return value
 
         text = _REFERENCE.sub(fill, entry.value)
         if len(text) > LONGEST_VALUE:
-            self._reject(entry, f"grows beyond {LONGEST_VALUE} characters once filled in")
+            self._reject(entry, f"is longer than {LONGEST_VALUE} characters once filled in")
             return ""
         return text
 

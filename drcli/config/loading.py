@@ -143,7 +143,7 @@ class Loader:
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
         entry = run.pop(EXPERIMENT, None)
         if entry is not None and entry.value not in ("", experiment):
-            what = f"{EXPERIMENT}={shown(entry.value)} comes too late to choose a run.env."
+            what = f"{EXPERIMENT}={shown(entry.value)} is set in the run.env that it should choose."
             remedy = "Move the line to system.env."
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
@@ -195,7 +195,7 @@ class Loader:
         self._add([problem])
 
     def _tidy(self, name: str, text: str, layers: Layers) -> str:
-        """Spell choices as they are declared, and make folders independent of where we stand."""
+        """Spell choices as they are declared, and make folders absolute."""
         setting = catalogue()[name]
         if setting.kind == "choice":
             spelt = {choice.casefold(): choice for choice in setting.choices}
