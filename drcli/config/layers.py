@@ -43,6 +43,11 @@ class Layers:
         """What was written in the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
 
+    def place(self, name: str) -> Place:
+        """Where the name was written; `default` where nobody did."""
+        entry = self.find(name)
+        return Place("default") if entry is None else entry.place
+
     def names(self) -> set[str]:
         """Every name that somebody wrote."""
         return set().union(*self._layers)
