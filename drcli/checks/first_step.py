@@ -1,8 +1,8 @@
-"""Finds conditions of a reward function that wait for a first step that is never paid.
+"""Finds conditions of a reward function on a first step that it is never called for.
 
-The car is put on the road in step 1, which is not paid: the first call of an episode has `steps` 2,
-in training and in evaluations. Source: the reference simulator, in whose traces each episode has a
-row of step 1 with reward 0. Many published functions ask for step 0 or 1 all the same.
+In step 1 the car is put on the road, and the function is not called: the first call of an episode
+has `steps` 2, in training and in evaluations. Source: the reference simulator, in whose traces each
+episode has a row of step 1 with reward 0. Many published functions still wait for step 0 or 1.
 """
 
 import ast
@@ -14,7 +14,7 @@ FIRST = 2
 """What `steps` is in the first call of an episode."""
 
 _SAME_NUMBER = {"int", "float", "round"}
-"""Calls that leave a whole number what it is."""
+"""Calls that do not change a whole number."""
 
 _TURNED: dict[type[ast.cmpop], ast.cmpop] = {
     ast.Lt: ast.Gt(),
@@ -22,12 +22,12 @@ _TURNED: dict[type[ast.cmpop], ast.cmpop] = {
     ast.Gt: ast.Lt(),
     ast.GtE: ast.LtE(),
 }
-"""The same comparison with its sides exchanged."""
+"""The same comparison with its sides swapped."""
 
 
 @dataclass(frozen=True)
 class Idle:
-    """A condition that is the same in every call, as Python writes it."""
+    """A condition that is the same in every call: always true (it `holds`), or never."""
 
     line: int
     text: str
@@ -36,28 +36,28 @@ class Idle:
 
     @property
     def message(self) -> str:
-        """What is wrong with it, in two sentences."""
+        """What is wrong with it, two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "
-            "Step 1, in which the car is put on the road, is not paid, here and on the reference "
-            "simulator."
+            "Step 1, in which the car is put on the road, earns no reward, here and in the "
+            "reference simulator."
         )
 
     @property
     def remedy(self) -> str:
         """What to do about it."""
         if self.holds:
-            return f"Write `steps > {FIRST}` for every call but the first of an episode."
+            return f"Write `steps > {FIRST}` for every call except the first of an episode."
         return f"Write `steps <= {FIRST}` for the first call of an episode."
 
 
 def idle_conditions(text: str | bytes) -> list[Idle]:
-    """The comparisons of `steps` with a number that come out the same in every call, by line.
+    """The comparisons of `steps` with a number that have the same result in every call, by line.
 
-    Guards against a division by zero, such as `steps > 0`, are not reported. `steps` is known
-    where it is read from the parameters and by a name that a function gives it alone; what one
-    function hands to another is not followed.
+    Guards against a division by zero, such as `steps > 0`, are not among them. `steps` is
+    recognised where it is read from the parameters, and by a name that only ever holds it; values
+    that one function passes to another are not followed.
 
     The text may be bytes; what is not Python has no conditions.
     """
@@ -79,7 +79,7 @@ def idle_conditions(text: str | bytes) -> list[Idle]:
 
 
 def _scopes(tree: ast.AST) -> Iterator[list[ast.AST]]:
-    """The nodes of the file, and of each function, without those of the functions inside."""
+    """The nodes of the file and of each function, without those of inner functions."""
     inside: list[ast.AST] = [tree]
     nodes: list[ast.AST] = []
     while inside:
@@ -94,7 +94,7 @@ def _scopes(tree: ast.AST) -> Iterator[list[ast.AST]]:
 
 
 def _names_of_steps(scope: list[ast.AST]) -> set[str]:
-    """Names and attributes that are given `steps` in a scope and nothing else there."""
+    """Names and attributes that hold `steps` and nothing else in a scope."""
     given: dict[str, list[ast.expr | None]] = {}
     for node in scope:
         for target, value in _assignments(node):
@@ -112,7 +112,7 @@ def _names_of_steps(scope: list[ast.AST]) -> set[str]:
 
 
 def _assignments(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr | None]]:
-    """What a node assigns to what; None where the value is not an expression of its own."""
+    """What a node assigns to what; None where the value has no expression of its own."""
     match node:
         case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)) if len(
             names
@@ -151,7 +151,7 @@ def _is_steps(node: ast.expr, names: set[str]) -> bool:
 
 
 def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
-    """What a condition always comes out as, where it is one that always does."""
+    """The result of a condition, where it is always the same."""
     match node:
         case ast.UnaryOp(op=ast.Not(), operand=operand) if _is_steps(operand, names):
             yield False
@@ -164,13 +164,13 @@ def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
                     outcome = _compared(_TURNED.get(type(op), op), _numbers(before))
                 else:
                     continue
-                # Of `1 < steps < 9` one part that never holds decides, one that always does not.
+                # In `1 < steps < 9` a part that is never true decides; one that always is does not.
                 if outcome is False or (outcome and len(ops) == 1):
                     yield outcome
 
 
 def _numbers(node: ast.expr) -> list[float]:
-    """The number, or the numbers in brackets, that an expression is; none where it is not."""
+    """The number, or the numbers in brackets, that an expression is; empty for anything else."""
     try:
         value = ast.literal_eval(node)
     except ValueError:
@@ -180,7 +180,7 @@ def _numbers(node: ast.expr) -> list[float]:
 
 
 def _compared(op: ast.cmpop, numbers: list[float]) -> bool | None:
-    """How a step of an episode compares with numbers; None where that depends on the step."""
+    """How the steps of an episode compare with numbers; None where that depends on the step."""
     if not numbers:
         return None
     most = max(numbers)
