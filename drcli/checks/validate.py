@@ -60,15 +60,15 @@ def validate(
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
-    told = [_relative(each, directory) for each in validation.found]
-    told += review_gpu(reviewed.settings, environ)
+    found = [_relative(each, directory) for each in validation.found]
+    found += review_gpu(reviewed.settings, environ)
     return Report(
         str(directory),
         console_compatible,
-        of_severity(told, "error"),
-        of_severity(told, "warning"),
+        of_severity(found, "error"),
+        of_severity(found, "warning"),
         tuple(validation.skipped),
-        of_severity(told, "note"),
+        of_severity(found, "note"),
     )
 
 
@@ -123,7 +123,7 @@ class _Validation:
         self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
 
     def _note_running(self, settings: Settings) -> bool:
-        """Whether this run trains already, which is worth a warning."""
+        """Whether this run is being trained; if so, warn."""
         record = RunRecord.read(run_folder(settings, self.directory))
         if record is None or not record.alive:
             return False
@@ -187,7 +187,7 @@ class _Validation:
                 folder=Path(folder),
                 launcher_pid=os.getpid(),
             )
-            plans = Plans(wiping=trains)  # the prefix of a running training is in use rightly
+            plans = Plans(wiping=trains)  # the prefix of a running training may be in use
             try:
                 examined = examine(job, files, bucket, plans)
             except StorageError as error:

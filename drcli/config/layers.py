@@ -1,6 +1,6 @@
 """Flag, process environment, run.env and system.env on top of each other, with $NAME filled in.
 
-A reference takes the value that wins in the end, wherever it stands: overriding the model prefix
+A reference takes the value that wins in the end, wherever it is set: overriding the model prefix
 with a flag moves the metrics folder that run.env derives from it too. A name that refers to itself
 means the value below its own layer.
 """
@@ -43,6 +43,11 @@ class Layers:
         """What was written in the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
 
+    def place(self, name: str) -> Place:
+        """Where the name was written; `default` where nobody did."""
+        entry = self.find(name)
+        return Place("default") if entry is None else entry.place
+
     def names(self) -> set[str]:
         """Every name that somebody wrote."""
         return set().union(*self._layers)
@@ -81,7 +86,7 @@ class Layers:
             if name == entry.name:
                 value = self._text(name, below, trail) if below < len(self._layers) else None
             elif name in trail or len(trail) > DEEPEST_CHAIN:
-                self._reject(entry, f"refers in a circle or through too many names ({name})")
+                self._reject(entry, f"refers to itself or through too many names ({name})")
                 return ""
             else:
                 value = self._text(name, 0, trail)
@@ -90,13 +95,13 @@ class Layers:
             if not value and match[2] is not None:
                 return match[2]
             if value is None:
-                self._reject(entry, f"refers to {name}, which is set nowhere", name)
+                self._reject(entry, f"refers to {name}, which is not set", name)
                 return ""
             return value
 
         text = _REFERENCE.sub(fill, entry.value)
         if len(text) > LONGEST_VALUE:
-            self._reject(entry, f"grows beyond {LONGEST_VALUE} characters once filled in")
+            self._reject(entry, f"is longer than {LONGEST_VALUE} characters once filled in")
             return ""
         return text
 

@@ -12,7 +12,7 @@ from drcli.config.secrets import hidden
 from drcli.config.setting_problems import file_problem, setting_problem
 
 TYPO_SIMILARITY = 0.85
-"""From here on an unknown DR_ name is taken for a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
+"""From here on an unknown DR_ name is a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The racer's three files: found, checked, and frozen below the model prefix."""
+"""Finds the racer's three files, and copies them to where the bucket keeps them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class InputFile:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Everything a training is made of besides its settings."""
+    """What a training starts from, besides its settings."""
 
     reward: InputFile
     hyperparameters: InputFile
@@ -66,7 +66,7 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
 
 
 def places(settings: Settings) -> dict[str, str]:
-    """Where the three files lie in the bucket, by file name."""
+    """Keys of the three files in the bucket, by file name."""
     return {
         keys.REWARD_FUNCTION_FILE: settings.reward_key,
         keys.HYPERPARAMETERS_FILE: settings.hyperparameters_key,
@@ -104,7 +104,7 @@ def upload_custom_files(
 
 
 def custom_files_folder(settings: Settings, directory: Path) -> Path:
-    """Where the racer's own files lie: an experiment has its own."""
+    """The folder of the racer's own files: an experiment has its own."""
     if settings.experiment_name:
         return directory / "experiments" / settings.experiment_name / "custom_files"
     return directory / "custom_files"
@@ -120,7 +120,7 @@ def shipped_file(name: str) -> Path:
 
 
 def _content(path: Path) -> bytes | None:
-    """What a racer's own file holds; None where there is no such file."""
+    """The content of a file; None where it does not exist."""
     try:
         return path.read_bytes() if path.is_file() else None
     except OSError as e:

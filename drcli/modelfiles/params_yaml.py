@@ -48,7 +48,7 @@ def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
 
     Args:
         data: The file of the model that is copied.
-        bucket: Where the copy lies.
+        bucket: Of the copy.
         prefix: Its folder there, which holds all that the file names.
 
     Raises:
