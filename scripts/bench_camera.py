@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl, shrunk
 
 from drsim.car.camera_mount import FRONT
-from drsim.race.solids import SHAPES, Solids
+from drsim.race.solids import SHAPES, Cuboids, Solids
 from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.track import Track
@@ -148,8 +148,8 @@ def random_lenses(track: Track, count: int, random: np.random.Generator) -> tupl
     return _lenses(x, y, yaw, pitch, roll)
 
 
-def boxes_along(track: Track, lens_pos: Floats, random: np.random.Generator) -> NDArray[np.float32]:
-    """Boxes all along the road, but none where a lens is. Shape (1, m, BOX_COLUMNS)."""
+def boxes_along(track: Track, lens_pos: Floats, random: np.random.Generator) -> Cuboids:
+    """Boxes all along the road, but none where a lens is. Shape (1, m)."""
     count = int(track.length_m / BOXES_EVERY_M)
     x, y, yaw = track.pose_at((np.arange(count) + 0.5) * BOXES_EVERY_M).T
     aside_m = random.uniform(-0.4, 0.4, count)
@@ -163,7 +163,7 @@ def boxes_along(track: Track, lens_pos: Floats, random: np.random.Generator) -> 
 
 
 def both(
-    scene: Scene, lens_pos: Floats, lens_mat: Floats, boxes: NDArray[np.float32] | None
+    scene: Scene, lens_pos: Floats, lens_mat: Floats, boxes: Cuboids | None
 ) -> tuple[Frames, Frames]:
     """What the computed camera and OpenGL see. Two arrays of shape (n, 120, 160)."""
     count = len(lens_pos)

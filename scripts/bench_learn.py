@@ -54,7 +54,7 @@ from learn_runs import (
 )
 
 from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.precision import flush_denormals
+from drcli.learn.compute import flush_denormals
 from drcli.learn.rollout_buffer import Rollout
 
 RATIOS = (

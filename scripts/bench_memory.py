@@ -22,7 +22,7 @@ from typing import Any
 import psutil
 
 from drcli.config.settings import load_settings
-from drcli.learn.network_spec import FRAME_HEIGHT, FRAME_WIDTH
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
 from drcli.store.connect import stop_storage
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -34,7 +34,7 @@ from typing import Any
 from learn_runs import SHIPPED_FILES, MemoryTraining, Work
 
 from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.precision import flush_denormals
+from drcli.learn.compute import flush_denormals
 
 STYLES = Path(__file__).resolve().parent / "reward_styles"
 

@@ -37,13 +37,13 @@ import torch
 from learn_runs import Work, rollout_of
 from numpy.typing import NDArray
 
-from drcli.learn.policy import ActorCritic
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.compute import flush_denormals
 from drcli.learn.ppo import PPO
-from drcli.learn.precision import flush_denormals
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_learner import policy_spec
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
-from drcli.workers.learner import policy_spec
 from drcli.workers.trainer import SEED_STRIDE
 
 Floats = NDArray[np.float64]

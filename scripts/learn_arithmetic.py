@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from learn_runs import Work, beginning
 
-from drcli.learn.policy import ActorCritic, flops_per_sample
+from drcli.learn.actor_critic import ActorCritic, flops_per_sample
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 

@@ -21,7 +21,7 @@ from learn_peers import STEPS
 from learn_runs import Work
 
 from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.precision import flush_denormals
+from drcli.learn.compute import flush_denormals
 from drsim import Simulation
 
 TRIALS = 5

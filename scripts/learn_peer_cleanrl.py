@@ -14,7 +14,7 @@ from learn_runs import Pace, Work
 from torch import Tensor, nn
 from torch.distributions import Categorical
 
-from drcli.learn.network_spec import PolicySpec
+from drcli.learn.policy import PolicySpec
 from drsim import RacerVectorEnv
 
 UPDATES = 1_000

@@ -14,7 +14,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
-from drcli.learn.network_spec import PolicySpec
+from drcli.learn.policy import PolicySpec
 from drsim import Actions, Simulation
 
 

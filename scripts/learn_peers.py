@@ -16,9 +16,9 @@ from learn_runs import Pace, Work
 from torch import nn
 
 from drcli.exchange.job import PROCESS_TUNING
+from drcli.learn.compute import flush_denormals
 from drcli.learn.encoders import MONO, Encoder
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.precision import flush_denormals
+from drcli.learn.policy import PolicySpec
 
 STEPS = 1_024
 """Of an iteration, all cars together."""

@@ -16,18 +16,19 @@ import numpy as np
 import torch
 
 from drcli.config.settings import Settings, load_settings
-from drcli.learn.acting import SideBySide
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.policy import ActorCritic
-from drcli.learn.ppo import PPO, PPOConfig
-from drcli.learn.precision import Compute, choose_compute
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute, choose_compute
+from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.policy import PolicySpec
+from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.connect import stop_storage
+from drcli.workers.build_learner import policy_spec, ppo_config
 from drcli.workers.build_race import actions_of, load_world, longest_episode
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
-from drcli.workers.learner import policy_spec, ppo_config
 from drcli.workers.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 
@@ -182,7 +183,7 @@ class MemoryTraining:
         self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._driving = ActorCritic(work.spec).eval()
         torch.set_num_threads(1)
-        pilot = Pilot(SideBySide(self._driving, work.threads), work.actions)
+        pilot = Pilot(DataParallelPolicy(self._driving, work.threads), work.actions)
         self._driver = Driver(self._simulation, [pilot], seed)
 
     def iterate(self) -> Pace:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.race.solids import Cuboids
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 
@@ -69,7 +70,7 @@ class OpenGLCamera:
         *,
         columns: int = FRONT.columns,
         rows: int = FRONT.rows,
-        boxes: NDArray[np.float32] | None = None,
+        boxes: Cuboids | None = None,
     ) -> None:
         """Load the scene into OpenGL.
 
@@ -77,7 +78,7 @@ class OpenGLCamera:
             scene: The scene.
             columns: Width of a frame in pixels.
             rows: Height of a frame in pixels.
-            boxes: Rows of `drsim.race.solids`, one a box. Shape (m, BOX_COLUMNS).
+            boxes: Cuboids, of the type `drsim.race.solids.CUBOID`. Shape (m,).
         """
         model = _model(scene, CameraModel(columns=columns, rows=rows), boxes)
         self._data = mujoco.MjData(model)
@@ -125,7 +126,7 @@ def _tents(many: int, few: int) -> Floats:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _model(scene: Scene, camera: CameraModel, boxes: NDArray[np.float32] | None) -> Any:
+def _model(scene: Scene, camera: CameraModel, boxes: Cuboids | None) -> Any:
     """Textured floor, four walls, sky and boxes, lit evenly: greys come out as they go in."""
     level = next(
         index
@@ -217,10 +218,10 @@ def _field_around(
     ]
 
 
-def _boxes(boxes: NDArray[np.float32] | None) -> list[str]:
+def _boxes(boxes: Cuboids | None) -> list[str]:
     """Five thin panels for each cuboid, in the greys that its sides have in the light."""
     panels = []
-    for x, y, cos, sin, half_x, half_y, low, high, *rgb in [] if boxes is None else boxes.tolist():
+    for x, y, cos, sin, half_x, half_y, low, high, rgb in [] if boxes is None else boxes.tolist():
         grey = float(np.dot(rgb, LUMA))
         half_z = 0.5 * (high - low)
         for forward, left, up in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)):

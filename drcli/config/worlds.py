@@ -11,9 +11,6 @@ from drcli.base.problems import Finding, closest, shown
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
     from drcli.config.model import Settings
 
-SAME_ROUTE = ("reinvent_carpet", "reinvent_concrete", "reinvent_wood")
-"""Tracks of the simulation that have no file of their own: reinvent_base on other ground."""
-
 ROUTE_FILES = (".npy", ".csv")
 
 _ALL_WAYS = """
@@ -50,8 +47,7 @@ def built_in() -> list[str]:
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [Path(package, "track", "definitions") for package in packages]
-    found = [name for folder in folders for name in _stems(folder, (".json",))]
-    return sorted({*found, *SAME_ROUTE}) if found else []
+    return sorted(name for folder in folders for name in _stems(folder, (".json",)))
 
 
 def own(folder: Path) -> list[str]:

@@ -26,6 +26,11 @@ class Adam:
         self._eps = eps
         self._memory: dict[int, dict[str, Tensor]] = {}
 
+    def zero_grad(self) -> None:
+        """Forget the gradients of all parameters."""
+        for parameter in self._parameters:
+            parameter.grad = None
+
     @torch.no_grad()
     def step(self) -> None:
         """Act on the gradients of all parameters that have one."""

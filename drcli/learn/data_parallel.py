@@ -1,8 +1,13 @@
-"""Gradients of one minibatch, computed part by part in threads of their own."""
+"""One batch computed in parts, each by a thread of its own: gradients and actions.
+
+Threads inside an operation wait for each other after each of the hundreds of operations of a
+gradient step. One thread for each part of the batch waits only once.
+"""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import pairwise
 from threading import Barrier
 from typing import Generic, TypeVar
@@ -10,12 +15,28 @@ from typing import Generic, TypeVar
 import torch
 from torch import Tensor, nn
 
+from drcli.learn.policy import Observation, Policy, PolicySpec
+
 SMALLEST_PART = 16
 """Samples of a part. Convolutions of fewer samples take more time for each."""
 
+FEWEST_CARS = 4
+"""Cars of a part; the convolutions of fewer are hardly faster."""
+
+LARGE = 2_000_000
+"""Parameters from which on the optimizer uses threads inside operations. The shallow network's 5.8
+million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth beside another
+busy program, because waking threads takes as long as the work."""
+
+M = TypeVar("M", bound=nn.Module)
+
+LossOf = Callable[[M, slice], tuple[Tensor, Tensor]]
+"""From a network and a range of samples to their mean loss, a scalar, and means of the statistics
+that are reported. It is called in several threads at a time."""
+
 
 def parts_of(batch_size: int, threads: int) -> int:
-    """Into how many parts a minibatch is divided. A rule, not a trial: equal seeds, equal sums.
+    """Into how many parts a minibatch is divided. A fixed rule, so that equal seeds train equally.
 
     Args:
         batch_size: Samples of the minibatch.
@@ -24,104 +45,130 @@ def parts_of(batch_size: int, threads: int) -> int:
     return max(1, min(threads, batch_size // SMALLEST_PART))
 
 
-LARGE = 2_000_000
-"""Parameters from which on their update uses threads inside operations. The shallow network's 5.8
-million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth beside another
-busy program, because waking threads takes as long as the work."""
+class DataParallel(Generic[M]):
+    """Takes the gradient of a minibatch in parts, with copies of the network on the same weights.
 
-M = TypeVar("M", bound=nn.Module)
-
-
-class Crew(Generic[M]):
-    """A network, and others with the very same weights that compute beside it.
-
-    Threads inside one operation wait for each other after each of some hundred operations of a
-    gradient step; one thread for each part waits once. On two cores that was 1.07 times as fast
-    on a quiet machine, and 1.5 times beside one other busy program.
+    On two cores this was 1.07 times as fast as threads inside operations on a quiet machine, and
+    1.5 times beside one other busy program.
     """
 
     def __init__(self, model: M, parts: int = 1, threads: int = 1) -> None:
-        """Prepare.
+        """Start the threads.
 
         Args:
             model: The network that learns. On a GPU there is one part.
-            parts: How many share a minibatch.
+            parts: Into how many parts a minibatch is divided.
             threads: Processor cores, all parts together.
         """
         self._models = [model]
+        self._part_threads = max(1, threads // parts)
         self._is_large = sum(p.numel() for p in model.parameters()) > LARGE
         self._pool: ThreadPoolExecutor | None = None
         if parts == 1:
             return
-        self._models += [_twin(model) for _ in range(parts - 1)]
+        self._models += [_copy_on_same_weights(model) for _ in range(parts - 1)]
         before = torch.get_num_threads()
         self._pool = ThreadPoolExecutor(parts, "minibatch")
         together = Barrier(parts)
-        limit = max(1, threads // parts)
-        wait([self._pool.submit(_begin_thread, limit, together) for _ in range(parts)])
+        wait([self._pool.submit(_begin_thread, self._part_threads, together) for _ in range(parts)])
         torch.set_num_threads(before)
 
-    def step(
-        self,
-        loss_of: Callable[[M, slice], tuple[Tensor, Tensor]],
-        samples: int,
-        update: Callable[[], object],
-    ) -> Tensor:
-        """Take the gradient of the mean loss, and act on it.
+    @contextmanager
+    def optimizer_threads(self) -> Iterator[None]:
+        """Inside, the calling thread uses as many threads as suit the optimizer; see `LARGE`."""
+        before = torch.get_num_threads()
+        if self._pool is not None and not self._is_large:
+            torch.set_num_threads(self._part_threads)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(before)
+
+    def backward(self, loss_of: LossOf[M], samples: int) -> Tensor:
+        """Add the gradient of the mean loss to the network's parameters.
+
+        The sums are made in the order of the parts, so that equal seeds give equal weights.
 
         Args:
-            loss_of: From a network and a range of samples to their mean loss, a scalar, and means
-                of other figures. It is called in several threads at a time.
+            loss_of: Gives loss and statistics of a range of samples.
             samples: How many there are.
-            update: Called when the gradient is in the network's parameters.
 
         Returns:
-            Means of the figures over all samples.
+            Means of the statistics over all samples.
         """
         if self._pool is None or samples < len(self._models):
-            figures = self._part(self._models[0], loss_of, slice(0, samples), 1.0)
-            update()
-            return figures
-        count = len(self._models)
-        bounds = [samples * number // count for number in range(count + 1)]
+            return _backward(self._models[0], loss_of, slice(0, samples), 1.0)
+        for model in self._models[1:]:
+            model.zero_grad(set_to_none=True)  # what a failed call may have left
+        parts = _parts(samples, len(self._models))
         tasks = [
-            self._pool.submit(
-                self._part, model, loss_of, slice(*ends), (ends[1] - ends[0]) / samples
-            )
-            for model, ends in zip(self._models, pairwise(bounds), strict=True)
+            self._pool.submit(_backward, model, loss_of, part, (part.stop - part.start) / samples)
+            for model, part in zip(self._models, parts, strict=True)
         ]
         wait(tasks)
-        figures = torch.stack([task.result() for task in tasks]).sum(0)
-        if self._is_large:
-            self._finish(update)
-        else:
-            self._pool.submit(self._finish, update).result()
-        return figures
-
-    def _part(
-        self,
-        model: M,
-        loss_of: Callable[[M, slice], tuple[Tensor, Tensor]],
-        part: slice,
-        share: float,
-    ) -> Tensor:
-        model.zero_grad(set_to_none=True)
-        loss, figures = loss_of(model, part)
-        (loss * share).backward()  # type: ignore[no-untyped-call]
-        return figures.detach() * share
-
-    def _finish(self, update: Callable[[], object]) -> None:
-        """Take the others' gradients to the network's own, and act on their sum."""
+        statistics = torch.stack([task.result() for task in tasks]).sum(0)
         with torch.no_grad():
             for own, *others in zip(*(m.parameters() for m in self._models), strict=True):
                 for other in others:
                     if other.grad is not None:
                         own.grad = other.grad if own.grad is None else own.grad.add_(other.grad)
                         other.grad = None
-        update()
+        return statistics
 
 
-def _twin(model: M) -> M:
+class DataParallelPolicy:
+    """A policy that chooses for parts of the cars at the same time.
+
+    Threads inside operations are 1.1 times as fast on two quiet cores, but half as fast as this
+    beside another busy program. So the caller should switch them off: `torch.set_num_threads(1)`.
+    """
+
+    def __init__(self, policy: Policy, threads: int) -> None:
+        """Start the threads.
+
+        Args:
+            policy: The network, on the CPU.
+            threads: The most parts.
+        """
+        self._policy = policy
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads, "policy") if threads > 1 else None
+
+    @property
+    def spec(self) -> PolicySpec:
+        """What the policy sees and chooses from."""
+        return self._policy.spec
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Choose an action for each car; see `Policy.act`."""
+        count = min(self._threads, len(noise) // FEWEST_CARS)
+        if self._pool is None or count < 2:
+            return self._policy.act(seen, noise, deterministic, epsilon)
+
+        def act(cars: slice) -> tuple[Tensor, Tensor, Tensor]:
+            with torch.inference_mode():  # counts for one thread only
+                return self._policy.act(seen.part(cars), noise[cars], deterministic[cars], epsilon)
+
+        chosen = self._pool.map(act, _parts(len(noise), count))
+        actions, log_probs, values = zip(*chosen, strict=True)
+        return torch.cat(actions), torch.cat(log_probs), torch.cat(values)
+
+
+def _parts(length: int, count: int) -> list[slice]:
+    """A batch cut into parts of nearly equal length."""
+    return [slice(*ends) for ends in pairwise(length * i // count for i in range(count + 1))]
+
+
+def _backward(model: M, loss_of: LossOf[M], part: slice, share: float) -> Tensor:
+    """Add a part's share of the gradient to a network, and return its share of the statistics."""
+    loss, statistics = loss_of(model, part)
+    (loss * share).backward()  # type: ignore[no-untyped-call]
+    return statistics.detach() * share
+
+
+def _copy_on_same_weights(model: M) -> M:
     """Another network on the same weights, with gradients of its own."""
     twin = copy.deepcopy(model)
     for own, shared in zip(_tensors(twin), _tensors(model), strict=True):

@@ -8,8 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from drcli.learn.network_spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
-from drcli.learn.observation import Observation
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 
 
 @dataclass(frozen=True)

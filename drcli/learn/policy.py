@@ -1,161 +1,143 @@
-"""The network: what the car perceives in, what it should do and what that is worth out."""
+"""What every policy has in common: its shape, what it sees, and how it chooses actions."""
 
-from typing import NamedTuple, cast
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
+import numpy as np
 import torch
-from torch import Tensor, nn
+from numpy.typing import NDArray
+from torch import Tensor
 
-from drcli.learn import distributions
-from drcli.learn.encoders import Encoder, multiply_adds
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation
-from drcli.learn.return_scale import ReturnScale
+Float32s = NDArray[np.float32]
+Float64s = NDArray[np.float64]
 
-LOG_STD_RANGE = (-20.0, 3.0)
-"""Bounds of the Gaussian policy's log standard deviation. Source: the reference's PPO head."""
-
-_CRITIC_WIDTH = 64
-"""Width of the two hidden layers of a critic that sees the state."""
+FRAME_HEIGHT, FRAME_WIDTH = 120, 160
+"""Pixels of the grey camera picture. Source: the reference simulator's observation."""
 
 
-class Output(NamedTuple):
-    """One forward pass.
+@dataclass(frozen=True)
+class PolicySpec:
+    """Input, body and output of a network.
 
     Attributes:
-        policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
-        value: Expected discounted return, in the critic's own units. Shape (n,).
+        num_actions: Length of a discrete action list, or the number of continuous dimensions.
+        continuous: Whether the policy is a Gaussian over [-1, 1] instead of a choice.
+        network: `neural_network` of model_metadata.json.
+        eyes: Cameras, 1 or 2.
+        stack: Frames that are seen together.
+        scan_dims: Values of the lidar, 0 without one.
+        state_dims: Values that only the critic sees; 0 where it sees what the policy sees.
     """
 
-    policy: Tensor
-    value: Tensor
+    num_actions: int
+    continuous: bool = False
+    network: str = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
+    eyes: int = 1
+    stack: int = 1
+    scan_dims: int = 0
+    state_dims: int = 0
+
+    @property
+    def channels(self) -> int:
+        """Pictures that go into the first convolution."""
+        return self.stack * self.eyes
+
+    @property
+    def noise_dims(self) -> int:
+        """Random numbers that one choice takes.
+
+        Standard normal ones for each continuous dimension. Otherwise two uniform ones in [0, 1):
+        the first decides which action is drawn, the second whether e-greedy acts at random.
+        """
+        return self.num_actions if self.continuous else 2
 
 
-class ActorCritic(nn.Module):
-    """Policy and value on one shared body.
-
-    The reference trains two whole bodies, one for the policy and one for the value. Sharing one
-    halves the arithmetic and leaves the exported policy as it is. With `state_dims` the value
-    comes from the state alone, and the body learns from the policy's gradient only.
+class Observation(NamedTuple):
+    """The input of a network, for n steps.
 
     Attributes:
-        returns: What the value head's units are worth in reward. A shared body must not be shaken
-            by the errors of large values, nor let small ones pass unlearned.
+        frames: Camera frames, uint8; the oldest frame of a stack first, and in each the left eye
+            before the right one. Shape (n, stack * eyes, 120, 160).
+        scan: Lidar values. Shape (n, d), d = 0 without a lidar.
+        state: What only the critic may see. Shape (n, k), k = 0 where it sees nothing more.
     """
 
-    def __init__(self, spec: PolicySpec) -> None:
-        super().__init__()
-        self.spec = spec
-        self.body = Encoder(spec)
-        self.policy_head = nn.Linear(self.body.features, spec.num_actions)
-        self.value_head: nn.Module
-        if spec.state_dims:
-            last = nn.Linear(_CRITIC_WIDTH, 1)
-            self.value_head = nn.Sequential(
-                nn.Linear(spec.state_dims, _CRITIC_WIDTH),
-                nn.Tanh(),
-                nn.Linear(_CRITIC_WIDTH, _CRITIC_WIDTH),
-                nn.Tanh(),
-                last,
-            )
-        else:
-            self.value_head = last = nn.Linear(self.body.features, 1)
-        nn.init.zeros_(self.policy_head.bias)
-        nn.init.zeros_(last.bias)
-        _init_rows(last.weight, 1.0)
-        self.returns = ReturnScale()
-        # Nearly equal chances at the start: every action gets tried from the first episode.
-        _init_rows(self.policy_head.weight, 0.01)
-        if spec.continuous:
-            self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
-        # oneDNN trains these convolutions two to four times faster with channels last.
-        for parameter in self.parameters():
-            if parameter.dim() == 4:
-                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+    frames: Tensor
+    scan: Tensor
+    state: Tensor
 
-    def forward(self, seen: Observation) -> Output:
-        """Evaluate policy and value.
+    @staticmethod
+    def of_arrays(frames: NDArray[np.uint8], scans: Float32s, states: Float32s) -> "Observation":
+        """The same as tensors, which share the arrays' memory."""
+        return Observation(*(torch.from_numpy(array) for array in (frames, scans, states)))
 
-        Args:
-            seen: What was perceived in n steps.
-        """
-        features = self.body(seen).to(self.policy_head.weight.dtype)
-        # Only the body is worth bfloat16: ratios of probabilities need more than its three digits.
-        with torch.autocast(features.device.type, enabled=False):
-            value = self.value_head(seen.state if self.spec.state_dims else features)
-            return Output(self.policy_head(features), value.squeeze(-1))
+    @staticmethod
+    def of_frames(frames: Tensor) -> "Observation":
+        """What a car sees that has a camera and nothing else."""
+        nothing = torch.empty((len(frames), 0), device=frames.device)
+        return Observation(frames, nothing, nothing)
 
-    def follow_returns(self, targets: Tensor, values: Tensor) -> None:
-        """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
+    def part(self, steps: slice) -> "Observation":
+        """Some of the steps."""
+        return Observation(*(column[steps] for column in self))
 
-        Args:
-            targets: What the critic is to learn, in reward, float64. Shape (n,).
-            values: What it said, likewise. Shape (n,).
-        """
-        last = (
-            self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
-        )
-        size = torch.maximum(targets.abs().mean(), values.abs().mean())
-        self.returns.follow(size, [cast(nn.Linear, last)])
+
+class Policy(Protocol):
+    """A network that can drive."""
+
+    @property
+    def spec(self) -> PolicySpec:
+        """What it sees and chooses from."""
 
     def act(
-        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions; see `acting.Policy`."""
-        policy, value = self(seen)
-        if self.spec.continuous:
-            drawn = distributions.sample_gaussian(policy, self.log_std_bounded(), noise)
-        elif epsilon is None:
-            drawn = distributions.sample_categorical(policy, noise[:, 0].contiguous())
-        else:
-            drawn = distributions.sample_e_greedy(policy, noise, epsilon)
-        best = policy if self.spec.continuous else policy.argmax(-1)
-        mask = deterministic.unsqueeze(-1) if self.spec.continuous else deterministic
-        actions = torch.where(mask, best, drawn)
-        return actions, self.log_prob(policy, actions), self.returns(value)
+        """Choose an action for each of n cars.
 
-    def log_prob(self, policy: Tensor, actions: Tensor) -> Tensor:
-        """Log-probability (density) of actions under a policy output. Shape (n,)."""
-        if self.spec.continuous:
-            return distributions.log_prob_gaussian(policy, self.log_std_bounded(), actions)
-        return distributions.log_prob_categorical(policy, actions)
+        Args:
+            seen: What each car sees.
+            noise: Random numbers. Shape (n, noise_dims).
+            deterministic: Which cars take the most likely action. Shape (n,).
+            epsilon: For e-greedy: the share of actions drawn uniformly, where the others are the
+                most likely ones. None to draw from the policy.
 
-    def entropy(self, policy: Tensor) -> Tensor:
-        """Entropy of the policy in each step, nats. Shape (n,)."""
-        if self.spec.continuous:
-            one = distributions.entropy_gaussian(self.log_std_bounded())
-            return one.expand(policy.shape[0])
-        return distributions.entropy_categorical(policy)
-
-    def log_std_bounded(self) -> Tensor:
-        """Log standard deviation of the Gaussian policy. Shape (num_actions,)."""
-        return self.log_std.clamp(*LOG_STD_RANGE)
+        Returns:
+            Actions, their log-probabilities, and the critic's estimates in reward, float64. Each
+            of length n.
+        """
 
 
-def flops_per_sample(spec: PolicySpec, *, backward: bool) -> int:
-    """Floating-point operations for one step, counted from the shapes of the layers.
+@dataclass(frozen=True)
+class Decision:
+    """What the policy chose for n cars, and what the learner needs to know about it.
 
-    A multiplication with addition counts as two. The backward pass takes two more of each layer,
-    but only one of those that read the observation, which needs no gradient.
+    Attributes:
+        actions: int64 indices of shape (n,), or unclipped float32 values of shape (n, dims).
+        log_probs: Log-probability of each action. Shape (n,).
+        values: The critic's estimate in reward. Shape (n,).
+    """
+
+    actions: NDArray[np.int64] | Float32s
+    log_probs: Float32s
+    values: Float64s
+
+
+def decide(
+    policy: Policy,
+    seen: Observation,
+    noise: Float32s,
+    deterministic: NDArray[np.bool_],
+    epsilon: float | None = None,
+) -> Decision:
+    """Choose an action for each car, without gradients.
 
     Args:
-        spec: The network.
-        backward: Whether the gradient is computed as well.
+        policy: The network, on the CPU.
+        seen: What each car sees.
+        noise: Random numbers. Shape (n, noise_dims).
+        deterministic: Which cars take the most likely action instead. Shape (n,).
+        epsilon: As in `Policy.act`.
     """
-    with torch.device("meta"):
-        model = ActorCritic(spec)
-    layers = {f"body.{name}": count for name, count in multiply_adds(model.body).items()}
-    for name, layer in model.named_modules():
-        if isinstance(layer, nn.Linear) and not name.startswith("body."):
-            layers[name] = layer.weight.numel()
-    forward = sum(layers.values())
-    if not backward:
-        return 2 * forward
-    reading = ("body.convolutions.0", "body.lidar.0", "value_head.0")
-    return 2 * (3 * forward - sum(layers.get(name, 0) for name in reading))
-
-
-def _init_rows(weight: Tensor, length: float) -> None:
-    """Draw a kernel whose rows each have the given Euclidean length."""
-    with torch.no_grad():
-        weight.normal_()
-        weight.mul_(length / weight.square().sum(dim=1, keepdim=True).sqrt())
+    with torch.inference_mode():
+        chosen = policy.act(seen, torch.from_numpy(noise), torch.from_numpy(deterministic), epsilon)
+    return Decision(*(tensor.numpy() for tensor in chosen))

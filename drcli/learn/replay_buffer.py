@@ -7,8 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from drcli.learn.network_spec import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
-from drcli.learn.observation import Observation
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 from drcli.learn.rollout_buffer import Rollout
 
 
@@ -32,10 +31,10 @@ class Transitions(NamedTuple):
     def part(self, steps: slice) -> "Transitions":
         """Some of the steps."""
         return Transitions(
-            Observation(*(column[steps] for column in self.before)),
+            self.before.part(steps),
             self.actions[steps],
             self.rewards[steps],
-            Observation(*(column[steps] for column in self.after)),
+            self.after.part(steps),
             self.goes_on[steps],
         )
 
@@ -50,7 +49,7 @@ class Transitions(NamedTuple):
         )
 
 
-class Replay:
+class ReplayBuffer:
     """A ring of whole episodes, in main memory; the oldest make room for new ones.
 
     A step takes little more than its frame, 19.2 kB: what was seen after a step is what was seen

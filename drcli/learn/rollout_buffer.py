@@ -1,13 +1,18 @@
-"""What one iteration of driving leaves for the learner."""
+"""What one iteration of driving gives the learner: as arrays, and as tensors of an update."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-Singles = NDArray[np.float32]
-Doubles = NDArray[np.float64]
+from drcli.learn.policy import Observation
+
+Float32s = NDArray[np.float32]
+Float64s = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
@@ -25,23 +30,23 @@ class Rollout:
         values: The critic's estimate when the action was taken. Shape (t,).
         rewards: Shape (t,).
         lengths: Steps of each episode, summing to t. Shape (e,).
-        last_values: What was still to be expected when an episode was cut off by the step limit;
-            0 for one that ended by its rules. Shape (e,).
+        last_values: The critic's estimate where the step limit cut an episode off; 0 where an
+            episode ended by its rules. Shape (e,).
         cut: Which episodes the step limit cut off. Shape (e,).
-        scans: What the lidar told. Shape (t, d), d = 0 without one.
-        states: What only the critic may know. Shape (t, k), k = 0 where it knows nothing more.
+        scans: Lidar values. Shape (t, d), d = 0 without a lidar.
+        states: What only the critic may see. Shape (t, k), k = 0 where it sees nothing more.
     """
 
     frames: NDArray[np.uint8]
-    actions: Ints | Singles
-    log_probs: Singles
-    values: Doubles
-    rewards: Doubles
+    actions: Ints | Float32s
+    log_probs: Float32s
+    values: Float64s
+    rewards: Float64s
     lengths: Ints
-    last_values: Doubles
+    last_values: Float64s
     cut: NDArray[np.bool_]
-    scans: Singles
-    states: Singles
+    scans: Float32s
+    states: Float32s
 
     @property
     def steps(self) -> int:
@@ -67,3 +72,60 @@ class Rollout:
         """
         back = np.arange(stack - 1, -1, -1)
         return np.arange(self.steps)[:, None] - np.minimum(back, self.ages[:, None])
+
+
+@dataclass(frozen=True)
+class RolloutTensors:
+    """A rollout with its advantages, as tensors on the learner's device.
+
+    Each has a row for each of t steps, as in `Rollout`.
+
+    Attributes:
+        frames: Each frame once.
+        frame_rows: Rows of the frames that are seen together at each step. Shape (t, stack).
+        scans: Lidar values.
+        states: What only the critic may see.
+        actions: What was done.
+        log_probs: Log-probability of each action when it was taken.
+        values: The critic's estimate when the action was taken, in its own units.
+        advantages: How much better than expected each step went, normalised, float32.
+        returns: What the critic should say, in its own units.
+    """
+
+    frames: Tensor
+    frame_rows: Tensor
+    scans: Tensor
+    states: Tensor
+    actions: Tensor
+    log_probs: Tensor
+    values: Tensor
+    advantages: Tensor
+    returns: Tensor
+
+    @staticmethod
+    def of(
+        rollout: Rollout, stack: int, values: Tensor, advantages: Float64s, returns: Tensor
+    ) -> "RolloutTensors":
+        """Put a rollout beside what an update computed from it, on the device of the latter."""
+
+        def tensor(column: NDArray[Any]) -> Tensor:
+            return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
+
+        return RolloutTensors(
+            frames=tensor(rollout.frames),
+            frame_rows=tensor(rollout.stacked_rows(stack)),
+            scans=tensor(rollout.scans),
+            states=tensor(rollout.states),
+            actions=tensor(rollout.actions),
+            log_probs=tensor(rollout.log_probs),
+            values=values,
+            advantages=tensor(advantages.astype(np.float32)),
+            returns=returns,
+        )
+
+    def observation(self, rows: Tensor) -> Observation:
+        """What was seen at some steps."""
+        # index_select copies whole frames; indexing with two dimensions is several times slower.
+        frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
+        frames = frames.view(len(rows), -1, *self.frames.shape[2:])
+        return Observation(frames, self.scans[rows], self.states[rows])

@@ -1,7 +1,7 @@
 """Soft actor-critic (Haarnoja et al., 2018b): the update."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -9,12 +9,18 @@ from torch.func import functional_call
 from torch.nn import functional
 
 from drcli.learn.adam import Adam
-from drcli.learn.data_parallel import Crew
-from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.precision import Compute
-from drcli.learn.replay_buffer import Replay, Transitions
+from drcli.learn.algorithm_config import SACConfig
+from drcli.learn.compute import Compute
+from drcli.learn.data_parallel import DataParallel
+from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
+from drcli.learn.update_errors import (
+    NonFiniteLossError,
+    UpdateInterruptedError,
+    require_finite_weights,
+)
+from drcli.learn.update_stats import SACStats
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 """Gradient steps for each environment step. The reference makes 1, which on a processor takes far
@@ -24,65 +30,18 @@ REPORTS = 4
 """Into how many parts an update is divided for its reports."""
 
 
-@dataclass(frozen=True)
-class SACConfig:
-    """Knobs of the update, under the names of hyperparameters.json.
-
-    Attributes:
-        batch_size: Steps in a minibatch.
-        lr: Adam's learning rate, for all networks and the temperature.
-        discount_factor: Weight of a reward one step later.
-        sac_alpha: Temperature: what one nat of entropy is worth in reward.
-        auto_alpha: Let the temperature find the value at which the policy's entropy is
-            -1 nat for each dimension of an action; it begins at `sac_alpha`.
-        huber: Huber's loss for the critics, with delta 1, instead of the squared error.
-        tau: How far the target critics follow the critics at each gradient step. They lag
-            1 / tau steps behind; the reference copies them outright after every
-            `num_episodes_between_training` steps, n, and lags n / 2 on average: tau = 2 / n.
-        updates_per_step: Gradient steps for each environment step; None: `UPDATES_PER_STEP`.
-        learning_starts: Environment steps to drive before the first gradient step.
-        replay_steps: Environment steps that are remembered.
-    """
-
-    batch_size: int = 64
-    lr: float = 3e-4
-    discount_factor: float = 0.999
-    sac_alpha: float = 0.2
-    auto_alpha: bool = False
-    huber: bool = False
-    tau: float = 0.02
-    updates_per_step: float | None = None
-    learning_starts: int = 1_000
-    replay_steps: int = 100_000
-
-
-@dataclass(frozen=True)
-class SACStats(EpochStats):
-    """Means over a part of an update: the critics' loss as `value_loss`, the actor's as surrogate.
-
-    Divergence and clipped share do not exist here and are 0.
-
-    Attributes:
-        alpha: Temperature.
-        value: What the critics expect of the steps learned from.
-    """
-
-    alpha: float
-    value: float
-
-
 class SAC:
-    """The learner: an agent, its memory, its optimizer, and the update that improves it."""
+    """The learner: an agent, its replay buffer, its optimizer, and the update that improves it."""
 
     def __init__(self, model: SACAgent, config: SACConfig, compute: Compute) -> None:
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
         self.updates_per_step = config.updates_per_step or UPDATES_PER_STEP[compute.device.type]
-        self.replay = Replay(model.spec, config.replay_steps)
+        self.replay = ReplayBuffer(model.spec, config.replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = Adam(learned, config.lr)
-        self._crew = Crew(self.model, compute.parts, compute.threads)
+        self._parallel = DataParallel(self.model, compute.parts, compute.threads)
 
     @property
     def memory_steps(self) -> int:
@@ -90,40 +49,32 @@ class SAC:
         return self.config.replay_steps
 
     def remember(self, rollout: Rollout) -> None:
-        """Take up a rollout of an earlier iteration without learning from it now."""
+        """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
         self.replay.add(rollout)
-
-    def optimizer_tensors(self) -> dict[str, Tensor]:
-        """The optimizer's memory, for a checkpoint; the replay is not among it."""
-        return self.optimizer.tensors()
-
-    def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take up the memory of another optimizer; the replay fills by `remember`."""
-        self.optimizer.restore(tensors)
 
     def update(
         self,
         rollout: Rollout,
         seed: int,
-        on_epoch: Callable[[EpochStats], None] = lambda stats: None,
+        on_epoch: Callable[[SACStats], None] = lambda stats: None,
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
         """Remember one iteration of driving, and improve on what is remembered.
 
         Args:
-            rollout: Episodes, by whatever weights.
+            rollout: Episodes, driven with any weights.
             seed: Decides all random numbers of the update.
             on_epoch: Called after each part of the update.
             should_stop: Asked before each gradient step.
-            steps_before: Environment steps learned from until now; no knob depends on them here.
+            steps_before: Environment steps learned from until now; no value depends on them here.
 
         Returns:
             One for each part; none before `learning_starts`.
 
         Raises:
-            NonFiniteLossError: At the first loss, and at weights, that are NaN or infinite.
-            UpdateInterruptedError: When `should_stop` said so.
+            NonFiniteLossError: A loss or a weight is NaN or infinite.
+            UpdateInterruptedError: `should_stop` returned True.
         """
         self.replay.add(rollout)
         if self.replay.taken_in < self.config.learning_starts or not self.replay.transitions:
@@ -133,40 +84,28 @@ class SAC:
         parts = min(REPORTS, total)
         history = []
         self.model.train()
-        for part in range(parts):
-            sums = torch.zeros(5)
-            count = total * (part + 1) // parts - total * part // parts
-            for _ in range(count):
-                if should_stop():
-                    raise UpdateInterruptedError
-                sums += self._step(draw)
-            actor, critic, entropy, alpha, value = (sums / count).tolist()
-            stats = SACStats(part, actor, critic, entropy, 0.0, 0.0, self.config.lr, alpha, value)
-            history.append(stats)
-            on_epoch(stats)
-        if not all(bool(torch.isfinite(p).all()) for p in self.model.parameters()):
-            raise NonFiniteLossError("The weights are no numbers any more.")
+        with self._parallel.optimizer_threads():
+            for part in range(parts):
+                totals = torch.zeros(8, device=self.compute.device)
+                count = total * (part + 1) // parts - total * part // parts
+                for _ in range(count):
+                    if should_stop():
+                        raise UpdateInterruptedError
+                    batch = self.replay.sample(self.config.batch_size, draw)
+                    noise = torch.randn((2, *batch.actions.shape), generator=draw)
+                    loss = partial(self._loss, batch, noise)
+                    self.optimizer.zero_grad()
+                    totals += self._parallel.backward(loss, len(batch.rewards))
+                    self.optimizer.step()
+                    self._follow_critics()
+                means = (totals / count).tolist()
+                history.append(SACStats(part, self.config.lr, *means))
+                on_epoch(history[-1])
+        require_finite_weights(self.model)
         return history
 
-    def _step(self, draw: torch.Generator) -> Tensor:
-        """One gradient step.
-
-        Returns:
-            Actor's loss, critics' loss, entropy, temperature and value. Shape (5,).
-        """
-        batch = self.replay.sample(self.config.batch_size, draw)
-        noise = torch.randn((2, *batch.actions.shape), generator=draw)
-        alpha = self.alpha()
-        figures = self._crew.step(
-            lambda model, part: self._loss(model, batch.part(part), noise[:, part], alpha),
-            len(batch.rewards),
-            self._descend,
-        )
-        return figures.cpu()
-
-    def _descend(self) -> None:
-        """Let the optimizer act on the gradient, and the targets follow."""
-        self.optimizer.step()
+    def _follow_critics(self) -> None:
+        """Let the target critics follow the critics."""
         with torch.no_grad():
             for target, p in zip(
                 self.model.targets.parameters(), self.model.critics.parameters(), strict=True
@@ -174,28 +113,37 @@ class SAC:
                 target.lerp_(p, self.config.tau)
 
     def _loss(
-        self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor
+        self, batch: Transitions, noise: Tensor, model: SACAgent, part: slice
     ) -> tuple[Tensor, Tensor]:
-        """The loss of some steps, and the figures of `_step`."""
-        batch = batch.to(self.compute.device)
-        here, there = noise.to(self.compute.device).unbind()
+        """The loss of a part of a minibatch, and its means of the numbers in `SACStats`.
+
+        Args:
+            batch: The minibatch, n steps.
+            noise: Random numbers for the actions before and after each step. Shape (2, n, dims).
+            model: The agent, or a copy on the same weights.
+            part: Which of the steps.
+        """
+        batch = batch.part(part).to(self.compute.device)
+        noise_before, noise_after = noise[:, part].to(self.compute.device).unbind()
+        alpha = self.alpha()
 
         with self.compute.autocast():
             features = model.features(batch.before)
-        target = self._target(model, batch, there, alpha)
-        values = model.critics(model.judged(features, batch.before), batch.actions)
+        target = self._target(model, batch, noise_after, alpha)
+        values = model.critics(model.critic_input(features, batch.before), batch.actions)
         critic_loss = self._critic_loss(values, target)
 
         # The body learns from one of the two losses only, see SACAgent.
         mean, log_std = model(features if model.spec.state_dims else features.detach())
-        actions, log_probs = squash(mean, log_std, here)
-        seen = model.judged(features.detach(), batch.before)
+        actions, log_probs = squash(mean, log_std, noise_before)
+        seen = model.critic_input(features.detach(), batch.before)
         fixed = {name: p.detach() for name, p in model.critics.named_parameters()}
-        worth: Tensor = functional_call(model.critics, fixed, (seen, actions)).amin(0)
-        actor_loss = (alpha * log_probs - worth).mean()
+        q: Tensor = functional_call(model.critics, fixed, (seen, actions)).amin(0)
+        actor_loss = (alpha * log_probs - q).mean()
+        alpha_loss = self._alpha_loss(model, log_probs.detach())
         loss = critic_loss + actor_loss
         if self.config.auto_alpha:
-            loss = loss + self._alpha_loss(model, log_probs.detach())
+            loss = loss + alpha_loss
 
         if not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
@@ -203,8 +151,10 @@ class SAC:
                 f"critics {critic_loss.item():.4g}, temperature {alpha.item():.4g})."
             )
         with torch.no_grad():
-            means = (actor_loss, critic_loss, -log_probs.mean(), alpha, values.mean())
-            return loss, torch.stack(means)
+            shown = alpha_loss if self.config.auto_alpha else torch.full_like(alpha, torch.nan)
+            each = self._critic_loss(values, target, "none").mean(1)
+            qf = (*each, *values.mean(1))
+            return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), alpha, shown])
 
     def alpha(self) -> Tensor:
         """The temperature now, without gradient."""
@@ -213,20 +163,20 @@ class SAC:
         return torch.tensor(self.config.sac_alpha, device=self.compute.device)
 
     def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
-        """What the critics should have said: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
+        """What the critics should say: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
         with torch.no_grad():
             with self.compute.autocast():
                 features = model.features(batch.after)
             mean, log_std = model(features)
             actions, log_probs = squash(mean, log_std, noise)
-            worth: Tensor = model.targets(model.judged(features, batch.after), actions).amin(0)
+            q: Tensor = model.targets(model.critic_input(features, batch.after), actions).amin(0)
             discount = self.config.discount_factor * batch.goes_on
-            return batch.rewards + discount * (worth - alpha * log_probs)
+            return batch.rewards + discount * (q - alpha * log_probs)
 
-    def _critic_loss(self, values: Tensor, target: Tensor) -> Tensor:
-        """The mean error of both critics, whose estimates have the shape (2, n)."""
+    def _critic_loss(self, values: Tensor, target: Tensor, reduction: str = "mean") -> Tensor:
+        """The error of both critics, whose estimates have the shape (2, n)."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
-        return error(values, target.expand_as(values))
+        return error(values, target.expand_as(values), reduction=reduction)
 
     def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
         """Falls with the temperature where the entropy is above its target, else rises."""

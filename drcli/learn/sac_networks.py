@@ -9,8 +9,7 @@ from torch.nn import functional
 
 from drcli.learn.distributions import log_prob_gaussian
 from drcli.learn.encoders import Encoder
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation
+from drcli.learn.policy import Observation, PolicySpec
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
@@ -64,18 +63,18 @@ class SACAgent(nn.Module):
         features: Tensor = self.body(seen)
         return features.float()
 
-    def judged(self, features: Tensor, seen: Observation) -> Tensor:
+    def critic_input(self, features: Tensor, seen: Observation) -> Tensor:
         """What the critics look at. Shape (n, features) or (n, state_dims)."""
         return seen.state if self.spec.state_dims else features
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions in [-1, 1]; see `acting.Policy`. There is no blind share here."""
+        """Choose actions in [-1, 1]; see `Policy.act`. There is no blind share here."""
         features = self.features(seen)
         mean, log_std = self(features)
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
-        value = self.critics(self.judged(features, seen), actions).amin(0)
+        value = self.critics(self.critic_input(features, seen), actions).amin(0)
         return actions, log_probs, value.double()
 
 

@@ -7,16 +7,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.car.car import REAR_AXLE_BEHIND_M, WHEELBASE_M
 from drsim.episode.reward import RewardParams
 from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 
 Manner = Literal["along", "weave", "leave", "ram"]
-
-_WHEELBASE_M = 0.164
-_REAR_AXLE_BEHIND_M = 0.22
-"""How far the rear axle is behind the point that x and y of the parameters mean."""
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
 """A pilot steers towards a point this far ahead, and so much farther with its speed."""
@@ -165,11 +162,11 @@ class Navigator:
 def _steering_deg(params: RewardParams, x: float, y: float) -> float:
     """The angle that leads the rear axle to a point in an arc."""
     yaw_rad = math.radians(params["heading"])
-    rear_x = params["x"] - _REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
-    rear_y = params["y"] - _REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
+    rear_x = params["x"] - REAR_AXLE_BEHIND_M * math.cos(yaw_rad)
+    rear_y = params["y"] - REAR_AXLE_BEHIND_M * math.sin(yaw_rad)
     away_m = max(math.hypot(x - rear_x, y - rear_y), 0.1)
     turn_rad = math.atan2(y - rear_y, x - rear_x) - yaw_rad
-    angle_deg = math.degrees(math.atan2(2 * _WHEELBASE_M * math.sin(turn_rad), away_m))
+    angle_deg = math.degrees(math.atan2(2 * WHEELBASE_M * math.sin(turn_rad), away_m))
     return max(-30.0, min(30.0, angle_deg))
 
 

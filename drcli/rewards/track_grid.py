@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drcli.rewards.scripted_drive import Drive
 from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK
-from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M
+from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M, WHEELS_M
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams
 from drsim.race.objects import Objects
@@ -28,9 +28,6 @@ between two of them, and all wheels are off it with the outermost."""
 _SPACING_M = 0.12
 _MOST_ALONG = 400
 _SLOWEST_MPS = 0.5
-
-_WHEELS_M = np.array([[-0.082, 0.081], [-0.082, -0.081], [0.082, 0.080], [0.082, -0.080]])
-"""Wheel centres from the car's origin, forward and left."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ def field(drive: Drive) -> Field:
 
     turns = np.stack([np.stack([cos, sin], axis=1), np.stack([-sin, cos], axis=1)], axis=1)
     origin = xy - REFERENCE_POINT_AHEAD_M * turns[:, 0]
-    wheels_on = track.on_road(origin[:, None] + _WHEELS_M @ turns).sum(axis=1)
+    wheels_on = track.on_road(origin[:, None] + WHEELS_M[:, :2] @ turns).sum(axis=1)
     off = wheels_on == 0
 
     part = (along_m / track.length_m - drive.start_fraction) % 1.0
@@ -75,7 +72,7 @@ def field(drive: Drive) -> Field:
         xy=xy,
         heading_deg=np.degrees(poses[:, 2]),
         where=track.locate(xy),
-        all_on=wheels_on == len(_WHEELS_M),
+        all_on=wheels_on == len(WHEELS_M),
         none_on=off,
         progress=np.tile(100.0 * part, len(OFFSETS)),
         steps=np.tile(steps, len(OFFSETS)),

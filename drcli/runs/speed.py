@@ -5,14 +5,12 @@ from pathlib import Path
 
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.trace import STEP_S
 from drcli.runs.status import Process
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.history import read_history
 from drcli.store.open_running import open_running_bucket
-
-CONTROL_HZ = 15.0
-"""Steps in a simulated second. Source: the reference simulator."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ def speed_of(process: Process, settings: Settings, directory: Path) -> SpeedRepo
         iteration,
         len(seconds),
         steps_per_s,
-        steps_per_s / CONTROL_HZ,
+        steps_per_s * STEP_S,
     )
 
 

@@ -22,7 +22,7 @@ from drcli.store.ownership import Ownership
 from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0
-"""How long a supervisor waits for a silent bucket: restarting its server is the supervisor's job."""
+"""How long a supervisor waits for a silent bucket: it restarts the server itself."""
 
 READ_TIMEOUT_S = 5.0
 """How long an answer of the bucket may stall."""

@@ -32,9 +32,9 @@ class IterationRecord:
         full_laps: Episodes that ended with a completed lap.
         best_lap_s: Fastest completed lap, simulated seconds, or None.
         entropy: Mean entropy of the policy in the last epoch, nats.
-        surrogate_loss: Mean policy loss of the last epoch.
-        value_loss: Mean value loss of the last epoch.
-        kl: Mean divergence from the policy that drove, in the last epoch.
+        surrogate_loss: Mean policy loss of the last epoch; NaN for SAC.
+        value_loss: Mean value loss of the last epoch; NaN for SAC.
+        kl: Mean divergence from the policy that drove, in the last epoch; NaN for SAC.
         steps_per_s: Steps learned from per second of wall time, driving and learning together.
         real_time_factor: Simulated seconds per second of wall time, all cars together.
         drive_s: Wall time that the slowest worker drove.
@@ -43,6 +43,9 @@ class IterationRecord:
         elapsed_s: Wall time of training so far, without the time it was stopped.
         evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
         evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
+        actor_loss: SAC's, mean of the last part of the update; None for PPO.
+        critic_loss: Mean loss of SAC's two critics, likewise.
+        alpha: SAC's temperature, likewise.
     """
 
     iteration: int
@@ -66,6 +69,9 @@ class IterationRecord:
     elapsed_s: float
     evaluation_progress: list[float] = field(default_factory=list)
     evaluation_lap_s: list[float] = field(default_factory=list)
+    actor_loss: float | None = None
+    critic_loss: float | None = None
+    alpha: float | None = None
 
 
 def fields_of(record: IterationRecord) -> dict[str, Any]:

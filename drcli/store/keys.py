@@ -70,6 +70,11 @@ def history(prefix: str) -> str:
     return metrics_prefix(prefix) + "/history.json"
 
 
+def learner_metrics(prefix: str) -> str:
+    """The learner's numbers of each iteration, for pandas and dashboards."""
+    return metrics_prefix(prefix) + "/learner.csv"
+
+
 def run_note(prefix: str) -> str:
     """What the next start of this training must know of the last one, such as its seed."""
     return folder(prefix) + "ip/run.json"

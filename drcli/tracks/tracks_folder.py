@@ -11,8 +11,7 @@ from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.track.route_files import read_route, write_route
 from drsim.track.worlds import WorldInfo, describe, known_worlds, load_track
-from drsim.viewing.png import png_bytes
-from drsim.viewing.track_map import picture_map, text_map
+from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 MAP_COLUMNS = 78
 """Letters in a line of a map where there is room for them."""

@@ -18,7 +18,7 @@ from drsim.episode.reward import RewardFunction, load_reward_function
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
-from drsim.sensing.senses import Randomize
+from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
 from drsim.track.worlds import load_track

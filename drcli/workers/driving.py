@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
-from drcli.learn.acting import Decision, Policy, decide, noise_dims, observation
-from drcli.learn.observation import Observation
+from drcli.learn.policy import Decision, Observation, Policy, decide
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions, ContinuousActions
@@ -97,7 +96,7 @@ class _Lane:
         self._draw = np.random.Generator(
             np.random.Philox(key=np.array([seed, plan.number], np.uint64))
         )
-        self._noise_dims = noise_dims(pilot.model)
+        self._noise_dims = pilot.model.spec.noise_dims
         self._block = np.empty((0, self._noise_dims), dtype=np.float32)
         self._normal = pilot.model.spec.continuous
         self._used = 0
@@ -290,11 +289,11 @@ class Driver:
         if spec.stack > 1:
             looks = zip(seats, frames, strict=True)
             stacked = np.stack([np.concatenate(lane.look(frame)) for (_, lane), frame in looks])
-        return _Observed(frames, scans, states, observation(stacked, scans, states))
+        return _Observed(frames, scans, states, Observation.of_arrays(stacked, scans, states))
 
     def _expect(self, pilot: Pilot, cut: list[tuple[int, "_Lane"]]) -> None:
         """Ask the critic what the rest of episodes would have brought that were cut off."""
-        noise = np.zeros((len(cut), noise_dims(pilot.model)), np.float32)
+        noise = np.zeros((len(cut), pilot.model.spec.noise_dims), np.float32)
         observed = self._observe(pilot, cut)
         decision = decide(pilot.model, observed.together, noise, np.ones(len(cut), np.bool_))
         for (_, lane), value in zip(cut, decision.values.tolist(), strict=True):

@@ -29,6 +29,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.traces import STATUS_LABELS
 from drcli.workers import reference_log, worker_process
+from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
     load_race,
@@ -40,7 +41,6 @@ from drcli.workers.build_race import (
 )
 from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
-from drcli.workers.learner import build_policy
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules

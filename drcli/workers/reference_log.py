@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from drcli.config.settings import Settings
 from drcli.exchange.trace import Episode, log_lines
+from drcli.learn.update_stats import PPOStats, Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
@@ -111,11 +112,19 @@ def evaluation_lines(
     return "\n".join(lines)
 
 
-def epoch_line(surrogate: float, kl: float, entropy: float, epoch: int, lr: float) -> str:
-    """One pass of the update over the rollouts, in the trainer's log."""
+def epoch_line(stats: Stats) -> str:
+    """One pass of PPO's update over the rollouts, or a part of SAC's, in the trainer's log.
+
+    The reference's line is PPO's; SAC has neither a surrogate loss nor a KL divergence.
+    """
+    if isinstance(stats, PPOStats):
+        losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
+    else:
+        losses = f"Actor loss={stats.actor_loss}, Critic loss={stats.critic_loss}"
+        losses += f", Alpha={stats.alpha}"
     return (
-        f"Policy training> Surrogate loss={surrogate}, KL divergence={kl}, Entropy={entropy}, "
-        f"training epoch={epoch}, learning_rate={lr}"
+        f"Policy training> {losses}, Entropy={stats.entropy}, "
+        f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
     )
 
 

@@ -9,7 +9,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint
 from drcli.store.evaluations import evaluated_numbers
-from drcli.workers.learner import Learner
+from drcli.workers.build_learner import Learner
 
 _logger = get_logger(__name__)
 
@@ -34,7 +34,7 @@ def restore_weights(learner: Learner, found: Checkpoint) -> None:
 def restore_optimizer(learner: Learner, state: bytes) -> None:
     """Take up an optimizer state, a safetensors file, if it fits: weights go on without it, too."""
     try:
-        learner.restore(load_tensors(state))
+        learner.optimizer.restore(load_tensors(state))
     except ValueError as error:
         _logger.warning("The optimizer starts afresh: its saved state does not fit: %s", error)
 

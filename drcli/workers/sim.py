@@ -17,8 +17,8 @@ from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
 from drcli.exchange.job import Job
 from drcli.exchange.trace import csv_text, schedule
-from drcli.learn.acting import SideBySide
-from drcli.learn.precision import flush_denormals
+from drcli.learn.compute import flush_denormals
+from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -28,6 +28,7 @@ from drcli.store.evaluations import EvaluationResult, write_evaluation
 from drcli.store.repair import Model, mend_metrics
 from drcli.store.rollouts import RolloutWriter, session_of_worker
 from drcli.workers import reference_log, worker_process
+from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
     load_race,
@@ -42,7 +43,6 @@ from drcli.workers.build_race import (
 from drcli.workers.cores import cores, driving_threads, overlaps
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drcli.workers.episode_share import EvaluationBudget, Share
-from drcli.workers.learner import build_policy
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -106,7 +106,9 @@ class SimWorker:
             realism=realism_of(s, "training"),
             randomize=randomize_of(s),
         )
-        self._driver = Driver(simulation, [Pilot(SideBySide(self._model, threads), actions)], seed)
+        self._driver = Driver(
+            simulation, [Pilot(DataParallelPolicy(self._model, threads), actions)], seed
+        )
         own = Model(
             self._bucket,
             self._prefix,

@@ -4,6 +4,7 @@ Run by the supervisor as `python -m drcli.workers.trainer`.
 """
 
 import json
+import math
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -14,8 +15,9 @@ from safetensors.torch import save as save_tensors
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
 from drcli.exchange.job import Job, LastWords
-from drcli.learn.ppo import EpochStats, NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.precision import choose_compute, flush_denormals
+from drcli.learn.compute import choose_compute, flush_denormals
+from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_stats import Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import health, keys
@@ -26,9 +28,10 @@ from drcli.store.rollout_collection import RolloutReader
 from drcli.workers import reference_log, worker_process
 from drcli.workers.batch import Collected, Collector
 from drcli.workers.best_checkpoint import Scoring
+from drcli.workers.build_learner import build_learner
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
-from drcli.workers.learner import build_learner
+from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
 from drcli.workers.wait_for_trainer import DOUBT_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -58,6 +61,7 @@ class Trainer:
             _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
+        self._metrics = LearnerMetrics(self._bucket, self._prefix)
         files = {
             keys.HYPERPARAMETERS_FILE: self._bucket.get(keys.hyperparameters(self._prefix)),
             keys.MODEL_METADATA_FILE: self._bucket.get(keys.model_metadata(self._prefix)),
@@ -152,6 +156,9 @@ class Trainer:
         self._elapsed_before_s = float(record.counters.get("elapsed_s", 0.0))
         self._history.restore(self._number, record.counters.get("learned"))
         self._scoring.restore(self._history.records)
+        problem = self._metrics.restore(self._history.records)
+        if problem is not None:
+            _logger.warning(problem)
         self._checkpoints.point_to(record)
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
@@ -238,7 +245,8 @@ class Trainer:
         self._steps += collected.rollout.steps
         self._episodes += len(collected.rewards)
 
-        last = stats[-1] if stats else EpochStats(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        last = stats[-1] if stats else None
+        numbers = {} if last is None else last.metrics()
         self._scoring.expect(self._number - 1, collected.evaluates)
         record = IterationRecord(
             iteration=self._number - 1,
@@ -250,10 +258,13 @@ class Trainer:
             mean_progress=float(np.mean(collected.progress)),
             full_laps=len(collected.lap_s),
             best_lap_s=min(collected.lap_s, default=None),
-            entropy=last.entropy,
-            surrogate_loss=last.surrogate_loss,
-            value_loss=last.value_loss,
-            kl=last.kl,
+            entropy=numbers.get("losses/entropy", math.nan),
+            surrogate_loss=numbers.get("losses/policy_loss", math.nan),
+            value_loss=numbers.get("losses/value_loss", math.nan),
+            kl=numbers.get("losses/approx_kl", math.nan),
+            actor_loss=numbers.get("losses/actor_loss"),
+            critic_loss=numbers.get("losses/qf_loss"),
+            alpha=numbers.get("losses/alpha"),
             steps_per_s=collected.rollout.steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             drive_s=collected.drive_s,
@@ -266,6 +277,7 @@ class Trainer:
             self._mark_end(reason)
         self._publish(record)
         self._history.add(record)
+        self._publish_metrics(row_of(record, last))
         if reason is not None:
             self._await_evaluation(collected)
         self._scoring.score(self._newest())
@@ -322,11 +334,17 @@ class Trainer:
             },
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
-        tensors = self._learner.optimizer_tensors()
+        tensors = self._learner.optimizer.tensors()
         if tensors:
             self._optimizer_upload = self._uploader.submit(
                 self._checkpoints.attach_optimizer, record, save_tensors(tensors)
             )
+
+    def _publish_metrics(self, row: Row) -> None:
+        """Log the learner's numbers, and write them while the workers are already driving."""
+        plain.info(line_of(row))
+        self._metrics.add(row)
+        self._uploader.submit(self._metrics.write, self._metrics.snapshot())
 
     def _join_upload(self) -> None:
         """Wait for the optimizer state of the last checkpoint; its failure is ours."""
@@ -353,17 +371,14 @@ class Trainer:
         self._join_upload()
         self._mark_end(reason)
         self._forget_rollouts(before=self._number)
+        self._uploader.shutdown()  # the metrics are written
         self._activity.say("finished")
         LastWords(reason, "", 0).leave(self._job.folder, "trainer")
         _logger.info(reason)
 
 
-def _print_epoch(stats: EpochStats) -> None:
-    plain.info(
-        reference_log.epoch_line(
-            stats.surrogate_loss, stats.kl, stats.entropy, stats.epoch, stats.lr
-        )
-    )
+def _print_epoch(stats: Stats) -> None:
+    plain.info(reference_log.epoch_line(stats))
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from drsim.errors import TrackError
-from drsim.fidelity.fidelity import Windows, compare
+from drsim.fidelity.motion import Windows, compare
 from drsim.fidelity.recordings import RecordingError, load_recordings
-from drsim.fidelity.rederive import Agreement, rederive
+from drsim.fidelity.track_columns import Agreement, rederive
 from drsim.track.worlds import load_track
 
 EXIT_SETTINGS = 3

@@ -11,7 +11,7 @@ from typing import Any, TextIO
 from drcli.checks.sandbox.side_effects import line_in
 from drcli.checks.sandbox.statement import HANGS, FailureKind
 from drsim.episode.reward import RewardFunction, RewardParams, as_number
-from drsim.episode.reward_failure import code_of
+from drsim.episode.reward_errors import code_of
 from drsim.errors import RewardError
 
 

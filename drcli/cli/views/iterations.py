@@ -1,5 +1,6 @@
 """How iterations of a training look: in a line, as a table, as curves."""
 
+import math
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -11,10 +12,10 @@ if TYPE_CHECKING:
     from drcli.store.history import IterationRecord
 
 CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
-"""Columns of a curve where there are enough, and where there are not."""
+"""Width of a curve in a wide terminal, and the least width in a narrow one."""
 
 BESIDE_CURVE = 26
-"""Columns for the name of a curve, its newest value and some room."""
+"""Columns for the name of a curve, its newest value and the space between them."""
 
 LEAST_COLUMNS = {
     "iter": 4,
@@ -24,19 +25,19 @@ LEAST_COLUMNS = {
     "laps": 6,
     "eval": 9,
     "entropy": 7,
-    "loss p/v": 12,
+    "losses": 12,
 }
-"""Least widths, so that columns stay where they are while numbers grow."""
+"""Least widths, so that columns stay in place while numbers grow."""
 
 GAP = 2
-"""Columns between those of a table."""
+"""Space between the columns of a table."""
 
-SPARED = ("loss p/v", "entropy", "steps", "laps")
-"""What a narrow terminal does without, the first one first; `dr-status --json` has every number."""
+OPTIONAL = ("losses", "entropy", "steps", "laps")
+"""What a narrow terminal leaves out, in this order; `dr-status --json` has every number."""
 
 
 def line(record: "IterationRecord", *, verbose: bool = False) -> str:
-    """One iteration in one line, for logs and pipes; a long one where `verbose` is chosen."""
+    """One iteration in one line, for logs and pipes; `verbose` adds losses, speed and times."""
     short = (
         f"{clock(record.elapsed_s):>7} iter {record.iteration:3d} {record.total_steps:7d} steps  "
         f"reward {record.mean_reward:6.1f}  progress {record.mean_progress:5.1f} %  "
@@ -45,9 +46,8 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
     if not verbose:
         return short
     return (
-        f"{short}  laps {record.full_laps}/{record.episodes}  entropy {record.entropy:.3f}  "
-        f"policy loss {record.surrogate_loss:.4f}  value loss {record.value_loss:.4f}  "
-        f"KL {record.kl:.4f}  {record.steps_per_s:.0f} steps/s  "
+        f"{short}  laps {record.full_laps}/{record.episodes}  entropy {_known(record.entropy, 3)}  "
+        f"{_named_losses(record)}  {record.steps_per_s:.0f} steps/s  "
         f"{record.real_time_factor:.0f} x real time  {time_split(record)}"
     )
 
@@ -57,29 +57,31 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
     Args:
         records: Oldest first.
-        rows: How many there shall be at least; the missing ones are left empty.
-        columns: Of the terminal; a narrow one does without some.
+        rows: How many rows to show at least; missing ones are empty.
+        columns: Width of the terminal; see `OPTIONAL`.
     """
     lines = [_cells(record) for record in records]
     widths = {
         name: max(least, *(len(cells[name]) for cells in lines), 0)
         for name, least in LEAST_COLUMNS.items()
     }
-    for name in SPARED:
+    for name in OPTIONAL:
         if sum(widths.values()) + GAP * (len(widths) - 1) > columns:
             del widths[name]
-    drawn = Table(box=None, pad_edge=False, header_style="dim")
+    shown = Table(box=None, pad_edge=False, header_style="dim")
+    sac = any(record.actor_loss is not None for record in records)
     for name, width in widths.items():
-        drawn.add_column(name, min_width=width, justify="right", no_wrap=True)
+        header = name if name != "losses" else "loss a/c" if sac else "loss p/v"
+        shown.add_column(header, min_width=width, justify="right", no_wrap=True)
     for cells in lines:
-        drawn.add_row(*(cells[name] for name in widths))
+        shown.add_row(*(cells[name] for name in widths))
     for _ in range(rows - len(records)):
-        drawn.add_row()
-    return drawn
+        shown.add_row()
+    return shown
 
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
-    """Mean progress, the evaluations below it, and mean reward, for a terminal that wide."""
+    """Mean progress, evaluations and mean reward, each in a line, for a terminal that wide."""
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = [record.mean_progress for record in records]
     reward = [record.mean_reward for record in records]
@@ -118,6 +120,13 @@ def time_split(record: "IterationRecord") -> str:
     )
 
 
+def last_step(record: "IterationRecord") -> str:
+    """How far the update moved the policy, which SAC does not measure, or SAC's temperature."""
+    if record.alpha is not None:
+        return f"alpha {record.alpha:.4f}"
+    return f"KL {_known(record.kl, 4)}"
+
+
 def clock(elapsed_s: float) -> str:
     """A time as m:ss or h:mm:ss."""
     whole = max(0, int(elapsed_s))
@@ -127,7 +136,7 @@ def clock(elapsed_s: float) -> str:
 
 
 def _cells(record: "IterationRecord") -> dict[str, str]:
-    """An iteration's numbers, by the column they stand in."""
+    """An iteration's numbers by column."""
     return {
         "iter": str(record.iteration),
         "steps": f"{record.total_steps:,}",
@@ -135,13 +144,34 @@ def _cells(record: "IterationRecord") -> dict[str, str]:
         "progress": f"{record.mean_progress:.1f} %",
         "laps": f"{record.full_laps}/{record.episodes}",
         "eval": _evaluated(record),
-        "entropy": f"{record.entropy:.2f}",
-        "loss p/v": f"{record.surrogate_loss:.3f}/{record.value_loss:.2f}",
+        "entropy": _known(record.entropy, 2),
+        "losses": _losses(record),
     }
 
 
+def _losses(record: "IterationRecord") -> str:
+    """PPO's policy and value loss, or SAC's actor and critic loss."""
+    if record.actor_loss is not None and record.critic_loss is not None:
+        return f"{record.actor_loss:.3f}/{record.critic_loss:.2f}"
+    return f"{_known(record.surrogate_loss, 3)}/{_known(record.value_loss, 2)}"
+
+
+def _named_losses(record: "IterationRecord") -> str:
+    if record.actor_loss is not None and record.critic_loss is not None:
+        losses = f"actor loss {record.actor_loss:.4f}  critic loss {record.critic_loss:.4f}"
+    else:
+        losses = f"policy loss {_known(record.surrogate_loss, 4)}  "
+        losses += f"value loss {_known(record.value_loss, 4)}"
+    return f"{losses}  {last_step(record)}"
+
+
+def _known(value: float, digits: int) -> str:
+    """A number, or a dash before anything is learned and where the history was reconstructed."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
 def _completed(record: "IterationRecord") -> float | None:
-    """Share of the evaluation's laps that were completed, None before it."""
+    """Share of the evaluation's laps that were completed; None if there was no evaluation."""
     if not record.evaluation_progress:
         return None
     return len(record.evaluation_lap_s) / len(record.evaluation_progress)

@@ -9,7 +9,7 @@ T = TypeVar("T")
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 NONE, SOME, ALL = "·", "◦", "●"
-"""Marks of an evaluation in which no lap, some laps or all laps were completed."""
+"""Marks of an evaluation that completed no lap, some laps or all laps."""
 
 
 def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
@@ -17,9 +17,9 @@ def curve(values: Sequence[float], width: int, *, top: float | None = None) -> s
 
     Args:
         values: Oldest first. Longer lists are averaged down to the width.
-        width: Characters at most.
+        width: The most characters.
         top: The value that fills a character; the greatest one if left out. The lowest character
-            means zero, or the least value where that is negative.
+            means zero, or the least value if that is negative.
     """
     if not values:
         return ""
@@ -34,11 +34,11 @@ def curve(values: Sequence[float], width: int, *, top: float | None = None) -> s
 
 
 def marks(completed: Sequence[float | None], width: int) -> str:
-    """Evaluations below a curve of the same width.
+    """Marks of evaluations, for the line below a curve of the same width.
 
     Args:
         completed: Share of completed laps of each evaluation, 0 to 1; None where there was none.
-        width: Characters at most. Where several evaluations share one, the best is shown.
+        width: The most characters. Where several evaluations share one, the best is shown.
     """
     return "".join(_mark(part) for part in _parts(completed, width))
 

@@ -171,7 +171,8 @@ def _time_split(report: "RunReport") -> str:
     if not report.history:
         return ""
     last = report.history[-1]
-    return f"iteration {last.iteration} took: {iterations.time_split(last)}   KL {last.kl:.4f}"
+    times = iterations.time_split(last)
+    return f"iteration {last.iteration} took: {times}   {iterations.last_step(last)}"
 
 
 def _checkpoints(report: "RunReport") -> str:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ REFERENCE_POINT_AHEAD_M = 0.14
 _REAR_X, _REAR_Y, _REAR_Z = -0.081663, 0.08105, 0.038999
 _FRONT_X, _FRONT_Y, _FRONT_Z = 0.082311, 0.079601, 0.035008
 
-_WHEELS = np.array(
+WHEELS_M = np.array(
     [
         [_REAR_X, _REAR_Y, _REAR_Z],
         [_REAR_X, -_REAR_Y, _REAR_Z],
@@ -45,6 +45,13 @@ _WHEELS = np.array(
         [_FRONT_X, -_FRONT_Y, _FRONT_Z],
     ]
 )
+"""Wheel centres: forward, left, up of the car's origin. Rear left, rear right, front left, front
+right."""
+
+WHEELBASE_M = _FRONT_X - _REAR_X
+REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
+"""How far behind the reference point the rear axle lies."""
+
 _SETTLE_STEPS = 30
 
 _VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
@@ -154,14 +161,13 @@ class CarBatch:
     """Cars that know nothing of each other, stepped together on MuJoCo's thread pool.
 
     The same actions give bit-identical motion on one machine, whatever the number of threads.
-    All attributes are refreshed by `place` and `drive`; wheels are in the order rear left,
-    rear right, front left, front right.
+    All attributes are refreshed by `place` and `drive`.
 
     Attributes:
         origin_xy: Car origins (base_link) in the world, metres. Shape (n, 2).
         front_xy: The points 0.14 m ahead of the origins, metres. Shape (n, 2).
         yaw_rad: Headings, counter-clockwise from world x. Shape (n,).
-        wheel_xy: Wheel centres, metres. Shape (n, 4, 2).
+        wheel_xy: Wheel centres in the order of `WHEELS_M`, metres. Shape (n, 4, 2).
         lens_pos: Camera lenses, metres. Shape (n, 3).
         lens_mat: Camera axes in the world: columns forward, left, up. Shape (n, 3, 3).
         speed: Speed of the car origin over ground, m/s. Shape (n,).
@@ -288,16 +294,16 @@ class CarBatch:
         _poses_of(
             self._qpos,
             self._qvel,
-            self.origin_xy,
-            self.front_xy,
-            self.yaw_rad,
-            self.wheel_xy,
-            self.lens_pos,
-            self.lens_mat,
-            self.speed,
-            FRONT.mount_m[0],
-            FRONT.mount_m[2],
-            FRONT.pitch_rad,
+            _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad),
+            _Motion(
+                self.origin_xy,
+                self.front_xy,
+                self.yaw_rad,
+                self.wheel_xy,
+                self.lens_pos,
+                self.lens_mat,
+                self.speed,
+            ),
         )
 
 
@@ -309,23 +315,31 @@ def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
     return float(data.qpos[2]), 2.0 * math.atan2(float(data.qpos[5]), float(data.qpos[3]))
 
 
+class _Mount(NamedTuple):
+    """Where the camera is built in, in the car's base frame."""
+
+    forward_m: float
+    up_m: float
+    pitch_rad: float
+
+
+class _Motion(NamedTuple):
+    """The attributes of a `CarBatch` that `_poses_of` writes."""
+
+    origin_xy: Floats
+    front_xy: Floats
+    yaw_rad: Floats
+    wheel_xy: Floats
+    lens_pos: Floats
+    lens_mat: Floats
+    speed: Floats
+
+
 @kernel
-def _poses_of(
-    qpos: Floats,
-    qvel: Floats,
-    origin_xy: Floats,
-    front_xy: Floats,
-    yaw_rad: Floats,
-    wheel_xy: Floats,
-    lens_pos: Floats,
-    lens_mat: Floats,
-    speed: Floats,
-    lens_x: float,
-    lens_z: float,
-    lens_pitch_rad: float,
-) -> None:
-    cos_pitch = math.cos(lens_pitch_rad)
-    sin_pitch = math.sin(lens_pitch_rad)
+def _poses_of(qpos: Floats, qvel: Floats, mount: _Mount, out: _Motion) -> None:
+    """Write where cars are, from MuJoCo's state: position, then a unit quaternion."""
+    cos_pitch = math.cos(mount.pitch_rad)
+    sin_pitch = math.sin(mount.pitch_rad)
     for i in range(qpos.shape[0]):
         x, y, z = qpos[i, 0], qpos[i, 1], qpos[i, 2]
         w, a, b, c = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
@@ -333,26 +347,26 @@ def _poses_of(
         fx, fy, fz = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c), 2 * (a * c - w * b)
         lx, ly, lz = 2 * (a * b - w * c), 1 - 2 * (a * a + c * c), 2 * (b * c + w * a)
         ux, uy, uz = 2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)
-        origin_xy[i, 0] = x
-        origin_xy[i, 1] = y
+        out.origin_xy[i, 0] = x
+        out.origin_xy[i, 1] = y
         # The body's own x axis, pitch and all, as the reference rotates that point.
-        front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
-        front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
-        yaw_rad[i] = math.atan2(fy, fx)
+        out.front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
+        out.front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
+        out.yaw_rad[i] = math.atan2(fy, fx)
         for k in range(4):
-            wx, wy, wz = _WHEELS[k, 0], _WHEELS[k, 1], _WHEELS[k, 2]
-            wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
-            wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
-        lens_pos[i, 0] = x + fx * lens_x + ux * lens_z
-        lens_pos[i, 1] = y + fy * lens_x + uy * lens_z
-        lens_pos[i, 2] = z + fz * lens_x + uz * lens_z
-        lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
-        lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
-        lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
-        lens_mat[i, 0, 1] = lx
-        lens_mat[i, 1, 1] = ly
-        lens_mat[i, 2, 1] = lz
-        lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
-        lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
-        lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
-        speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])
+            wx, wy, wz = WHEELS_M[k, 0], WHEELS_M[k, 1], WHEELS_M[k, 2]
+            out.wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
+            out.wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
+        out.lens_pos[i, 0] = x + fx * mount.forward_m + ux * mount.up_m
+        out.lens_pos[i, 1] = y + fy * mount.forward_m + uy * mount.up_m
+        out.lens_pos[i, 2] = z + fz * mount.forward_m + uz * mount.up_m
+        out.lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
+        out.lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
+        out.lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
+        out.lens_mat[i, 0, 1] = lx
+        out.lens_mat[i, 1, 1] = ly
+        out.lens_mat[i, 2, 1] = lz
+        out.lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
+        out.lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
+        out.lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
+        out.speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])

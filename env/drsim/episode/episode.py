@@ -1,8 +1,8 @@
-"""Episodes: their rules, how they end, and what a violation costs, for many cars at once."""
+"""Episodes of many cars: their rules, how they end, and what a violation costs."""
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ Bools = NDArray[np.bool_]
 IMMOBILIZED_M = 0.0003
 """A car that moves no further than this in a step stands still. Source: the reference simulator."""
 
-
 UNFINISHED = 99.99
-"""Most progress, in percent, that being put back can give."""
+"""Most progress, in percent, that a car can have after it was put back."""
 
 
 class Status(IntEnum):
@@ -54,7 +53,7 @@ class EpisodeRules:
         collision_penalty_s: Wait after a crash, seconds.
         reversed_penalty_s: Wait after driving backwards, seconds.
         immobilized_penalty_s: Wait after standing still, seconds.
-        patience_steps: Consecutive steps without motion, or with falling progress, that make a
+        patience_steps: Consecutive steps without motion, or with falling progress, that count as a
             violation.
         max_steps: Steps after which an episode is cut off, the first included.
     """
@@ -98,59 +97,105 @@ class EpisodeRules:
         }.get(status, 0.0)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What one step led to; arrays over cars, meaningful where the car was driven.
+class Observed(NamedTuple):
+    """What a step showed of each car, as the judge needs it. Arrays of shape (n,).
 
     Attributes:
-        status: Status numbers. Shape (n,).
-        terminated: The episode is over by its rules. Shape (n,).
-        truncated: The episode was cut off by the step limit. Shape (n,).
-        put_back: The violation is forgiven: the car goes back on the track. Shape (n,).
-        lap_done: A lap was completed in this step. Shape (n,).
+        driven: The car was driven in this step.
+        fraction: Where the point ahead of the car is on the lap, 0 .. 1.
+        moved_m: How far the car's origin moved in the step, metres.
+        off_track: No wheel of the car is on the track.
+        crashed: The car has driven into something.
+    """
+
+    driven: Bools
+    fraction: Floats
+    moved_m: Floats
+    off_track: Bools
+    crashed: Bools
+
+
+class Verdict(NamedTuple):
+    """What one step led to. Arrays of shape (n,), meaningful where the car was driven.
+
+    Attributes:
+        status: `Status` numbers.
+        terminated: The episode is over by its rules.
+        truncated: The episode was cut off by the step limit.
+        put_back: The violation is forgiven: the car goes back on the track.
     """
 
     status: Ints
     terminated: Bools
     truncated: Bools
     put_back: Bools
-    lap_done: Bools
+
+
+class EpisodeState(NamedTuple):
+    """The running episodes of n cars. Arrays of shape (n,), changed in place.
+
+    Attributes:
+        steps: Steps of the episode so far, the first one included.
+        progress: Percent of the current lap; exactly 100 in the step that completes it.
+        previous_progress: That of the step before; 0 after a completed lap.
+        start_fraction: Where the episode started, 0 .. 1 along the centre line.
+        laps: Laps completed in this episode.
+        resets: Violations forgiven in this episode.
+        crashes: Crashes in this episode.
+        pause_steps: Steps the car still has to wait.
+        lap_steps: Steps since the current lap began, waiting included.
+        still_steps: Consecutive driven steps without motion.
+        backward_steps: Consecutive driven steps with falling progress.
+        over: The episode has ended, or none has begun.
+    """
+
+    steps: Ints
+    progress: Floats
+    previous_progress: Floats
+    start_fraction: Floats
+    laps: Ints
+    resets: Ints
+    crashes: Ints
+    pause_steps: Ints
+    lap_steps: Ints
+    still_steps: Ints
+    backward_steps: Ints
+    over: Bools
 
 
 class Episodes:
-    """The running episodes of n cars: counters, progress and pauses.
-
-    Attributes:
-        steps: Steps of the episode so far, the first one included. Shape (n,).
-        progress: Percent of the current lap; exactly 100 in the step that completes it. Shape (n,).
-        previous_progress: That of the step before; 0 after a completed lap. Shape (n,).
-        start_fraction: Where the episode started, 0 .. 1 along the centre line. Shape (n,).
-        laps: Laps completed in this episode. Shape (n,).
-        resets: Violations forgiven in this episode. Shape (n,).
-        crashes: Crashes in this episode. Shape (n,).
-        pause_steps: Steps the car still has to wait. Shape (n,).
-        lap_steps: Steps since the current lap began, waiting included. Shape (n,).
-        over: The episode has ended, or none has begun. Shape (n,).
-    """
+    """The running episodes of n cars: what they have come to is in `state`."""
 
     def __init__(self, num_cars: int, rules: EpisodeRules) -> None:
         """Prepare n cars without an episode."""
         self.rules = rules
-        self.steps: Ints = np.zeros(num_cars, np.int64)
-        self.progress: Floats = np.zeros(num_cars)
-        self.previous_progress: Floats = np.zeros(num_cars)
-        self.start_fraction: Floats = np.zeros(num_cars)
-        self.laps: Ints = np.zeros(num_cars, np.int64)
-        self.resets: Ints = np.zeros(num_cars, np.int64)
-        self.crashes: Ints = np.zeros(num_cars, np.int64)
-        self.pause_steps: Ints = np.zeros(num_cars, np.int64)
-        self.lap_steps: Ints = np.zeros(num_cars, np.int64)
-        self.over: Bools = np.ones(num_cars, np.bool_)
-        self._pause_steps = np.array(
-            [round(rules.penalty_s(status) * CONTROL_HZ) for status in Status], np.int64
+
+        def count() -> Ints:
+            return np.zeros(num_cars, np.int64)
+
+        self.state = EpisodeState(
+            steps=count(),
+            progress=np.zeros(num_cars),
+            previous_progress=np.zeros(num_cars),
+            start_fraction=np.zeros(num_cars),
+            laps=count(),
+            resets=count(),
+            crashes=count(),
+            pause_steps=count(),
+            lap_steps=count(),
+            still_steps=count(),
+            backward_steps=count(),
+            over=np.ones(num_cars, np.bool_),
         )
-        self._still_steps: Ints = np.zeros(num_cars, np.int64)
-        self._backward_steps: Ints = np.zeros(num_cars, np.int64)
+        self._limits = _Limits(
+            laps=rules.laps,
+            max_resets=rules.max_resets,
+            patience_steps=rules.patience_steps,
+            max_steps=rules.max_steps,
+            pause_steps=np.array(
+                [round(rules.penalty_s(status) * CONTROL_HZ) for status in Status], np.int64
+            ),
+        )
 
     def begin(self, cars: Ints, start_fraction: Floats, fraction: Floats) -> None:
         """Start episodes with their `prepare` step.
@@ -160,93 +205,49 @@ class Episodes:
             start_fraction: Where the car origin stands on the lap, 0 .. 1. Shape (k,).
             fraction: Where the point ahead of the car stands, 0 .. 1. Shape (k,).
         """
-        for counter in (self.laps, self.resets, self.crashes, self.pause_steps, self.lap_steps):
-            counter[cars] = 0
-        self._restart_patience(cars)
-        self.steps[cars] = 1
-        self.over[cars] = False
-        self.start_fraction[cars] = start_fraction
-        self.previous_progress[cars] = 0.0
-        self.progress[cars] = advance_progress(np.zeros(len(cars)), fraction, start_fraction)
+        state = self.state
+        for values in state:
+            values[cars] = 0
+        state.steps[cars] = 1
+        state.start_fraction[cars] = start_fraction
+        state.progress[cars] = advance_progress(np.zeros(len(cars)), fraction, start_fraction)
 
     def wait(self, cars: Bools) -> None:
         """Count one step of waiting for the cars that are paused. Shape (n,)."""
-        self.pause_steps[cars] -= 1
-        self.steps[cars] += 1
-        self.lap_steps[cars] += 1
+        self.state.pause_steps[cars] -= 1
+        self.state.steps[cars] += 1
+        self.state.lap_steps[cars] += 1
 
     def put_back(self, cars: Ints, fraction: Floats) -> None:
-        """Take note of where cars stand after a forgiven violation.
+        """Take over where cars stand after a forgiven violation.
 
         Args:
             cars: Which cars. Shape (k,).
             fraction: Where the point ahead of each is now, 0 .. 1 of the lap. Shape (k,).
         """
-        start, before = self.start_fraction[cars], self.progress[cars]
+        start, before = self.state.start_fraction[cars], self.state.progress[cars]
         # A car can be put back with its nose across the finish line. It has not driven there: the
         # lap counts with the next step that it drives.
-        self.progress[cars] = np.minimum(advance_progress(before, fraction, start), UNFINISHED)
+        progress = np.minimum(advance_progress(before, fraction, start), UNFINISHED)
+        self.state.progress[cars] = progress
 
-    def judge(
-        self,
-        driven: Bools,
-        fraction: Floats,
-        moved_m: Floats,
-        off_track: Bools,
-        crashed: Bools,
-    ) -> Verdict:
-        """Count one driven step and decide what it led to.
+    def judge(self, observed: Observed) -> Verdict:
+        """Count one driven step and decide what it led to."""
+        state = self.state
+        fresh = observed.driven & (state.progress >= 100.0)
+        before = np.where(fresh, 0.0, state.progress)
+        now = advance_progress(before, observed.fraction, state.start_fraction)
+        return _judge(observed, before, now, self._limits, state)
 
-        Args:
-            driven: Cars that were driven in this step. Shape (n,).
-            fraction: Where the point ahead of each car is on the lap, 0 .. 1. Shape (n,).
-            moved_m: How far each car's origin moved in the step, metres. Shape (n,).
-            off_track: No wheel of the car is on the track. Shape (n,).
-            crashed: The car has driven into something. Shape (n,).
 
-        Returns:
-            The outcome; cars that are over or put back are so from now on.
-        """
-        rules = self.rules
-        fresh = driven & (self.progress >= 100.0)
-        before = np.where(fresh, 0.0, self.progress)
-        now = advance_progress(before, fraction, self.start_fraction)
-        status = np.empty(len(driven), np.int64)
-        terminated, truncated, put_back, lap_done = np.empty((4, len(driven)), np.bool_)
-        _judge(
-            driven,
-            before,
-            now,
-            moved_m,
-            off_track,
-            crashed,
-            rules.laps,
-            rules.max_resets,
-            rules.patience_steps,
-            rules.max_steps,
-            self._pause_steps,
-            self.steps,
-            self.lap_steps,
-            self.previous_progress,
-            self.progress,
-            self.laps,
-            self.resets,
-            self.crashes,
-            self.pause_steps,
-            self.over,
-            self._still_steps,
-            self._backward_steps,
-            status,
-            terminated,
-            truncated,
-            put_back,
-            lap_done,
-        )
-        return Verdict(status, terminated, truncated, put_back, lap_done)
+class _Limits(NamedTuple):
+    """`EpisodeRules` for the compiler. `pause_steps` are the steps to wait, by `Status` number."""
 
-    def _restart_patience(self, cars: Ints) -> None:
-        self._still_steps[cars] = 0
-        self._backward_steps[cars] = 0
+    laps: int
+    max_resets: int
+    patience_steps: int
+    max_steps: int
+    pause_steps: Ints
 
 
 _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
@@ -260,82 +261,60 @@ _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
         Status.REVERSED,
     )
 )
-"""The compiler knows integers, no enumerations."""
+"""The compiler knows integers only, no enumerations."""
 
 
 @kernel
 def _judge(
-    driven: Bools,
-    before: Floats,
-    now: Floats,
-    moved_m: Floats,
-    off_track: Bools,
-    crashed: Bools,
-    laps_wanted: int,
-    max_resets: int,
-    patience_steps: int,
-    max_steps: int,
-    penalty_steps: Ints,
-    steps: Ints,
-    lap_steps: Ints,
-    previous_progress: Floats,
-    progress: Floats,
-    laps: Ints,
-    resets: Ints,
-    crashes: Ints,
-    pause_steps: Ints,
-    over: Bools,
-    still_steps: Ints,
-    backward_steps: Ints,
-    status: Ints,
-    terminated: Bools,
-    truncated: Bools,
-    put_back: Bools,
-    lap_done: Bools,
-) -> None:
-    """Count one step of each driven car and judge it; from `steps` on, all arrays are written.
+    observed: Observed, before: Floats, now: Floats, limits: _Limits, state: EpisodeState
+) -> Verdict:
+    """Count one step of each driven car in `state` and judge it; progress goes `before` -> `now`.
 
     A car that is not driven has patience again: only consecutive driven steps count.
     """
-    for car in range(len(driven)):
-        status[car] = _IN_PROGRESS
-        terminated[car] = truncated[car] = put_back[car] = lap_done[car] = False
-        if not driven[car]:
-            still_steps[car] = backward_steps[car] = 0
+    s, count = state, len(observed.driven)
+    status = np.full(count, _IN_PROGRESS)
+    terminated, truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    put_back = np.zeros(count, np.bool_)
+    for car in range(count):
+        if not observed.driven[car]:
+            s.still_steps[car] = s.backward_steps[car] = 0
             continue
-        steps[car] += 1
-        lap_steps[car] = 1 if progress[car] >= 100.0 else lap_steps[car] + 1
-        previous_progress[car], progress[car] = before[car], now[car]
-        still_steps[car] = still_steps[car] + 1 if moved_m[car] <= IMMOBILIZED_M else 0
-        backward_steps[car] = backward_steps[car] + 1 if now[car] < before[car] else 0
+        s.steps[car] += 1
+        s.lap_steps[car] = 1 if s.progress[car] >= 100.0 else s.lap_steps[car] + 1
+        s.previous_progress[car], s.progress[car] = before[car], now[car]
+        still = observed.moved_m[car] <= IMMOBILIZED_M
+        s.still_steps[car] = s.still_steps[car] + 1 if still else 0
+        s.backward_steps[car] = s.backward_steps[car] + 1 if now[car] < before[car] else 0
 
-        lap_done[car] = now[car] >= 100.0
-        laps[car] += lap_done[car]
-        finished = lap_done[car] and laps[car] >= laps_wanted
-        # In the reference's order of precedence.
+        lap_done = now[car] >= 100.0
+        s.laps[car] += lap_done
+        finished = lap_done and s.laps[car] >= limits.laps
+        # The first that applies wins, in the reference's order.
         if finished:
             status[car] = _LAP_COMPLETE
-        elif lap_done[car]:
+        elif lap_done:
             status[car] = _IN_PROGRESS
-        elif crashed[car]:
+        elif observed.crashed[car]:
             status[car] = _CRASHED
-        elif off_track[car]:
+        elif observed.off_track[car]:
             status[car] = _OFF_TRACK
-        elif still_steps[car] >= patience_steps:
+        elif s.still_steps[car] >= limits.patience_steps:
             status[car] = _IMMOBILIZED
-        elif backward_steps[car] >= patience_steps:
+        elif s.backward_steps[car] >= limits.patience_steps:
             status[car] = _REVERSED
 
         violated = status[car] != _IN_PROGRESS and not finished
-        crashes[car] += status[car] == _CRASHED
-        terminated[car] = finished or (violated and resets[car] >= max_resets)
-        truncated[car] = not terminated[car] and steps[car] >= max_steps
-        over[car] |= terminated[car] or truncated[car]
+        s.crashes[car] += status[car] == _CRASHED
+        terminated[car] = finished or (violated and s.resets[car] >= limits.max_resets)
+        truncated[car] = not terminated[car] and s.steps[car] >= limits.max_steps
+        s.over[car] |= terminated[car] or truncated[car]
         if truncated[car]:
-            # Traces know no word for a step limit; readers count these as cars that got nowhere.
+            # Traces have no word for a step limit; readers count these as cars that got nowhere.
             status[car] = _IMMOBILIZED
         elif violated and not terminated[car]:
             put_back[car] = True
-            resets[car] += 1
-            pause_steps[car] = penalty_steps[status[car]]
-            still_steps[car] = backward_steps[car] = 0
+            s.resets[car] += 1
+            s.pause_steps[car] = limits.pause_steps[status[car]]
+            s.still_steps[car] = s.backward_steps[car] = 0
+    return Verdict(status, terminated, truncated, put_back)

@@ -1,14 +1,17 @@
-"""The parameters a reward function is given: 27 keys whose names and meaning the users own."""
+"""The parameters of a reward function: 27 keys, which must keep their names and meaning."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drsim.episode.reward import RewardParams
 from drsim.race.objects import Objects
-from drsim.track.track import Location, Track
+from drsim.track.polyline import Location
+from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -23,7 +26,7 @@ class Situation:
     Attributes:
         xy: That point in the world, metres. Shape (n, 2).
         heading_deg: Yaw of the car, -180 .. 180. Shape (n,).
-        where: That point seen from the centre line.
+        where: Where that point lies relative to the track.
         all_on: All four wheel centres are on the track. Shape (n,).
         none_on: No wheel centre is on the track. Shape (n,).
         progress: Percent of the lap. Shape (n,).
@@ -67,107 +70,60 @@ def params_of(
         The parameters of each car, in the order given, as plain Python values.
     """
     s, where = situation, situation.where
-    columns = zip(
-        s.backward[cars].tolist(),
-        s.all_on[cars].tolist(),
-        s.none_on[cars].tolist(),
-        s.xy[cars].tolist(),
-        s.heading_deg[cars].tolist(),
-        where.from_center_m[cars].tolist(),
-        where.distance_m[cars].tolist(),
-        s.progress[cars].tolist(),
-        s.steps[cars].tolist(),
-        s.speed_mps[cars].tolist(),
-        s.steering_deg[cars].tolist(),
-        where.track_width_m[cars].tolist(),
-        where.previous[cars].tolist(),
-        where.next[cars].tolist(),
-        where.left_of_center[cars].tolist(),
-        s.sim_time_s[cars].tolist(),
-        s.crashed[cars].tolist(),
-        strict=True,
-    )
-    objects = None
+    driven = [tracks[direction] for direction in s.backward[cars].tolist()]
+    x, y = s.xy[cars].T.tolist()
+    columns: dict[str, Iterable[Any]] = {
+        "all_wheels_on_track": s.all_on[cars].tolist(),
+        "x": x,
+        "y": y,
+        "heading": s.heading_deg[cars].tolist(),
+        "distance_from_center": where.from_center_m[cars].tolist(),
+        "projection_distance": where.distance_m[cars].tolist(),
+        "progress": s.progress[cars].tolist(),
+        "steps": map(float, s.steps[cars].tolist()),
+        "speed": s.speed_mps[cars].tolist(),
+        "steering_angle": s.steering_deg[cars].tolist(),
+        "track_width": where.track_width_m[cars].tolist(),
+        "track_length": [track.length_m for track in driven],
+        "waypoints": map(list, [track.waypoints for track in driven]),
+        "closest_waypoints": _pairs(where.previous[cars], where.next[cars]),
+        "is_left_of_center": where.left_of_center[cars].tolist(),
+        "is_reversed": [track.reverse for track in driven],
+        "closest_objects": [[0, 0] for _ in driven],
+        "objects_location": [[] for _ in driven],
+        "objects_left_of_center": [[] for _ in driven],
+        "object_in_camera": repeat(False, len(driven)),
+        "objects_speed": [[] for _ in driven],
+        "objects_heading": [[] for _ in driven],
+        "objects_distance_from_center": [[] for _ in driven],
+        "objects_distance": [[] for _ in driven],
+        "is_crashed": s.crashed[cars].tolist(),
+        "is_offtrack": s.none_on[cars].tolist(),
+        "sim_time": s.sim_time_s[cars].tolist(),
+    }
     if s.objects is not None and len(s.objects.speed_mps):
-        objects = _rows_of_objects(s.objects, s, cars)
-    for (
-        direction,
-        all_on,
-        none_on,
-        (x, y),
-        heading_deg,
-        from_center_m,
-        distance_m,
-        progress,
-        steps,
-        speed_mps,
-        steering_deg,
-        width_m,
-        previous,
-        following,
-        left,
-        sim_time_s,
-        crashed,
-    ) in columns:
-        track = tracks[direction]
-        params = {
-            "all_wheels_on_track": all_on,
-            "x": x,
-            "y": y,
-            "heading": heading_deg,
-            "distance_from_center": from_center_m,
-            "projection_distance": distance_m,
-            "progress": progress,
-            "steps": float(steps),
-            "speed": speed_mps,
-            "steering_angle": steering_deg,
-            "track_width": width_m,
-            "track_length": track.length_m,
-            "waypoints": list(track.waypoints),
-            "closest_waypoints": [previous, following],
-            "is_left_of_center": left,
-            "is_reversed": track.reverse,
-            "closest_objects": [0, 0],
-            "objects_location": [],
-            "objects_left_of_center": [],
-            "object_in_camera": False,
-            "objects_speed": [],
-            "objects_heading": [],
-            "objects_distance_from_center": [],
-            "objects_distance": [],
-            "is_crashed": crashed,
-            "is_offtrack": none_on,
-            "sim_time": sim_time_s,
-        }
-        if objects is not None:
-            params.update(next(objects))
-        yield params
+        columns |= _columns_of_objects(s.objects, s, cars)
+    names = tuple(columns)
+    for values in zip(*columns.values(), strict=True):
+        yield dict(zip(names, values))  # noqa: B905  a fifth faster, and the lengths are equal
 
 
-def _rows_of_objects(o: Objects, s: Situation, cars: NDArray[np.int64]) -> Iterator[RewardParams]:
-    """The eight keys about objects, for one car after the other."""
+def _columns_of_objects(o: Objects, s: Situation, cars: NDArray[np.int64]) -> dict[str, Any]:
+    """The eight keys about objects: a value for each of the cars."""
     previous, following = o.closest(cars, s.where.distance_m[cars])
     seen = o.in_camera(cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
-    speed_mps = o.speed_mps.tolist()
-    columns = zip(
-        previous.tolist(),
-        following.tolist(),
-        o.xy[cars].tolist(),
-        o.left_of_center[cars].tolist(),
-        seen.tolist(),
-        np.where(o.tells_heading, o.yaw_rad[cars], 0.0).tolist(),
-        o.from_center_m[cars].tolist(),
-        o.distance_m[cars].tolist(),
-        strict=True,
-    )
-    for before, after, location, left, in_camera, heading_rad, from_center_m, distance_m in columns:
-        yield {
-            "closest_objects": [before, after],
-            "objects_location": location,
-            "objects_left_of_center": left,
-            "object_in_camera": in_camera,
-            "objects_speed": list(speed_mps),
-            "objects_heading": heading_rad,
-            "objects_distance_from_center": from_center_m,
-            "objects_distance": distance_m,
-        }
+    speeds = o.speed_mps.tolist()
+    return {
+        "closest_objects": _pairs(previous, following),
+        "objects_location": o.xy[cars].tolist(),
+        "objects_left_of_center": o.left_of_center[cars].tolist(),
+        "object_in_camera": seen.tolist(),
+        "objects_speed": [list(speeds) for _ in previous],
+        "objects_heading": np.where(o.tells_heading, o.yaw_rad[cars], 0.0).tolist(),
+        "objects_distance_from_center": o.from_center_m[cars].tolist(),
+        "objects_distance": o.distance_m[cars].tolist(),
+    }
+
+
+def _pairs(one: NDArray[np.int64], other: NDArray[np.int64]) -> Iterable[list[int]]:
+    return map(list, zip(one.tolist(), other.tolist(), strict=True))

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import CodeType, FrameType, ModuleType
 from typing import Any, NoReturn
 
-from drsim.episode.deadline import DeadlinePassed, alarm, end_copy_of
-from drsim.episode.reward_failure import (
+from drsim.episode.reward_deadline import DeadlinePassed, alarm, end_copy_of
+from drsim.episode.reward_errors import (
     code_of,
     compact,
     described,

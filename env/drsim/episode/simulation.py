@@ -1,36 +1,30 @@
 """Many cars on one track: motion, sensors, reward and episodes, all cars in one array pass."""
 
 from collections.abc import Sequence
-from dataclasses import fields
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch, CarParameters
 from drsim.car.realism import Disturbances, Realism
-from drsim.episode.episode import EpisodeRules, Episodes, Status
+from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import Placing
-from drsim.episode.privileged import features
+from drsim.episode.privileged_features import features
 from drsim.episode.progress import JUMP_M, fraction_at, without_jump
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic
+from drsim.sensing.observations import Randomize, Senses
 from drsim.sensing.scene import Scene, build_scene
-from drsim.sensing.senses import Randomize, Senses
 from drsim.sensing.sensors import Sensors
-from drsim.track.track import Location, Track
+from drsim.track.polyline import Location
+from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-_WHEELS = 4
-
-_columns = attrgetter(*(field.name for field in fields(Location)))
-"""All arrays of a location."""
 
 
 class Simulation:
@@ -165,8 +159,8 @@ class Simulation:
 
         nobody = np.zeros(self.num_cars, np.bool_)
         nothing = np.zeros(self.num_cars)
-        status = np.where(self._episodes.over, Status.PARK, Status.IN_PROGRESS)
-        status[self._episodes.pause_steps > 0] = Status.PAUSE
+        status = np.where(self._episodes.state.over, Status.PARK, Status.IN_PROGRESS)
+        status[self._episodes.state.pause_steps > 0] = Status.PAUSE
         status[cars] = Status.PREPARE
         result = self._result(nobody, nothing, nobody, nobody, status)
         self._senses.finish()
@@ -186,8 +180,8 @@ class Simulation:
             RewardError: The reward function failed.
         """
         episodes = self._episodes
-        running = ~episodes.over
-        driven = running & (episodes.pause_steps == 0)
+        running = ~episodes.state.over
+        driven = running & (episodes.state.pause_steps == 0)
         waiting = running & ~driven
         came_from = self._cars.origin_xy.copy()
         self._cars.drive(steering_deg, speed_mps, driven)
@@ -205,7 +199,9 @@ class Simulation:
             contacts = self._contacts(driven)
             crashed = contacts.crashed if contacts is not None else np.zeros_like(driven)
             fraction = self._along_m / self.track.length_m
-            verdict = episodes.judge(driven, fraction, moved_m, self._wheels_on == 0, crashed)
+            verdict = episodes.judge(
+                Observed(driven, fraction, moved_m, off_track=self._wheels_on == 0, crashed=crashed)
+            )
             episodes.wait(waiting)
             situation = self._situation(
                 steering_deg, speed_mps, driven & (verdict.status == Status.CRASHED)
@@ -310,14 +306,14 @@ class Simulation:
         After a crash into another car a car stays where it is. Otherwise it goes where it was
         before the violation, on the lane nearer to it, clear of obstacles.
         """
-        episodes = self._episodes
+        state = self._episodes.state
         stays = np.zeros(len(cars), np.bool_)
-        progress = episodes.previous_progress[cars]
+        progress = state.previous_progress[cars]
         if contacts is not None:
             into = status[cars] == Status.CRASHED
             stays = into & ~contacts.other_stands[cars]
-            progress = np.where(into, episodes.progress[cars], progress)
-        fraction = fraction_at(progress, episodes.start_fraction[cars])
+            progress = np.where(into, state.progress[cars], progress)
+        fraction = fraction_at(progress, state.start_fraction[cars])
         lanes = self._placing.nearer_lane(cars, fraction, came_from[cars])
         if self.traffic is not None:
             moved = ~stays
@@ -329,7 +325,7 @@ class Simulation:
         self._cars.place(cars, np.where(stays[:, None], here, poses))
         self._look_again(cars)
         self._along_m[cars] = self._where.distance_m[cars]
-        episodes.put_back(cars, self._along_m[cars] / self.track.length_m)
+        self._episodes.put_back(cars, self._along_m[cars] / self.track.length_m)
         if self.traffic is not None:
             self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
         self._senses.start(cars, self._cars)
@@ -345,7 +341,7 @@ class Simulation:
     def _look_again(self, cars: Ints) -> None:
         """Find where some cars are that have been placed; the others have not moved."""
         # Rows that were handed out stay as they are.
-        self._where = Location(*(column.copy() for column in _columns(self._where)))
+        self._where = Location._make(column.copy() for column in self._where)
         self._wheels_on = self._wheels_on.copy()
         self._wheels_on[cars] = self.track.on_road(self._cars.wheel_xy[cars]).sum(axis=1)
         for direction, track in enumerate(self._tracks):
@@ -355,7 +351,7 @@ class Simulation:
         """Write where some cars are on their track over what is known."""
         if len(cars):
             where = track.locate(self._cars.front_xy[cars])
-            for known, column in zip(_columns(self._where), _columns(where), strict=True):
+            for known, column in zip(self._where, where, strict=True):
                 known[cars] = column
 
     def _follow(self) -> None:
@@ -373,10 +369,10 @@ class Simulation:
             xy=self._cars.front_xy,
             heading_deg=np.degrees(self._cars.yaw_rad),
             where=self._where,
-            all_on=self._wheels_on == _WHEELS,
+            all_on=self._wheels_on == len(WHEELS_M),
             none_on=self._wheels_on == 0,
-            progress=self._episodes.progress,
-            steps=self._episodes.steps,
+            progress=self._episodes.state.progress,
+            steps=self._episodes.state.steps,
             sim_time_s=self._ticks / CONTROL_HZ,
             steering_deg=np.asarray(steering_deg, np.float64),
             speed_mps=np.asarray(speed_mps, np.float64),
@@ -401,7 +397,7 @@ class Simulation:
         truncated: Bools,
         status: Ints,
     ) -> StepResult:
-        episodes, where = self._episodes, self._where
+        state, where = self._episodes.state, self._where
         x, y = self._cars.front_xy.T.copy()
         return StepResult(
             driven=driven,
@@ -409,18 +405,18 @@ class Simulation:
             terminated=terminated,
             truncated=truncated,
             status=status,
-            progress=episodes.progress.copy(),
+            progress=state.progress.copy(),
             x=x,
             y=y,
             yaw_deg=np.degrees(self._cars.yaw_rad),
-            all_wheels_on_track=self._wheels_on == _WHEELS,
+            all_wheels_on_track=self._wheels_on == len(WHEELS_M),
             closest_waypoint=where.nearest,
             from_center_m=where.from_center_m,
-            steps=episodes.steps.copy(),
+            steps=state.steps.copy(),
             sim_time_s=self._ticks / CONTROL_HZ,
-            pause_s=episodes.pause_steps / CONTROL_HZ,
-            laps=episodes.laps.copy(),
-            lap_time_s=episodes.lap_steps / CONTROL_HZ,
-            resets=episodes.resets.copy(),
-            crashes=episodes.crashes.copy(),
+            pause_s=state.pause_steps / CONTROL_HZ,
+            laps=state.laps.copy(),
+            lap_time_s=state.lap_steps / CONTROL_HZ,
+            resets=state.resets.copy(),
+            crashes=state.crashes.copy(),
         )

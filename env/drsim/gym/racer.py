@@ -14,7 +14,7 @@ from drsim.episode.episode import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.gym.conversion import (
+from drsim.gym.arguments import (
     Perceived,
     check_choice,
     check_start,
@@ -24,11 +24,11 @@ from drsim.gym.conversion import (
     start_of,
 )
 from drsim.race.race import Race, race_of_name
-from drsim.sensing.senses import Randomize
+from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.views import RENDER_MODES, VIEWS, CameraMan, Frame, Window
+from drsim.viewing.rendering import RENDER_MODES, VIEWS, CameraMan, Frame, Window
 
 
 class RacerEnv(gym.Env[Perceived, Any]):

@@ -1,7 +1,7 @@
 """What a reward function is told about the objects around each car."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ _WIDE = math.tan(FRONT.field_of_view_rad / 2)
 _HIGH = _WIDE * FRONT.rows / FRONT.columns
 
 
-@dataclass(frozen=True)
-class Objects:
+class Objects(NamedTuple):
     """The k objects of each of n cars, in the order of the reference: racers, obstacles, bots.
 
     Attributes:
@@ -36,8 +35,8 @@ class Objects:
             Shape (n, k).
         from_center_m: Distances from the centre line. Shape (n, k).
         left_of_center: Whether they stand left of it. Shape (n, k).
-        speed_mps: What their speed is said to be. Shape (k,).
-        tells_heading: Whether their heading is told; that of a box is always 0. Shape (k,).
+        speed_mps: The speed that reward functions are told. Shape (k,).
+        tells_heading: Whether they are told the heading; that of a box is always 0. Shape (k,).
     """
 
     xy: Floats
@@ -59,9 +58,7 @@ class Objects:
         Returns:
             Previous and next object. Each of shape (c,).
         """
-        previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
-        _closest(cars, along_m, self.distance_m, previous, following)
-        return previous, following
+        return _closest(self.distance_m, cars, along_m)
 
     def in_camera(self, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats) -> Bools:
         """Whether a car's camera sees the centre or a floor corner of one of its objects.
@@ -74,17 +71,13 @@ class Objects:
             front_xy: The cars' points 0.14 m ahead of their origins. Shape (c, 2).
             heading_rad: Their yaws. Shape (c,).
         """
-        seen = np.empty(len(cars), np.bool_)
-        _in_camera(
-            cars, which, front_xy, heading_rad, self.xy, self.yaw_rad, self.footprint_m, seen
-        )
-        return seen
+        return _in_camera(self, cars, which, front_xy, heading_rad)
 
 
 @kernel
-def _closest(
-    cars: Ints, along_m: Floats, distance_m: Floats, previous: Ints, following: Ints
-) -> None:
+def _closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
+    """Of equally far objects the last one counts as before a car, the first one as after it."""
+    previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
     for i in range(len(cars)):
         there_m, here_m = distance_m[cars[i]], along_m[i]
         before, after, first, last = -1, -1, 0, 0
@@ -99,28 +92,23 @@ def _closest(
                 after = k
         previous[i] = before if before >= 0 else last
         following[i] = after if after >= 0 else first
+    return previous, following
 
 
 @kernel
 def _in_camera(
-    cars: Ints,
-    which: Ints,
-    front_xy: Floats,
-    heading_rad: Floats,
-    xy: Floats,
-    yaw_rad: Floats,
-    footprint_m: Floats,
-    seen: Bools,
-) -> None:
+    objects: Objects, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats
+) -> Bools:
+    """Turn each point into the frame of the lens and compare it with the edges of the frame."""
+    seen = np.zeros(len(cars), np.bool_)
     for i in range(len(cars)):
         k = which[i]
         cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
-        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
-        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
-        turn = yaw_rad[cars[i], k] - heading_rad[i]
+        x = objects.xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
+        y = objects.xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        turn = objects.yaw_rad[cars[i], k] - heading_rad[i]
         turn_cos, turn_sin = math.cos(turn), math.sin(turn)
-        half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
-        seen[i] = False
+        half_m, across_m = 0.5 * objects.footprint_m[k, 0], 0.5 * objects.footprint_m[k, 1]
         for along, aside in ((0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
             u, v = along * half_m, aside * across_m
             ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v
@@ -129,3 +117,4 @@ def _in_camera(
             up_m = _PITCH_SIN * ahead_m - _PITCH_COS * _LENS_HIGH_M
             if depth_m > _NEAR_M and abs(left_m) < _WIDE * depth_m and abs(up_m) < _HIGH * depth_m:
                 seen[i] = True
+    return seen

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +10,27 @@ from numpy.typing import NDArray
 from drsim.jit import kernel
 
 Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 RGB = tuple[float, float, float]
 
-BOX_COLUMNS = 11
-"""One row of `Solids.boxes`: centre x and y in the world, cosine and sine of the yaw, half length,
-half width, low and high z, all in metres, then red, green and blue of its texture, 0 to 255."""
+CUBOID = np.dtype(
+    [
+        ("x", np.float32),
+        ("y", np.float32),
+        ("cos", np.float32),
+        ("sin", np.float32),
+        ("half_length", np.float32),
+        ("half_width", np.float32),
+        ("low", np.float32),
+        ("high", np.float32),
+        ("color", np.float32, 3),
+    ]
+)
+"""A cuboid in the world: its middle, cosine and sine of its yaw, half its size on the floor, its
+lowest and highest z, all in metres, and the red, green and blue of its texture, 0 to 255."""
+
+Cuboids = NDArray[np.void]
+"""Arrays of `CUBOID`."""
 
 
 @dataclass(frozen=True)
@@ -100,20 +115,22 @@ class Solids:
     """The solids around each of n cars, k for each and of the same shapes.
 
     Attributes:
-        boxes: All their cuboids, in the layout of `BOX_COLUMNS`. A live view. Shape (n, m, 11).
+        boxes: All their cuboids, of the type `CUBOID`. A live view. Shape (n, m).
     """
 
     def __init__(self, num_cars: int, shapes: Sequence[Shape]) -> None:
         """Put everything at the origin of the world."""
         parts = [(index, box) for index, shape in enumerate(shapes) for box in shape.boxes]
-        self._shape_of: Ints = np.array([index for index, _ in parts], np.int64)
-        self._center_m: Floats = np.array([box.center_m for _, box in parts]).reshape(-1, 2)
+        self._parts = _Parts(
+            shape_of=np.array([index for index, _ in parts], np.int64),
+            center_m=np.array([box.center_m for _, box in parts]).reshape(-1, 2),
+        )
         self._keeps_color = np.array([box.color == _TYRE for _, box in parts], np.bool_)
-        self.boxes: Singles = np.zeros((num_cars, len(parts), BOX_COLUMNS), np.float32)
+        self.boxes: Cuboids = np.zeros((num_cars, len(parts)), CUBOID)
         for row, (_, box) in enumerate(parts):
             length_m, width_m = box.size_m
-            self.boxes[:, row, 4:8] = length_m / 2, width_m / 2, box.low_m, box.high_m
-            self.boxes[:, row, 8:11] = box.color
+            size = (length_m / 2, width_m / 2, box.low_m, box.high_m)
+            self.boxes[:, row] = (0.0, 0.0, 1.0, 0.0, *size, box.color)
         everybody = np.arange(num_cars)
         shape = (num_cars, len(shapes))
         self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
@@ -126,7 +143,7 @@ class Solids:
             xy: Where each solid stands, metres. Shape (c, k, 2).
             yaw_rad: Where it looks. Shape (c, k).
         """
-        _move(self.boxes, cars, xy, yaw_rad, self._shape_of, self._center_m)
+        _move(self.boxes, cars, xy, yaw_rad, self._parts)
 
     def paint(self, cars: Ints, colors: Floats) -> None:
         """Paint whole solids of some cars in one colour each; tyres stay black.
@@ -136,20 +153,25 @@ class Solids:
             colors: Texture colours, 0 to 255. Shape (c, k, 3).
         """
         painted = np.flatnonzero(~self._keeps_color)
-        self.boxes[cars[:, None], painted, 8:11] = colors[:, self._shape_of[painted]]
+        self.boxes["color"][cars[:, None], painted] = colors[:, self._parts.shape_of[painted]]
+
+
+class _Parts(NamedTuple):
+    """Which of the shapes each cuboid belongs to, and where its middle is in that shape's frame."""
+
+    shape_of: Ints
+    center_m: Floats
 
 
 @kernel
-def _move(
-    boxes: Singles, cars: Ints, xy: Floats, yaw_rad: Floats, shape_of: Ints, center_m: Floats
-) -> None:
+def _move(boxes: Cuboids, cars: Ints, xy: Floats, yaw_rad: Floats, parts: _Parts) -> None:
+    """Turn the middle of each cuboid by the yaw of its shape and shift it to the shape's place."""
     for c in range(len(cars)):
-        car = cars[c]
-        for row in range(len(shape_of)):
-            k = shape_of[row]
+        for row in range(len(parts.shape_of)):
+            k, box = parts.shape_of[row], boxes[cars[c], row]
             cos, sin = np.cos(yaw_rad[c, k]), np.sin(yaw_rad[c, k])
-            x, y = center_m[row, 0], center_m[row, 1]
-            boxes[car, row, 0] = xy[c, k, 0] + cos * x - sin * y
-            boxes[car, row, 1] = xy[c, k, 1] + sin * x + cos * y
-            boxes[car, row, 2] = cos
-            boxes[car, row, 3] = sin
+            x, y = parts.center_m[row, 0], parts.center_m[row, 1]
+            box.x = xy[c, k, 0] + cos * x - sin * y
+            box.y = xy[c, k, 1] + sin * x + cos * y
+            box.cos = cos
+            box.sin = sin

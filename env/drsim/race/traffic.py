@@ -9,7 +9,7 @@ from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.race.bots import Bots
 from drsim.race.objects import Objects
 from drsim.race.race import ObstacleRules, Race
-from drsim.race.rectangles import overlaps
+from drsim.race.rectangles import Rectangles, overlaps
 from drsim.race.solids import SHAPES, Shape
 from drsim.race.spacing import check_room, drawn_places, even_places
 from drsim.track.lanes import LanePaths
@@ -192,9 +192,10 @@ class Traffic:
             yaw_rad: Their headings. Shape (n,).
             along_m: Where the points 0.14 m ahead of them are along the lap. Shape (n,).
         """
-        touching = np.empty(self.yaw_rad.shape, np.bool_)
-        car_m = np.array(SHAPES["race_car"].footprint_m)
-        overlaps(origin_xy, yaw_rad, car_m, self.xy, self.yaw_rad, self._footprint_m, touching)
+        touching = overlaps(
+            Rectangles(origin_xy, yaw_rad, size_m=np.array(SHAPES["race_car"].footprint_m)),
+            Rectangles(self.xy, self.yaw_rad, self._footprint_m),
+        )
         touching &= active[:, None]
         if self._rivals:
             touching[:, 0] &= active[np.arange(len(active)) ^ 1]
@@ -330,10 +331,8 @@ class Traffic:
         bots, paths, group = self._bots, self._paths, self._driving
         assert bots is not None, "only called where there are bots"
         assert paths is not None, "bots come with the paths that they follow"
-        self.xy[:, group], self.yaw_rad[:, group] = paths.poses(
-            self._backward, bots.distance_m, bots.share, bots.drift
-        )
-        self._lane[:, group] = np.where(bots.share > 0.5, OUTER, INNER)
+        self.xy[:, group], self.yaw_rad[:, group] = paths.poses(self._backward, bots.places)
+        self._lane[:, group] = np.where(bots.places.share > 0.5, OUTER, INNER)
         self._find(group)
 
     def _find(self, group: slice) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.race.solids import Cuboids
 from drsim.sensing import cuboids, raycast
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
@@ -65,7 +66,7 @@ def render(
     out: Frames,
     camera: CameraModel = FRONT,
     *,
-    boxes: Singles | None = None,
+    boxes: Cuboids | None = None,
     light: Light | None = None,
     rounding: bool = False,
 ) -> None:
@@ -80,7 +81,7 @@ def render(
         lens_mat: Lens axes in the world: columns forward, left, up. Shape (n, 3, 3).
         out: Frames to write. Shape (n, rows, columns).
         camera: The camera's numbers.
-        boxes: Cuboids that each lens sees, rows as in `solids.BOX_COLUMNS`. Shape (n, m, columns).
+        boxes: Cuboids that each lens sees, of the type `solids.CUBOID`. Shape (n, m).
         light: What changes the scene's greys.
         rounding: Round greys to whole ones instead of cutting their fractions off, as the
             reference's filter of stereo frames does.
@@ -92,32 +93,26 @@ def render(
     shapes = lens_pos.shape, lens_mat.shape, out.shape
     if shapes != ((cars, 3), (cars, 3, 3), (cars, camera.rows, camera.columns)):
         raise ValueError(
-            f"{shapes} are no shapes of n positions, n axes and n frames of "
+            f"The shapes {shapes} do not fit n positions, n axes and n frames of "
             f"{camera.rows} x {camera.columns} pixels."
         )
     if boxes is not None and len(boxes) != cars:
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     if light is not None and len(light.palettes) != cars:
         raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
-    bias = 0.5 if rounding else _WHOLE
-    raycast.draw(
-        scene.texels,
-        scene.levels,
-        np.array([scene.x_m, scene.y_m, scene.texel_m]),
+    lenses = raycast.Lenses(
+        lens_pos, lens_mat, focal_px=camera.focal_px, bias=0.5 if rounding else _WHOLE
+    )
+    backdrop = raycast.Backdrop(
         scene.walls_m,
         scene.wall_height_m,
         scene.wall_greys[None] if light is None else light.wall_greys,
         np.array([scene.sky_grey], np.float32) if light is None else light.sky_greys,
         _NO_PALETTES if light is None else light.palettes,
-        camera.focal_px,
-        bias,
-        lens_pos,
-        lens_mat,
-        out,
     )
+    raycast.draw(scene.picture, backdrop, lenses, out)
     if boxes is not None:
-        on_solids = _on_solids(light, cars)
-        cuboids.draw(boxes, on_solids, camera.focal_px, bias, lens_pos, lens_mat, out)
+        cuboids.draw(boxes, _on_solids(light, cars), lenses, out)
 
 
 _WHOLE = 1e-3

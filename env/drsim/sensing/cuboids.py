@@ -5,11 +5,14 @@ All loops that call each other stay in this one file, as in `drsim.sensing.rayca
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drsim.jit import kernel
+from drsim.race.solids import Cuboids
+from drsim.sensing.raycast import Lens, Lenses, Vector
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -37,87 +40,96 @@ _SIDES = 5
 """Front, back, left, right and top: nobody sees the bottom."""
 
 
+class _Images(NamedTuple):
+    """The images of m cuboids in one frame.
+
+    Attributes:
+        outlines: Corners of their sides, columns and rows in pixels. Shape (m, sides, 5, 2).
+        corners: How many corners each side has; 0 where it cannot be seen. Shape (m, sides).
+        greys: Greys of the sides. Shape (m, sides).
+        windows: First and past the last row, then column, that each can touch. Shape (m, 4).
+    """
+
+    outlines: Floats
+    corners: Ints
+    greys: Floats
+    windows: Ints
+
+
 @kernel
-def draw(
-    boxes: Singles,
-    light: Singles,
-    focal_px: float,
-    bias: float,
-    lens_pos: Floats,
-    lens_mat: Floats,
-    out: Pixels,
-) -> None:
+def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
     """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
 
     `light` holds the weights of red, green and blue in a grey, first on every side, then on one
-    that faces the sun. Shape (n, 6). `bias` is added to a grey before its fraction is cut off.
+    that faces the sun. Shape (n, 6).
     """
     cars, rows, columns = out.shape
     count = boxes.shape[1]
-    outlines = np.empty((count, _SIDES, 5, 2))
-    corners = np.empty((count, _SIDES), np.int64)
-    greys = np.empty((count, _SIDES))
-    windows = np.empty((count, 4), np.int64)
+    images = _Images(
+        np.empty((count, _SIDES, 5, 2)),
+        np.empty((count, _SIDES), np.int64),
+        np.empty((count, _SIDES)),
+        np.empty((count, 4), np.int64),
+    )
     order = np.empty(count, np.int64)
     steps = np.zeros((2, columns), np.float32)
     for car in range(cars):
-        pos, mat = lens_pos[car], lens_mat[car]
-        if not math.isfinite(pos.sum() + mat.sum()):
+        lens = Lens(lenses.pos[car], lenses.mat[car], lenses.focal_px)
+        if not math.isfinite(lens.pos.sum() + lens.mat.sum()):
             continue
         seen = 0
         for k in range(count):
             box = boxes[car, k]
-            if not _reaches_before(box, pos, mat):
+            if not _reaches_before(box, lens):
                 continue
             for side in range(_SIDES):
-                corners[k, side], greys[k, side] = _side(
-                    box, side, light[car], focal_px, pos, mat, rows, columns, outlines[k, side]
+                images.corners[k, side], images.greys[k, side] = _side(
+                    box, side, light[car], lens, (rows, columns), images.outlines[k, side]
                 )
-            _frame_in(outlines[k], corners[k], rows, columns, windows[k])
-            if windows[k, 0] < windows[k, 1] and windows[k, 2] < windows[k, 3]:
+            window = images.windows[k]
+            _frame_in(images.outlines[k], images.corners[k], rows, columns, window)
+            if window[0] < window[1] and window[2] < window[3]:
                 order[seen] = k
                 seen += 1
         if seen > 1:
-            _sort(boxes[car], windows, pos, order[:seen])
+            _sort(boxes[car], images.windows, lens.pos, order[:seen])
         for k in order[:seen]:
-            _paint(outlines[k], corners[k], greys[k], windows[k], bias, steps, out[car])
+            _paint(images, k, lenses.bias, steps, out[car])
 
 
 @kernel
-def _reaches_before(box: Singles, pos: Floats, mat: Floats) -> bool:
-    """Whether any of a cuboid lies before the lens."""
-    ahead_x, ahead_y, ahead_z = mat[0, 0], mat[1, 0], mat[2, 0]
+def _reaches_before(box: Any, lens: Lens) -> bool:
+    """Whether any of a cuboid lies before the lens: the depth of its nearest or farthest corner."""
+    pos = lens.pos
+    ahead_x, ahead_y, ahead_z = lens.mat[0, 0], lens.mat[1, 0], lens.mat[2, 0]
     depth_m = (
-        (box[0] - pos[0]) * ahead_x
-        + (box[1] - pos[1]) * ahead_y
-        + (0.5 * (box[6] + box[7]) - pos[2]) * ahead_z
-        + abs(box[2] * ahead_x + box[3] * ahead_y) * box[4]
-        + abs(box[2] * ahead_y - box[3] * ahead_x) * box[5]
-        + abs(ahead_z) * 0.5 * (box[7] - box[6])
+        (box.x - pos[0]) * ahead_x
+        + (box.y - pos[1]) * ahead_y
+        + (0.5 * (box.low + box.high) - pos[2]) * ahead_z
+        + abs(box.cos * ahead_x + box.sin * ahead_y) * box.half_length
+        + abs(box.cos * ahead_y - box.sin * ahead_x) * box.half_width
+        + abs(ahead_z) * 0.5 * (box.high - box.low)
     )
     return bool(depth_m > _NEAR_M)
 
 
 @kernel
 def _side(
-    box: Singles,
-    side: int,
-    light: Singles,
-    focal_px: float,
-    pos: Floats,
-    mat: Floats,
-    rows: int,
-    columns: int,
-    outline: Floats,
+    box: Any, side: int, light: Singles, lens: Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
     """The image of one side, columns and rows in pixels, cut off at the near plane of the lens.
+
+    Sides: front, back, left, right, top. A side is lit by Lambert's cosine law.
 
     Returns:
         How many corners it has, at most 5 and 0 when it cannot be seen; and its grey.
     """
-    cos, sin, half_x, half_y, low, high = box[2], box[3], box[4], box[5], box[6], box[7]
+    pos, mat, focal_px = lens.pos, lens.mat, lens.focal_px
+    rows, columns = size_px
+    cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width
+    low, high = box.low, box.high
     # The middle of the side, from the lens, and half its edges: one level, one upright or level.
-    to_x, to_y = box[0] - pos[0], box[1] - pos[1]
+    to_x, to_y = box.x - pos[0], box.y - pos[1]
     if side == 4:
         if pos[2] <= high:
             return 0, 0.0
@@ -141,7 +153,7 @@ def _side(
     along, across = _in_lens(mat, first), _in_lens(mat, second)
     grey = 0.0
     for c in range(3):
-        grey += box[8 + c] * (light[c] + light[3 + c] * lambert)
+        grey += box.color[c] * (light[c] + light[3 + c] * lambert)
 
     count = 0
     before_depth, before_left, before_up = _corner(3, middle, along, across)
@@ -163,7 +175,7 @@ def _side(
 
 
 @kernel
-def _in_lens(mat: Floats, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+def _in_lens(mat: Floats, vector: Vector) -> Vector:
     """Depth, left and up of a vector of the world."""
     x, y, z = vector
     return (
@@ -174,12 +186,7 @@ def _in_lens(mat: Floats, vector: tuple[float, float, float]) -> tuple[float, fl
 
 
 @kernel
-def _corner(
-    corner: int,
-    middle: tuple[float, float, float],
-    along: tuple[float, float, float],
-    across: tuple[float, float, float],
-) -> tuple[float, float, float]:
+def _corner(corner: int, middle: Vector, along: Vector, across: Vector) -> Vector:
     """One of the four corners of a rectangle, in turn."""
     a = 1.0 if corner == 1 or corner == 2 else -1.0
     b = 1.0 if corner >= 2 else -1.0
@@ -209,7 +216,7 @@ def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: 
 
 
 @kernel
-def _sort(boxes: Singles, windows: Ints, pos: Floats, order: Ints) -> None:
+def _sort(boxes: Cuboids, windows: Ints, pos: Floats, order: Ints) -> None:
     """Sort cuboids so that none is drawn over one that stands before it.
 
     The furthest comes first, unless it hides another. Where there is no such order, because they
@@ -218,7 +225,7 @@ def _sort(boxes: Singles, windows: Ints, pos: Floats, order: Ints) -> None:
     count = len(order)
     away_m = np.empty(count)
     for i in range(count):
-        away_m[i] = math.hypot(boxes[order[i], 0] - pos[0], boxes[order[i], 1] - pos[1])
+        away_m[i] = math.hypot(boxes[order[i]].x - pos[0], boxes[order[i]].y - pos[1])
     rest = order[np.argsort(-away_m)]
     hides = np.zeros((count, count), np.bool_)
     waits_for = np.zeros(count, np.int64)
@@ -253,50 +260,48 @@ def _overlap(one: Ints, other: Ints) -> bool:
 
 
 @kernel
-def _nearer(a: Singles, b: Singles, pos: Floats) -> int:
+def _nearer(a: Any, b: Any, pos: Floats) -> int:
     """Which of two cuboids the lens has before the other: 1 for `a`, -1 for `b`, 0 for neither.
 
-    A plane between them tells: the one on the side of the lens hides the other. Two that do not
+    A plane between them decides: the one on the side of the lens hides the other. Two that do not
     stand within each other always have such a plane along a side of one of them.
     """
-    if b[6] >= a[7] - _TOUCH_M:
-        return -1 if pos[2] > b[6] else 1
-    if a[6] >= b[7] - _TOUCH_M:
-        return 1 if pos[2] > a[6] else -1
-    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    if b.low >= a.high - _TOUCH_M:
+        return -1 if pos[2] > b.low else 1
+    if a.low >= b.high - _TOUCH_M:
+        return 1 if pos[2] > a.low else -1
+    cos, sin = abs(a.cos * b.cos + a.sin * b.sin), abs(a.cos * b.sin - a.sin * b.cos)
     for owner in range(2):
         box, other = (a, b) if owner == 0 else (b, a)
         for axis in range(2):
-            x, y = (box[2], box[3]) if axis == 0 else (-box[3], box[2])
-            apart = x * (other[0] - box[0]) + y * (other[1] - box[1])
-            half, reach = box[4 + axis], cos * other[4 + axis] + sin * other[5 - axis]
+            lengthwise = axis == 0
+            x, y = (box.cos, box.sin) if lengthwise else (-box.sin, box.cos)
+            half = box.half_length if lengthwise else box.half_width
+            along = other.half_length if lengthwise else other.half_width
+            across = other.half_width if lengthwise else other.half_length
+            apart = x * (other.x - box.x) + y * (other.y - box.y)
+            reach = cos * along + sin * across
             if abs(apart) >= half + reach - _TOUCH_M:
-                to_lens = x * (pos[0] - box[0]) + y * (pos[1] - box[1])
+                to_lens = x * (pos[0] - box.x) + y * (pos[1] - box.y)
                 beyond = to_lens * (1.0 if apart > 0.0 else -1.0) > half
                 return -1 if beyond == (owner == 0) else 1
     return 0
 
 
 @kernel
-def _paint(
-    outlines: Floats,
-    corners: Ints,
-    greys: Floats,
-    window: Ints,
-    bias: float,
-    steps: Singles,
-    frame: Pixels,
-) -> None:
+def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) -> None:
     """Draw one cuboid.
 
     `steps` holds zeros. Row by row, all sides leave in it how share and grey change from column to
     column; their sums then cover the frame, so that nothing shines through where two sides meet.
     """
-    first, last, left, right = window
+    first, last, left, right = images.windows[k]
     for row in range(first, last):
         for side in range(_SIDES):
-            if corners[side] > 2:
-                _add_row(outlines[side, : corners[side]], greys[side], row, left, right, steps)
+            corners = images.corners[k, side]
+            if corners > 2:
+                outline = images.outlines[k, side, :corners]
+                _add_row(outline, images.greys[k, side], row, left, right, steps)
         _cover(steps, left, right, bias, frame[row])
 
 

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drsim.jit import kernel
+from drsim.race.solids import Cuboids
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -21,8 +23,9 @@ class LidarModel:
         sweep_rad: Angle between the first ray and the last.
         range_m: Least and greatest distance that is measured.
         mount_m: Scanner in the car's base frame: forward, up.
-        yaw_rad: Which way the middle of the sweep looks. The reference mounts it backwards, so that
-            it is blind 30 degrees to either side of straight ahead; its models know it so.
+        yaw_rad: Direction of the middle of the sweep. The reference mounts the scanner backwards,
+            so that it is blind 30 degrees to either side of straight ahead; models were trained on
+            that.
     """
 
     samples: int = 64
@@ -41,96 +44,110 @@ class LidarModel:
 LIDAR = LidarModel()
 
 
+class _Scanner(NamedTuple):
+    """A `LidarModel` for the compiler."""
+
+    bearings_rad: Floats
+    forward_m: float
+    height_m: float
+    least_m: float
+    most_m: float
+
+
+class _Ray(NamedTuple):
+    """Where a ray begins, metres, and its direction, of length 1."""
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+
+
 def scan(
     walls_m: Singles,
     wall_height_m: float,
-    boxes: Singles,
+    boxes: Cuboids,
     body_xy: Floats,
     yaw_rad: Floats,
-    out: Singles,
     lidar: LidarModel = LIDAR,
-) -> None:
-    """Measure all rays of all cars, with every step and without noise.
+) -> Singles:
+    """Measure all rays of all cars, without noise.
 
     Args:
         walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
         wall_height_m: Their height; walls lower than the scanner are not seen.
-        boxes: Cuboids around each car, rows as in `solids.BOX_COLUMNS`. Shape (n, m, columns).
+        boxes: Cuboids around each car, of the type `solids.CUBOID`. Shape (n, m).
         body_xy: Car origins in the world, metres. Shape (n, 2).
         yaw_rad: Their headings. Shape (n,).
-        out: Written: distances in metres; infinite where nothing is in range. Shape (n, samples).
-        lidar: The lidar's numbers.
+        lidar: The scanner.
+
+    Returns:
+        Distances in metres; infinite where nothing is in range. Shape (n, samples).
     """
     forward_m, height_m = lidar.mount_m
-    _scan(
-        walls_m,
-        wall_height_m > height_m,
-        boxes,
-        body_xy,
-        yaw_rad,
-        lidar.bearings_rad,
-        forward_m,
-        height_m,
-        lidar.range_m[0],
-        lidar.range_m[1],
-        out,
-    )
+    least_m, most_m = lidar.range_m
+    scanner = _Scanner(lidar.bearings_rad, forward_m, height_m, least_m, most_m)
+    return _scan(walls_m, wall_height_m > height_m, boxes, body_xy, yaw_rad, scanner)
 
 
 @kernel
 def _scan(
     walls_m: Singles,
     sees_walls: bool,
-    boxes: Singles,
+    boxes: Cuboids,
     body_xy: Floats,
     yaw_rad: Floats,
-    bearings_rad: Floats,
-    forward_m: float,
-    height_m: float,
-    least_m: float,
-    most_m: float,
-    out: Singles,
-) -> None:
+    scanner: _Scanner,
+) -> Singles:
+    out = np.empty((len(body_xy), len(scanner.bearings_rad)), np.float32)
+    least_m = scanner.least_m
     for car in range(len(body_xy)):
-        x = body_xy[car, 0] + forward_m * math.cos(yaw_rad[car])
-        y = body_xy[car, 1] + forward_m * math.sin(yaw_rad[car])
-        for ray in range(len(bearings_rad)):
-            dx = math.cos(yaw_rad[car] + bearings_rad[ray])
-            dy = math.sin(yaw_rad[car] + bearings_rad[ray])
+        x = body_xy[car, 0] + scanner.forward_m * math.cos(yaw_rad[car])
+        y = body_xy[car, 1] + scanner.forward_m * math.sin(yaw_rad[car])
+        for i in range(len(scanner.bearings_rad)):
+            angle_rad = yaw_rad[car] + scanner.bearings_rad[i]
+            ray = _Ray(x, y, math.cos(angle_rad), math.sin(angle_rad))
             nearest_m = math.inf
             if sees_walls:
-                nearest_m = _to_walls(walls_m, x, y, dx, dy)
+                nearest_m = _to_walls(walls_m, ray)
             for k in range(boxes.shape[1]):
                 box = boxes[car, k]
-                if box[6] <= height_m <= box[7]:
-                    nearest_m = min(nearest_m, _to_box(box, x, y, dx, dy, least_m))
-            in_range = least_m <= nearest_m <= most_m
-            out[car, ray] = nearest_m if in_range else math.inf
+                if box.low <= scanner.height_m <= box.high:
+                    nearest_m = min(nearest_m, _to_box(box, ray, least_m))
+            in_range = least_m <= nearest_m <= scanner.most_m
+            out[car, i] = nearest_m if in_range else math.inf
+    return out
 
 
 @kernel
-def _to_walls(walls_m: Singles, x: float, y: float, dx: float, dy: float) -> float:
-    """Distance to the walls from inside them; infinite from outside or for what is no number."""
-    if not (walls_m[0] < x < walls_m[1] and walls_m[2] < y < walls_m[3]):
+def _to_walls(walls_m: Singles, ray: _Ray) -> float:
+    """Distance to the walls from inside them; infinite from outside, and where the ray is NaN."""
+    if not (walls_m[0] < ray.x < walls_m[1] and walls_m[2] < ray.y < walls_m[3]):
         return math.inf
     to_x, to_y = math.inf, math.inf
-    if dx != 0.0:
-        to_x = ((walls_m[1] if dx > 0 else walls_m[0]) - x) / dx
-    if dy != 0.0:
-        to_y = ((walls_m[3] if dy > 0 else walls_m[2]) - y) / dy
+    if ray.dx != 0.0:
+        to_x = ((walls_m[1] if ray.dx > 0 else walls_m[0]) - ray.x) / ray.dx
+    if ray.dy != 0.0:
+        to_y = ((walls_m[3] if ray.dy > 0 else walls_m[2]) - ray.y) / ray.dy
     return min(to_x, to_y)
 
 
 @kernel
-def _to_box(box: Singles, x: float, y: float, dx: float, dy: float, least_m: float) -> float:
-    """Distance to the first side of a cuboid that is not nearer than the least; else infinite."""
-    cos, sin = box[2], box[3]
-    away_x, away_y = x - box[0], y - box[1]
+def _to_box(box: Any, ray: _Ray, least_m: float) -> float:
+    """Distance to the first side of a cuboid that is not nearer than the least; else infinite.
+
+    The slab method: in the frame of the cuboid, the ray is inside where it has entered both pairs
+    of parallel sides and left neither.
+    """
+    cos, sin = box.cos, box.sin
+    away_x, away_y = ray.x - box.x, ray.y - box.y
     along, across = cos * away_x + sin * away_y, cos * away_y - sin * away_x
-    along_d, across_d = cos * dx + sin * dy, cos * dy - sin * dx
+    along_d, across_d = cos * ray.dx + sin * ray.dy, cos * ray.dy - sin * ray.dx
     enter, leave = -math.inf, math.inf
     for axis in range(2):
-        place, step, half = (along, along_d, box[4]) if axis == 0 else (across, across_d, box[5])
+        place, step, half = (
+            (along, along_d, box.half_length) if axis == 0 else (across, across_d, box.half_width)
+        )
         if step == 0.0:
             if abs(place) > half:
                 return math.inf

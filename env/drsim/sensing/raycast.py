@@ -10,6 +10,7 @@ not notice that a loop of another file has changed. What stands on the ground co
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,81 +48,116 @@ _FURTHEST = 1e9
 _NO_PALETTE = np.empty(0, np.uint8)
 
 
-@kernel
-def draw(
-    texels: Words,
-    levels: Ints,
-    grid: Floats,
-    walls_m: Singles,
-    wall_height_m: float,
-    wall_greys: Singles,
-    sky_greys: Singles,
-    palettes: Pixels,
-    focal_px: float,
-    bias: float,
-    lens_pos: Floats,
-    lens_mat: Floats,
-    out: Pixels,
-) -> None:
-    """Draw one frame for each lens; arguments as in `Scene`, `CameraModel` and `camera.render`.
+class Ground(NamedTuple):
+    """The ground picture in shrinking copies; `texels` and `levels` as in `scene.Scene`.
 
-    `grid` holds the corner of the ground picture, x and y, and the side of its texels, in metres.
-    `wall_greys` and `sky_greys` have one row for all lenses or one for each, `palettes` none or one
-    for each: the greys that the greys of the ground picture become. `bias` is added to a grey
-    before its fraction is cut off.
+    `x_m` and `y_m` are the lower left corner of the picture, `texel_m` the side of its texels.
     """
+
+    texels: Words
+    levels: Ints
+    x_m: float
+    y_m: float
+    texel_m: float
+
+
+class Backdrop(NamedTuple):
+    """Walls and sky, and what becomes of the greys of the ground, for n lenses.
+
+    Attributes:
+        walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
+        wall_height_m: Height of the walls.
+        wall_greys: Greys of the walls. Shape (1, 4) for all lenses, or (n, 4).
+        sky_greys: Greys of the sky. Shape (1,) for all lenses, or (n,).
+        palettes: What the greys of the ground picture become. Shape (0, 256) where they stay as
+            they are, or (n, 256).
+    """
+
+    walls_m: Singles
+    wall_height_m: float
+    wall_greys: Singles
+    sky_greys: Singles
+    palettes: Pixels
+
+
+class Lenses(NamedTuple):
+    """The lenses of n cars.
+
+    Attributes:
+        pos: Positions in the world, metres. Shape (n, 3).
+        mat: Axes in the world: columns forward, left, up. Shape (n, 3, 3).
+        focal_px: Focal length in pixels.
+        bias: Added to a grey before its fraction is cut off.
+    """
+
+    pos: Floats
+    mat: Floats
+    focal_px: float
+    bias: float
+
+
+class Lens(NamedTuple):
+    """One of them: shapes (3,) and (3, 3)."""
+
+    pos: Floats
+    mat: Floats
+    focal_px: float
+
+
+@kernel
+def draw(ground: Ground, backdrop: Backdrop, lenses: Lenses, out: Pixels) -> None:
+    """Draw one frame for each lens. Shape of the frames: (n, rows, columns)."""
     cars, rows, columns = out.shape
     behind = np.empty((rows, columns), np.float32)
     share = np.empty((rows, columns), np.float32)
+    wall_greys, sky_greys = backdrop.wall_greys, backdrop.sky_greys
     for car in range(cars):
-        pos, mat, frame = lens_pos[car], lens_mat[car], out[car]
-        if not math.isfinite(pos.sum() + mat.sum()):
+        lens, frame = Lens(lenses.pos[car], lenses.mat[car], lenses.focal_px), out[car]
+        if not math.isfinite(lens.pos.sum() + lens.mat.sum()):
             frame[:] = 0
             continue
-        first, clear = _backdrop(
-            walls_m,
-            wall_height_m,
+        walls = _Walls(
+            backdrop.walls_m,
+            backdrop.wall_height_m,
             wall_greys[car % len(wall_greys)],
             sky_greys[car % len(sky_greys)],
-            focal_px,
-            pos,
-            mat,
-            behind,
-            share,
         )
+        first, clear = _backdrop(walls, lens, behind, share)
         for row in range(first):
-            _store(behind[row], bias, frame[row])
+            _store(behind[row], lenses.bias, frame[row])
         if first < rows:
-            palette = palettes[car] if len(palettes) > 0 else _NO_PALETTE
-            _floor(
-                texels,
-                levels,
-                grid,
-                palette,
-                focal_px,
-                bias,
-                pos,
-                mat,
-                behind,
-                share,
-                first,
-                clear,
-                frame,
-            )
+            palette = backdrop.palettes[car] if len(backdrop.palettes) > 0 else _NO_PALETTE
+            beyond = _Beyond(behind, share, first, clear)
+            _floor(ground, palette, lens, beyond, lenses.bias, frame)
+
+
+class _Walls(NamedTuple):
+    """The `Backdrop` of one lens."""
+
+    walls_m: Singles
+    height_m: float
+    greys: Singles
+    sky_grey: float
+
+
+class _Beyond(NamedTuple):
+    """What lies behind the ground in one frame.
+
+    Attributes:
+        behind: Greys of walls and sky. Shape (rows, columns).
+        share: Share of the ground in each pixel. Shape (rows, columns).
+        first: First row that shows any ground.
+        clear: First row that shows nothing else; both arrays end there.
+    """
+
+    behind: Singles
+    share: Singles
+    first: int
+    clear: int
 
 
 @kernel
-def _backdrop(
-    walls_m: Singles,
-    wall_height_m: float,
-    wall_greys: Singles,
-    sky_grey: float,
-    focal_px: float,
-    pos: Floats,
-    mat: Floats,
-    behind: Singles,
-    share: Singles,
-) -> tuple[int, int]:
+def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tuple[int, int]:
     """Find the grey of walls and sky, and the share of the ground, in each pixel above the floor.
 
     Returns:
@@ -129,21 +165,24 @@ def _backdrop(
         the second on are not filled.
     """
     rows, columns = behind.shape
+    pos, mat, walls_m, focal_px = lens.pos, lens.mat, walls.walls_m, lens.focal_px
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
     upright = mat[2, 2] > 0.5
+    near = _Nearness(
+        _nearness(walls_m[0] - pos[0]),
+        _nearness(walls_m[1] - pos[0]),
+        _nearness(walls_m[2] - pos[1]),
+        _nearness(walls_m[3] - pos[1]),
+    )
+    edges = _Edges(Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / _EDGE_BLUR))
     first = rows
     for row in range(rows):
-        ahead, step = _ray(mat, focal_px, row + 0.5, rows, columns)
+        ahead, step = _ray(lens, row + 0.5, rows, columns)
         _backdrop_row(
-            _nearness(walls_m[0] - pos[0]),
-            _nearness(walls_m[1] - pos[0]),
-            _nearness(walls_m[2] - pos[1]),
-            _nearness(walls_m[3] - pos[1]),
-            Single(pos[2]),
-            Single(pos[2] - wall_height_m),
-            wall_greys,
-            Single(sky_grey),
-            Single(focal_px / _EDGE_BLUR),
+            near,
+            edges,
+            walls.greys,
+            Single(walls.sky_grey),
             ahead,
             step,
             behind[row],
@@ -161,13 +200,12 @@ def _backdrop(
 
 
 @kernel
-def _ray(
-    mat: Floats, focal_px: float, height_px: float, rows: int, columns: int
-) -> tuple[Vector, Vector]:
+def _ray(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector, Vector]:
     """World direction, of depth 1, through the leftmost pixel centre, and its change per column.
 
     `height_px` counts downwards from the upper edge of the frame.
     """
+    mat, focal_px = lens.mat, lens.focal_px
     left = (0.5 * columns - 0.5) / focal_px
     up = (0.5 * rows - height_px) / focal_px
     return (
@@ -186,17 +224,29 @@ def _nearness(distance_m: float) -> Single:
     return Single(1.0 / distance_m) if abs(distance_m) > 1e-6 else Single(1e6)
 
 
+class _Nearness(NamedTuple):
+    """One over the signed distances of the four walls."""
+
+    low_x: Single
+    high_x: Single
+    low_y: Single
+    high_y: Single
+
+
+class _Edges(NamedTuple):
+    """Heights of the lens over the floor and over the walls' upper edges, and pixels per blur."""
+
+    over_floor: Single
+    over_walls: Single
+    sharpness: Single
+
+
 @kernel
 def _backdrop_row(
-    near_low_x: Single,
-    near_high_x: Single,
-    near_low_y: Single,
-    near_high_y: Single,
-    over_floor: Single,
-    over_walls: Single,
+    near: _Nearness,
+    edges: _Edges,
     wall_greys: Singles,
     sky_grey: Single,
-    sharpness: Single,
     ahead: Vector,
     step: Vector,
     behind: Singles,
@@ -208,6 +258,8 @@ def _backdrop_row(
     step_x, step_y, step_z = Single(step[0]), Single(step[1]), Single(step[2])
     grey_low_x, grey_high_x = wall_greys[0], wall_greys[1]
     grey_low_y, grey_high_y = wall_greys[2], wall_greys[3]
+    near_low_x, near_high_x, near_low_y, near_high_y = near
+    over_floor, over_walls, sharpness = edges
     for column in range(len(behind)):
         # By way of 32 bits: numba counts in 64, which few processors turn into floats by vectors.
         c = Single(np.int32(column))
@@ -217,29 +269,19 @@ def _backdrop_row(
         grey_x = grey_high_x if x > zero else grey_low_x
         grey_y = grey_high_y if y > zero else grey_low_y
         grey = grey_x if near_x > near_y else grey_y
-        near = max(near_x, near_y, zero)
-        sky = min(max(half + (over_walls * near + z) * sharpness, zero), one)
+        nearest = max(near_x, near_y, zero)
+        sky = min(max(half + (over_walls * nearest + z) * sharpness, zero), one)
         behind[column] = grey + sky * (sky_grey - grey)
-        share[column] = min(max(half - (over_floor * near + z) * sharpness, zero), one)
+        share[column] = min(max(half - (over_floor * nearest + z) * sharpness, zero), one)
 
 
 @kernel
 def _floor(
-    texels: Words,
-    levels: Ints,
-    grid: Floats,
-    palette: Pixels,
-    focal_px: float,
-    bias: float,
-    pos: Floats,
-    mat: Floats,
-    behind: Singles,
-    share: Singles,
-    first: int,
-    clear: int,
-    frame: Pixels,
+    ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
 ) -> None:
-    """Draw the ground into the rows from `first` on; above `clear` it shares them with `behind`."""
+    """Draw the ground into the rows from `beyond.first` on."""
+    pos, levels = lens.pos, ground.levels
+    first, clear = beyond.first, beyond.clear
     rows, columns = frame.shape
     at = np.empty(columns, np.int32)
     between = np.empty(columns, np.int32)
@@ -251,13 +293,13 @@ def _floor(
         # nearness: that is the tent filter.
         here, below = sums[row & 1], sums[(row + 1) & 1]
         below[:] = Single(0.0)
-        index, lines = _sampling(mat, focal_px, row + 1.0, rows, lens_height_m, grid[2], levels)
-        texel_m = grid[2] * (1 << index)
-        x = 256.0 * ((pos[0] - grid[0]) / texel_m - 0.5)
-        y = 256.0 * ((pos[1] - grid[1]) / texel_m - 0.5)
+        index, lines = _sampling(lens, row + 1.0, rows, lens_height_m, ground.texel_m, levels)
+        texel_m = ground.texel_m * (1 << index)
+        x = 256.0 * ((pos[0] - ground.x_m) / texel_m - 0.5)
+        y = 256.0 * ((pos[1] - ground.y_m) / texel_m - 0.5)
         for line in range(lines):
             part = (line + 0.5) / lines
-            ahead, step = _ray(mat, focal_px, row + 0.5 + part, rows, columns)
+            ahead, step = _ray(lens, row + 0.5 + part, rows, columns)
             _aim(
                 Single(min(max(x, -_FURTHEST), _FURTHEST)),
                 Single(min(max(y, -_FURTHEST), _FURTHEST)),
@@ -268,7 +310,7 @@ def _floor(
                 at,
                 between,
             )
-            _fetch(texels, at, words)
+            _fetch(ground.texels, at, words)
             if len(palette) > 0:
                 _recolour(words, palette)
             weight = 1.0 / (65536.0 * lines)
@@ -278,20 +320,15 @@ def _floor(
         if row >= clear:
             _store(here, bias, frame[row])
         elif row >= first:
-            _store_before(here, behind[row], share[row], bias, frame[row])
+            _store_before(here, beyond.behind[row], beyond.share[row], bias, frame[row])
 
 
 @kernel
 def _sampling(
-    mat: Floats,
-    focal_px: float,
-    height_px: float,
-    rows: int,
-    lens_height_m: float,
-    texel_m: float,
-    levels: Ints,
+    lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, levels: Ints
 ) -> tuple[int, int]:
     """Copy of the ground picture and number of sample lines that suit the middle of a pixel row."""
+    mat, focal_px = lens.mat, lens.focal_px
     up = (0.5 * rows - height_px) / focal_px
     x, y = mat[0, 0] + up * mat[0, 2], mat[1, 0] + up * mat[1, 2]
     fall = max(-(mat[2, 0] + up * mat[2, 2]), _LEAST_FALL)

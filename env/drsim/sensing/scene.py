@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drsim.jit import kernel
 from drsim.sensing.ground import Bytes, Grid, paint_ground
+from drsim.sensing.raycast import Ground
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 
@@ -64,12 +65,18 @@ class Scene:
         """Its fields, with the words apart: their overlap would be lost, at twice the size."""
         pairs = np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
         state = {**self.__dict__, "texels": pairs}
-        state.pop("ground", None)
+        for cached in ("ground", "picture"):
+            state.pop(cached, None)
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Lay the words over each other again."""
         self.__dict__.update({**state, "texels": _words(state["texels"])})
+
+    @cached_property
+    def picture(self) -> Ground:
+        """The ground picture as `raycast.draw` needs it."""
+        return Ground(self.texels, self.levels, self.x_m, self.y_m, self.texel_m)
 
     @cached_property
     def ground(self) -> Bytes:

@@ -1,6 +1,7 @@
 """The inner and the outer lane of a track as smooth curves, for bots that drive without physics."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,20 @@ _OVERHANG = 12
 so many to less than a thousandth of a millimetre."""
 
 
+class LanePlaces(NamedTuple):
+    """Where k bots for each of n cars are between the two lanes.
+
+    Attributes:
+        distance_m: Distances along the centre line in the car's driving direction. Shape (n, k).
+        share: 0 on the inner lane, 1 on the outer one, between them during a change. Shape (n, k).
+        drift: Change of that share per metre. Shape (n, k).
+    """
+
+    distance_m: Floats
+    share: Floats
+    drift: Floats
+
+
 class LanePaths:
     """Both lanes of a track as cubic splines over the distance along the centre line.
 
@@ -49,25 +64,19 @@ class LanePaths:
             [[_spline(*_knots(track, lane), at_m) for lane in _LANES] for track in tracks]
         )
 
-    def poses(
-        self, backward: Ints, distance_m: Floats, share: Floats, drift: Floats
-    ) -> tuple[Floats, Floats]:
+    def poses(self, backward: Ints, places: LanePlaces) -> tuple[Floats, Floats]:
         """Where bots are, and where they look; k bots for each of n cars.
 
         Args:
             backward: 1 for cars on the reversed track. Shape (n,).
-            distance_m: Distances along the centre line. They wrap: at the end of an open track a
-                bot begins again, so that none blocks the finish. Shape (n, k).
-            share: 0 on the inner lane, 1 on the outer one. Shape (n, k).
-            drift: Change of that share per metre. Shape (n, k).
+            places: Where they are. Distances wrap: at the end of an open track a bot begins again,
+                so that none blocks the finish.
 
         Returns:
             Centres in metres, shape (n, k, 2), and yaws in radians, shape (n, k).
         """
-        xy, yaw_rad = np.empty((*share.shape, 2)), np.empty(share.shape)
-        here_m = distance_m % self._length_m
-        _poses(self._xy, self._step_m, backward, here_m, share, drift, xy, yaw_rad)
-        return xy, yaw_rad
+        here_m = places.distance_m % self._length_m
+        return _poses(self._xy, self._step_m, backward, places._replace(distance_m=here_m))
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
@@ -136,24 +145,22 @@ def _slopes(points: Floats, gap: Floats) -> Floats:
 
 @kernel
 def _poses(
-    lanes: Floats,
-    step_m: float,
-    backward: Ints,
-    distance_m: Floats,
-    share: Floats,
-    drift: Floats,
-    xy: Floats,
-    yaw_rad: Floats,
-) -> None:
-    for i in range(share.shape[0]):
+    lanes: Floats, step_m: float, backward: Ints, places: LanePlaces
+) -> tuple[Floats, Floats]:
+    """Places and directions of bots: a bot looks towards where it will be a little later."""
+    cars, bots = places.share.shape
+    xy, yaw_rad = np.empty((cars, bots, 2)), np.empty((cars, bots))
+    for i in range(cars):
         inner, outer = lanes[backward[i], 0], lanes[backward[i], 1]
-        for k in range(share.shape[1]):
-            x, y = _between(inner, outer, distance_m[i, k] / step_m, share[i, k])
-            ahead_m = distance_m[i, k] + _LOOK_AHEAD_M
-            aside = share[i, k] + _LOOK_AHEAD_M * drift[i, k]
+        for k in range(bots):
+            here_m, share = places.distance_m[i, k], places.share[i, k]
+            x, y = _between(inner, outer, here_m / step_m, share)
+            ahead_m = here_m + _LOOK_AHEAD_M
+            aside = share + _LOOK_AHEAD_M * places.drift[i, k]
             ahead_x, ahead_y = _between(inner, outer, ahead_m / step_m, aside)
             xy[i, k, 0], xy[i, k, 1] = x, y
             yaw_rad[i, k] = math.atan2(ahead_y - y, ahead_x - x)
+    return xy, yaw_rad
 
 
 @kernel

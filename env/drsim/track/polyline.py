@@ -1,6 +1,7 @@
 """Compiled geometry of polylines: the nearest point on one, and whether rings contain a point."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,66 @@ _NEIGHBOURS = 4
 """Points in a row that are tested together: the wheels of a car are near each other."""
 
 _HAIR = 1e-12
-"""A point this near to an end of a segment, as a share of its length, counts as that end: a
-waypoint itself must not come out as a hair before the waypoint, which is all that rounding leaves
-of it."""
+"""A point this near to an end of a segment, as a share of its length, counts as that end. Otherwise
+rounding could put a waypoint just before itself."""
+
+START_X, START_Y, END_X, END_Y, INVERSE_SQUARE, START_M, END_M, YAW_RAD = range(8)
+"""Rows of an array of segments: both ends, one over the squared length, the distances along the
+polyline at both ends, and the direction."""
+
+
+class Road(NamedTuple):
+    """A track as `locate` needs it. Segments are arrays of `segments`, shape (8, ...).
+
+    Attributes:
+        center: Segments of the centre line. Shape (8, v - 1) for v vertices.
+        inner: Segments of the inner border.
+        outer: Segments of the outer border.
+        first: First row of each vertex of the centre line. Shape (v,).
+        last: Last row of each vertex. Shape (v,).
+        closed: The centre line ends where it begins.
+        is_ccw: The inner border lies to the left of the driving direction.
+        backward: The centre line is driven from its last row to its first one; rows are then
+            counted from its end.
+    """
+
+    center: Floats
+    inner: Floats
+    outer: Floats
+    first: Ints
+    last: Ints
+    closed: bool
+    is_ccw: bool
+    backward: bool
+
+
+class Location(NamedTuple):
+    """Where m points lie relative to a track. Source: the reference simulator's definitions.
+
+    Attributes:
+        distance_m: Distance along the centre line from waypoint 0 to the centre-line point nearest
+            to the point, 0 .. track length. The whole line is searched. Shape (m,).
+        center_xy: That nearest centre-line point. Shape (m, 2).
+        from_center_m: Distance of the point from it. Shape (m,).
+        previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
+        next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
+            index is the waypoint that repeats waypoint 0. Where another waypoint repeats the one
+            before, `next` is the first of the two and `previous` the second. Shape (m,).
+        nearest: The one of the two that is nearer in a straight line. Shape (m,).
+        track_width_m: Distance between the projections of the nearest centre-line point on the two
+            borders. Shape (m,).
+        left_of_center: The point lies left of the centre line as seen in the driving direction:
+            the nearer of those two border points decides. Shape (m,).
+    """
+
+    distance_m: Floats
+    center_xy: Floats
+    from_center_m: Floats
+    previous: Ints
+    next: Ints
+    nearest: Ints
+    track_width_m: Floats
+    left_of_center: Bools
 
 
 def vertices(points: Floats) -> tuple[Ints, Ints]:
@@ -56,17 +114,15 @@ def without_repeats(points: Floats) -> Floats:
 def segments(points: Floats) -> Floats:
     """The segments of a polyline, laid out for the kernels of this module.
 
-    The figures are the same on every processor: none comes from a routine that NumPy has more than
-    one of.
+    The numbers are the same on every processor: none comes from a routine that NumPy implements
+    differently for different processors.
 
     Args:
         points: Rows in metres; a row may repeat the one before. Shape (n, 2).
 
     Returns:
-        Rows: x and y where each segment starts, x and y where it ends, the inverse of its squared
-        length, the distance along the polyline where it starts and where it ends, and its
-        direction in radians. The length of the whole line does not depend on the end from which
-        it is measured. Shape (8, m - 1) for m vertices.
+        Rows from `START_X` to `YAW_RAD`, in metres and radians. The length of the whole line does
+        not depend on the end it is measured from. Shape (8, m - 1) for m vertices.
     """
     line = without_repeats(points)
     start, end = line[:-1], line[1:]
@@ -80,78 +136,57 @@ def segments(points: Floats) -> Floats:
 
 
 @kernel
-def locate(
-    xy: Floats,
-    center: Floats,
-    inner: Floats,
-    outer: Floats,
-    first: Ints,
-    last: Ints,
-    closed: bool,
-    is_ccw: bool,
-    backward: bool,
-) -> tuple[Floats, Floats, Floats, Ints, Ints, Ints, Floats, Bools]:
+def locate(xy: Floats, road: Road) -> Location:
     """Where points lie relative to a track.
 
-    Which way it is driven decides how the result is told, and about nothing that is measured: a
-    width or a distance is the same number for a car that has turned round.
+    The driving direction only decides how the result is expressed, never what is measured: a width
+    or a distance is the same number for a car that has turned round.
 
     Args:
         xy: Points in metres. Shape (m, 2).
-        center: Segments of the centre line. Shape (8, v - 1) for v vertices.
-        inner: Segments of the inner border. Shape (8, ...).
-        outer: Segments of the outer border. Shape (8, ...).
-        first: First row of each vertex of the centre line. Shape (v,).
-        last: Last row of each. Shape (v,).
-        closed: Whether the centre line ends where it begins.
-        is_ccw: Whether the inner border lies to the left of the driving direction.
-        backward: Whether it is driven from its last row to its first one; rows are then counted
-            from its end.
-
-    Returns:
-        The fields of `drsim.track.track.Location`, in their order.
+        road: The track.
     """
+    center, first, last = road.center, road.first, road.last
     m, end = xy.shape[0], center.shape[1]
     distance_m, center_xy, from_center_m = np.empty(m), np.empty((m, 2)), np.empty(m)
-    previous, following, nearest = (
-        np.empty(m, np.int64),
-        np.empty(m, np.int64),
-        np.empty(m, np.int64),
-    )
+    previous, following = np.empty(m, np.int64), np.empty(m, np.int64)
+    nearest = np.empty(m, np.int64)
     width_m, left = np.empty(m), np.empty(m, np.bool_)
-    scratch = np.empty(max(center.shape[1], inner.shape[1], outer.shape[1]))
+    scratch = np.empty(max(center.shape[1], road.inner.shape[1], road.outer.shape[1]))
     for i in range(m):
         x, y = xy[i, 0], xy[i, 1]
         k, along, cx, cy = _nearest(center, x, y, scratch)
-        _, _, ix, iy = _nearest(inner, cx, cy, scratch)
-        _, _, ox, oy = _nearest(outer, cx, cy, scratch)
+        _, _, ix, iy = _nearest(road.inner, cx, cy, scratch)
+        _, _, ox, oy = _nearest(road.outer, cx, cy, scratch)
         center_xy[i, 0], center_xy[i, 1] = cx, cy
         from_center_m[i] = np.hypot(x - cx, y - cy)
         width_m[i] = np.hypot(ix - ox, iy - oy)
         inner_is_nearer = np.hypot(x - ix, y - iy) < np.hypot(x - ox, y - oy)
-        left[i] = inner_is_nearer == is_ccw
+        left[i] = inner_is_nearer == road.is_ccw
 
         # A point exactly at a vertex has that vertex behind it, as in a bisection to the right.
         at_vertex = along <= 0.0 or along >= 1.0
         if along >= 1.0:
             k += 1
-            distance_m[i] = center[6, k - 1]
+            distance_m[i] = center[END_M, k - 1]
         else:
-            distance_m[i] = center[5, k] + along * (center[6, k] - center[5, k])
-        if not backward:
+            distance_m[i] = _distance_m(center, k, along)
+        if not road.backward:
             behind, ahead = k, k + 1 if k < end else 0
             previous[i], following[i] = last[behind], first[ahead]
         else:
-            if closed and at_vertex and k == 0:
+            if road.closed and at_vertex and k == 0:
                 k = end  # driven this way round, the lap begins there too
-                distance_m[i] = center[6, end - 1]
-            distance_m[i] = center[6, end - 1] - distance_m[i]
+                distance_m[i] = center[END_M, end - 1]
+            distance_m[i] = center[END_M, end - 1] - distance_m[i]
             behind = k if at_vertex else k + 1
             ahead = behind - 1 if behind > 0 else end
             previous[i], following[i] = last[end] - first[behind], last[end] - last[ahead]
         behind_is_nearer = _square_to(center, behind, x, y) <= _square_to(center, ahead, x, y)
         nearest[i] = previous[i] if behind_is_nearer else following[i]
-    return distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
+    return Location(
+        distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
+    )
 
 
 @kernel
@@ -168,7 +203,7 @@ def project(xy: Floats, line: Floats) -> Floats:
     distance_m, scratch = np.empty(xy.shape[0]), np.empty(line.shape[1])
     for i in range(xy.shape[0]):
         k, along, _, _ = _nearest(line, xy[i, 0], xy[i, 1], scratch)
-        distance_m[i] = line[5, k] + along * (line[6, k] - line[5, k])
+        distance_m[i] = _distance_m(line, k, along)
     return distance_m
 
 
@@ -220,13 +255,20 @@ def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, fl
 
 
 @kernel
+def _distance_m(line: Floats, k: int, along: float) -> float:
+    """Distance along a polyline of the place at a share (0 .. 1) of segment k."""
+    distance_m: float = line[START_M, k] + along * (line[END_M, k] - line[START_M, k])
+    return distance_m
+
+
+@kernel
 def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float, float]:
     """How far along segment k (0 .. 1) its point nearest to a point lies, and that point.
 
     Both ends are met exactly, so that two segments are equally near where they join.
     """
-    ax, ay, bx, by = line[0, k], line[1, k], line[2, k], line[3, k]
-    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[4, k]
+    ax, ay, bx, by = line[START_X, k], line[START_Y, k], line[END_X, k], line[END_Y, k]
+    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[INVERSE_SQUARE, k]
     if along >= 1.0 - _HAIR:
         return 1.0, bx, by
     if along <= _HAIR:
@@ -238,19 +280,17 @@ def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float,
 def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
     """Squared distance from a point to a vertex of a polyline."""
     last = vertex == line.shape[1]
-    x_m: float = x - (line[2, vertex - 1] if last else line[0, vertex])
-    y_m: float = y - (line[3, vertex - 1] if last else line[1, vertex])
+    x_m: float = x - (line[END_X, vertex - 1] if last else line[START_X, vertex])
+    y_m: float = y - (line[END_Y, vertex - 1] if last else line[START_Y, vertex])
     return x_m * x_m + y_m * y_m
 
 
 @kernel
 def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
-    """Pick the edges of a ring that can decide on which side of it some points lie.
+    """Pick the edges of a ring, shape (n, 2), that can decide whether points lie inside it.
 
-    Args:
-        ring: Vertices. Shape (n, 2).
-        group: The points. Shape (m, 2).
-        rows: Where to put the edges' indices. Shape (n,) or more.
+    A ray towards +x meets no edge that lies above, below or to the left of all points. The indices
+    of the others are written to `rows`, shape (n,) or more.
 
     Returns:
         How many there are.
@@ -274,10 +314,7 @@ def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
 
 @kernel
 def _side(ring: Floats, edges: Ints, x: float, y: float) -> int:
-    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x.
-
-    Only the given edges of the ring are looked at.
-    """
+    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x."""
     inside = False
     for k in edges:
         ax, ay, bx, by = ring[k, 0], ring[k, 1], ring[k + 1, 0], ring[k + 1, 1]

@@ -8,42 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.track import polyline
+from drsim.track.polyline import END_M, END_X, START_M, START_X, YAW_RAD, Location
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Lane = Literal["center", "inner", "outer"]
-
-
-@dataclass(frozen=True, slots=True)
-class Location:
-    """Where m points lie relative to a track. Source: the reference simulator's definitions.
-
-    Attributes:
-        distance_m: Distance along the centre line from waypoint 0 to the centre-line point nearest
-            to the point, 0 .. track length. The whole line is searched. Shape (m,).
-        center_xy: That nearest centre-line point. Shape (m, 2).
-        from_center_m: Distance of the point from it. Shape (m,).
-        previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
-        next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
-            index is the waypoint that repeats waypoint 0. Where another waypoint repeats the one
-            before, it is the first of the two that lies ahead and the second that lies behind.
-            Shape (m,).
-        nearest: The one of the two that is nearer by straight distance. Shape (m,).
-        track_width_m: Distance between the projections of the nearest centre-line point on the two
-            borders. Shape (m,).
-        left_of_center: Whether the point lies left of the centre line as seen in the driving
-            direction: which of those two border points is nearer decides. Shape (m,).
-    """
-
-    distance_m: Floats
-    center_xy: Floats
-    from_center_m: Floats
-    previous: Ints
-    next: Ints
-    nearest: Ints
-    track_width_m: Floats
-    left_of_center: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +63,7 @@ class Track:
     @cached_property
     def length_m(self) -> float:
         """Length of the centre line."""
-        return float(self._as_given._center_segments[6, -1])
+        return float(self._as_given._center_segments[END_M, -1])
 
     @cached_property
     def is_ccw(self) -> bool:
@@ -139,19 +108,7 @@ class Track:
         Args:
             xy: Points in metres. Shape (m, 2).
         """
-        road = self._as_given
-        return Location(
-            *polyline.locate(
-                np.ascontiguousarray(xy, dtype=np.float64),
-                road._center_segments,
-                road._inner_segments,
-                road._outer_segments,
-                *road._vertices,
-                self.closed,
-                self.is_ccw,
-                self.turned is not None,
-            )
-        )
+        return polyline.locate(np.ascontiguousarray(xy, dtype=np.float64), self._road)
 
     def on_road(self, xy: Floats) -> Bools:
         """Whether points lie strictly between the borders; a point exactly on one does not.
@@ -192,20 +149,23 @@ class Track:
         return self if self.turned is None else self.turned
 
     @cached_property
-    def _vertices(self) -> tuple[Ints, Ints]:
-        return polyline.vertices(self.center)
+    def _road(self) -> polyline.Road:
+        given = self._as_given
+        first, last = polyline.vertices(given.center)
+        return polyline.Road(
+            center=given._center_segments,
+            inner=polyline.segments(given.inner),
+            outer=polyline.segments(given.outer),
+            first=first,
+            last=last,
+            closed=self.closed,
+            is_ccw=self.is_ccw,
+            backward=self.turned is not None,
+        )
 
     @cached_property
     def _center_segments(self) -> Floats:
         return polyline.segments(self.center)
-
-    @cached_property
-    def _inner_segments(self) -> Floats:
-        return polyline.segments(self.inner)
-
-    @cached_property
-    def _outer_segments(self) -> Floats:
-        return polyline.segments(self.outer)
 
     @cached_property
     def _lanes(self) -> dict[Lane, Floats]:
@@ -224,7 +184,7 @@ class Track:
 
 def _poses_on(line: Floats, along_m: Floats) -> Floats:
     """Poses on a polyline, each looking towards its next vertex. Shape (m, 3)."""
-    k = np.minimum(np.searchsorted(line[6], along_m, side="right"), line.shape[1] - 1)
-    start, end = line[0:2, k], line[2:4, k]
-    share = (along_m - line[5, k]) / (line[6, k] - line[5, k])
-    return np.stack([*(start + share * (end - start)), line[7, k]], axis=1)
+    k = np.minimum(np.searchsorted(line[END_M], along_m, side="right"), line.shape[1] - 1)
+    start, end = line[START_X : START_X + 2, k], line[END_X : END_X + 2, k]
+    share = (along_m - line[START_M, k]) / (line[END_M, k] - line[START_M, k])
+    return np.stack([*(start + share * (end - start)), line[YAW_RAD, k]], axis=1)

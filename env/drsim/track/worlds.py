@@ -2,7 +2,6 @@
 
 import difflib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -25,13 +24,6 @@ _LONGEST_NAME = 1_000
 
 _ROUTE_FILES = (".npy", ".csv")
 """Route files that need nothing but their name, in the order in which they win."""
-
-_SAME_ROUTE = {
-    "reinvent_carpet": "reinvent_base",
-    "reinvent_concrete": "reinvent_base",
-    "reinvent_wood": "reinvent_base",
-}
-"""Worlds that differ from another one in their looks only. Source: the reference simulator."""
 
 _CLOCKWISE = {"_cw": True, "_ccw": False}
 """Endings of a world name that choose the driving direction. Source: the reference simulator."""
@@ -135,7 +127,7 @@ def known_worlds(tracks_dir: Path | None = None) -> list[str]:
     Args:
         tracks_dir: Folder with further route files; one that does not exist holds none.
     """
-    return sorted({*_SAME_ROUTE, *_files(tracks_dir)})
+    return sorted(_files(tracks_dir))
 
 
 def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
@@ -176,22 +168,25 @@ def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
             f"or path of at most {_LONGEST_NAME}."
         )
     files = _files(tracks_dir)
-    known = {*files, *_SAME_ROUTE}
     if Path(world).suffix in _ROUTE_FILES:
         file = Path(world)
         # Asking the listing, not the file system: what is no path must not lead out of the folder.
         if tracks_dir is not None and world in _listed(tracks_dir):
             file = tracks_dir / world
-        if _base(file.stem) not in known or str(file) != file.name or file.exists():
+        if _base(file.stem) not in files or str(file) != file.name or file.exists():
             return read_route(file), file
         world = file.stem  # people write reinvent_base.npy and mean reinvent_base
     if world in files:
-        return _read(files[world]), files[world]
-    if world in _SAME_ROUTE:
-        track, file = _found(_SAME_ROUTE[world], tracks_dir)
+        file = files[world]
+        if file.suffix != ".json":
+            return read_route(file), file
+        definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        if "same_route_as" not in definition:
+            return _build(world, definition), file
+        track, file = _found(definition["same_route_as"], tracks_dir)
         return replace(track, name=world), file
     base = _base(world)
-    if base == world or base not in known:
+    if base == world or base not in files:
         raise TrackError(_unknown(world, tracks_dir))
     track, file = _found(base, tracks_dir)
     clockwise = _CLOCKWISE[world.removeprefix(base)]
@@ -231,19 +226,13 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
     return f"No world is called '{world}'; {hint} {', '.join(names)}. Use one of them, or {where}."
 
 
-def _read(file: Path) -> Track:
-    read: Callable[[Path], Track] = _build if file.suffix == ".json" else read_route
-    return read(file)
-
-
-def _build(file: Path) -> Track:
+def _build(name: str, definition: dict[str, Any]) -> Track:
     """The track of one of our own definitions.
 
     Waypoints stand at even distances along a closed spline, except for a few that are shifted
     along it: racers write waypoint numbers into their reward functions, and the route they know
     is uneven there.
     """
-    definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
     for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():
@@ -253,7 +242,7 @@ def _build(file: Path) -> Track:
     center, left, right = (
         np.concatenate([line, line[:1]]) for line in (center, center + to_left, center - to_left)
     )
-    track = Track(file.stem, center, left, right, closed=True)
+    track = Track(name, center, left, right, closed=True)
     if track.is_ccw:  # then the inside of the loop lies to the left, as built
         return track
-    return Track(file.stem, center, right, left, closed=True)
+    return Track(name, center, right, left, closed=True)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.car.camera_mount import CameraModel
-from drsim.race.solids import BOX_COLUMNS, SHAPES, Shape, Solids
+from drsim.car.car import CONTROL_HZ
+from drsim.race.solids import SHAPES, Shape, Solids
 from drsim.sensing.camera import render
 from drsim.sensing.scene import build_scene
 from drsim.track.appearance import Look, look_of
@@ -43,9 +44,6 @@ CUT_M = 1.0
 
 _CHANNELS = 3
 _NOTHING: Floats = np.empty((0, 3))
-
-_RED = BOX_COLUMNS - _CHANNELS
-"""Column of a row of `Solids.boxes` in which its colour begins."""
 
 
 class Spectator:
@@ -96,7 +94,7 @@ class Spectator:
         self._last_xy = None
 
     def chase(
-        self, pose: Floats, objects: Floats | None = None, *, step_s: float = 1.0 / 15.0
+        self, pose: Floats, objects: Floats | None = None, *, step_s: float = 1.0 / CONTROL_HZ
     ) -> Frame:
         """The view from behind the car, which swings after it as it turns.
 
@@ -153,7 +151,7 @@ class Spectator:
         channel = np.empty((1, camera.rows, camera.columns), np.uint8)
         for index, scene in enumerate(self._scenes):
             boxes = self._solids.boxes.copy()
-            boxes[:, :, _RED : _RED + _CHANNELS] = boxes[:, :, _RED + index, None]
+            boxes["color"] = boxes["color"][:, :, index, None]
             render(scene, lens_pos[None], lens_mat[None], channel, camera, boxes=boxes)
             frame[:, :, index] = channel[0]
         return frame

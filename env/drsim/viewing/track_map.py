@@ -1,17 +1,17 @@
 """Small maps of a track: in the letters of a terminal, and as a picture."""
 
-import itertools
+import io
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
 from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
-Axis = NDArray[np.floating[Any]]
 Picture = NDArray[np.uint8]
+RGB = tuple[int, int, int]
 
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """Bits of the dots of a braille letter, four rows of two."""
@@ -61,7 +61,7 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
 
 
 def picture_map(track: Track, width_px: int = 800) -> Picture:
-    """A picture: road, centre line, the start as a white bar and the direction as arrow heads.
+    """A picture: road, dashed centre line, the start as a white bar, the direction as arrow heads.
 
     Args:
         track: The track.
@@ -74,71 +74,47 @@ def picture_map(track: Track, width_px: int = 800) -> Picture:
     width_m, height_m = high_x - low_x + 2 * _MARGIN_M, high_y - low_y + 2 * _MARGIN_M
     pixel_m = max(width_m, height_m) / width_px
     columns, rows = math.ceil(width_m / pixel_m), math.ceil(height_m / pixel_m)
-    # Twice as many points a side, averaged afterwards, make smooth edges.
-    half_m = pixel_m / 2
-    x = low_x - _MARGIN_M + half_m * (np.arange(2 * columns) + 0.5)
-    y = high_y + _MARGIN_M - half_m * (np.arange(2 * rows) + 0.5)
-    points = np.stack(np.meshgrid(x, y), axis=-1)
-    picture = np.where(_on_road(track, x, y)[..., None], _ROAD, _FIELD).astype(np.float64)
+    # Drawn at twice the size and shrunk, edges become smooth.
+    fine_m = pixel_m / 2
+    image = Image.new("RGB", (2 * columns, 2 * rows), _FIELD)
+    draw = ImageDraw.Draw(image)
 
-    def paint(xy: Floats, radius_m: float, color: tuple[int, int, int]) -> None:
-        """Dots of a colour."""
-        reach = max(math.ceil(radius_m / half_m), 1)
-        for dot in xy:
-            column = int((dot[0] - x[0]) / half_m)
-            row = int((y[0] - dot[1]) / half_m)
-            window = (
-                slice(max(row - reach, 0), max(row + reach + 2, 0)),
-                slice(max(column - reach, 0), max(column + reach + 2, 0)),
-            )
-            near = np.hypot(*np.moveaxis(points[window] - dot, -1, 0)) <= radius_m
-            picture[window][near] = color
+    def pixels(xy: Floats) -> list[tuple[float, float]]:
+        corner = (low_x - _MARGIN_M, high_y + _MARGIN_M)
+        return [(x, y) for x, y in ((xy - corner) * (1, -1) / fine_m - 0.5).tolist()]
 
+    def dots(xy: Floats, radius_m: float, color: RGB) -> None:
+        reach = max(radius_m / fine_m, 1.0)
+        for x, y in pixels(xy):
+            draw.ellipse((x - reach, y - reach, x + reach, y + reach), fill=color)
+
+    if track.closed:
+        draw.polygon(pixels(track.outer), fill=_ROAD)
+        draw.polygon(pixels(track.inner), fill=_FIELD)
+    else:
+        draw.polygon(pixels(np.concatenate([track.outer, track.inner[::-1]])), fill=_ROAD)
     dash_m = np.arange(0.0, track.length_m, max(4 * pixel_m, track.length_m / 400))
-    paint(track.pose_at(dash_m)[:, :2], max(0.02, pixel_m * 0.8), _LINE)
-    where = track.locate(track.center[:1])
-    bar_m = np.linspace(-0.5, 0.5, 60) * float(where.track_width_m[0])
+    dots(track.pose_at(dash_m)[:, :2], max(0.02, pixel_m * 0.8), _LINE)
+    bar_m = np.linspace(-0.5, 0.5, 60) * float(track.locate(track.center[:1]).track_width_m[0])
     start = track.pose_at(np.zeros(1))[0]
     across = np.array([-math.sin(start[2]), math.cos(start[2])])
-    paint(start[:2] + bar_m[:, None] * across, max(0.05, 1.5 * pixel_m), _START)
+    dots(start[:2] + bar_m[:, None] * across, max(0.05, 1.5 * pixel_m), _START)
     size_m = max(0.16, 7 * pixel_m)
     first = max(0.02, 2.5 * size_m / track.length_m)  # clear of the bar
     for fraction in (first, *_ARROWS_AT):
-        paint(_arrow(track, fraction, size_m), max(0.02, pixel_m), _START)
-    small = np.round(picture.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)))
-    whole: Picture = small.astype(np.uint8)
-    return whole
+        dots(_arrow(track, fraction, size_m), max(0.02, pixel_m), _START)
+    return np.asarray(image.resize((columns, rows), Image.Resampling.BOX))
 
 
-def _on_road(track: Track, x: Axis, y: Axis) -> NDArray[np.bool_]:
-    """Whether the points of an even grid lie on the road, line by line of the grid.
-
-    `Track.on_road` answers for any points; for the millions of a picture it takes seconds.
+def png_bytes(picture: Picture) -> bytes:
+    """A picture as the content of a PNG file.
 
     Args:
-        track: The track.
-        x: Increasing. Shape (columns,).
-        y: Decreasing. Shape (rows,).
-
-    Returns:
-        Answers. Shape (rows, columns).
+        picture: Grey, shape (rows, columns), or RGB, shape (rows, columns, 3).
     """
-    if not track.closed:
-        return _inside(np.concatenate([track.outer, track.inner[::-1], track.outer[:1]]), x, y)
-    return _inside(track.outer, x, y) & ~_inside(track.inner, x, y)
-
-
-def _inside(ring: Floats, x: Axis, y: Axis) -> NDArray[np.bool_]:
-    """Whether the points of a grid lie inside a ring: left of an odd number of its sides."""
-    passed = np.zeros((len(y), len(x) + 1), dtype=np.int64)
-    for start, end in itertools.pairwise(ring):
-        high, low = max(start[1], end[1]), min(start[1], end[1])
-        rows = np.arange(*np.searchsorted(-y, [-high, -low]))
-        share = (y[rows] - start[1]) / (end[1] - start[1]) if len(rows) else rows
-        columns = np.searchsorted(x, start[0] + share * (end[0] - start[0]))
-        passed[rows, columns] += 1  # one entry a row: each side crosses a row once
-    odd: NDArray[np.bool_] = passed.cumsum(axis=1)[:, :-1] % 2 == 1
-    return odd
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "PNG", optimize=True)
+    return file.getvalue()
 
 
 def _arrow(track: Track, fraction: float, size_m: float) -> Floats:

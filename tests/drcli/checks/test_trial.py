@@ -123,10 +123,10 @@ def test_a_loop_that_swallows_its_deadline_is_named(job, tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_text(DEAF)
     script = (
-        "import sys, drsim.episode.deadline, drsim.episode.reward\n"
+        "import sys, drsim.episode.reward_deadline, drsim.episode.reward\n"
         "import drcli.checks.sandbox.inputs_process as trial\n"
         "from pathlib import Path\n"
-        "drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05\n"
+        "drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05\n"
         "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
         "trial.main(Path(sys.argv[1]), 'mine.py')\n"
     )

@@ -1,6 +1,7 @@
 """What people see, compared with recorded screens of 80 columns and 24 rows."""
 
 import io
+import math
 from dataclasses import replace
 
 import pytest
@@ -123,6 +124,25 @@ def test_an_iteration_without_its_evaluation_says_so(make_record):
     line = iterations.line(make_record(8, evaluation_progress=[], evaluation_lap_s=[]))
 
     assert line.endswith("eval ...")
+
+
+def test_a_sac_training_shows_its_own_losses_and_no_divergence(make_record):
+    unknown = dict.fromkeys(("surrogate_loss", "value_loss", "kl"), math.nan)
+    record = make_record(8, **unknown, actor_loss=-1.5, critic_loss=0.25, alpha=0.2)
+
+    line = iterations.line(record, verbose=True)
+
+    assert "actor loss -1.5000  critic loss 0.2500  alpha 0.2000" in line
+    assert "KL" not in line
+    assert "nan" not in line
+
+
+def test_what_is_unknown_before_anything_is_learned_is_a_dash(make_record):
+    unknown = dict.fromkeys(("entropy", "surrogate_loss", "value_loss", "kl"), math.nan)
+
+    line = iterations.line(make_record(0, **unknown), verbose=True)
+
+    assert "entropy -  policy loss -  value loss -  KL -  " in line
 
 
 UNDER_WAY = """\

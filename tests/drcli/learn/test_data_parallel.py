@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from drcli.learn.data_parallel import Crew, parts_of
+from drcli.learn.data_parallel import DataParallel, parts_of
 
 SAMPLES = 7
 INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)
@@ -11,34 +11,59 @@ INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)
 def test_parts_leave_the_gradient_of_the_whole_and_the_mean_of_the_figures():
     whole, divided = _network(), _network()
 
-    figures = Crew(whole).step(_loss, SAMPLES, _nothing)
-    shared = Crew(divided, parts=3, threads=3).step(_loss, SAMPLES, _nothing)
+    figures = DataParallel(whole).backward(_loss, SAMPLES)
+    shared = DataParallel(divided, parts=3, threads=3).backward(_loss, SAMPLES)
 
     torch.testing.assert_close(shared, figures)
     for one, other in zip(whole.parameters(), divided.parameters(), strict=True):
         torch.testing.assert_close(other.grad, one.grad)
 
 
-def test_gradients_of_the_step_before_do_not_count():
+def test_gradients_add_up_until_they_are_set_to_zero():
     network = _network()
-    crew = Crew(network, parts=2, threads=2)
+    parallel = DataParallel(network, parts=2, threads=2)
 
-    crew.step(_loss, SAMPLES, _nothing)
+    parallel.backward(_loss, SAMPLES)
     once = network[0].weight.grad.clone()
-    crew.step(_loss, SAMPLES, _nothing)
+    parallel.backward(_loss, SAMPLES)
+    twice = network[0].weight.grad.clone()
+    network.zero_grad()
+    parallel.backward(_loss, SAMPLES)
+
+    torch.testing.assert_close(twice, 2 * once)
+    assert torch.equal(network[0].weight.grad, once)
+
+
+def test_the_gradients_of_a_step_that_failed_do_not_count():
+    network = _network()
+    parallel = DataParallel(network, parts=2, threads=2)
+    parallel.backward(_loss, SAMPLES)
+    once = network[0].weight.grad.clone()
+
+    def fail_in_the_first_part(model, part):
+        if part.start == 0:
+            raise ArithmeticError
+        return _loss(model, part)
+
+    network.zero_grad()
+    with pytest.raises(ArithmeticError):
+        parallel.backward(fail_in_the_first_part, SAMPLES)
+    parallel.backward(_loss, SAMPLES)
 
     assert torch.equal(network[0].weight.grad, once)
 
 
 def test_all_parts_see_new_weights_at_once():
     network, fresh = _network(), _network()
-    crew = Crew(network, parts=2, threads=2)
+    parallel = DataParallel(network, parts=2, threads=2)
     optimizer = torch.optim.SGD(network.parameters(), lr=0.1)
-    crew.step(_loss, SAMPLES, optimizer.step)
+    parallel.backward(_loss, SAMPLES)
+    optimizer.step()
+    optimizer.zero_grad()
     fresh.load_state_dict(network.state_dict())
 
-    crew.step(_loss, SAMPLES, _nothing)
-    Crew(fresh).step(_loss, SAMPLES, _nothing)
+    parallel.backward(_loss, SAMPLES)
+    DataParallel(fresh).backward(_loss, SAMPLES)
 
     torch.testing.assert_close(network[0].weight.grad, fresh[0].weight.grad)
 
@@ -46,7 +71,7 @@ def test_all_parts_see_new_weights_at_once():
 def test_what_no_sample_needs_has_no_gradient():
     network = _network().append(nn.Linear(1, 1))
 
-    Crew(network, parts=2, threads=2).step(_loss, SAMPLES, _nothing)
+    DataParallel(network, parts=2, threads=2).backward(_loss, SAMPLES)
 
     assert network[2].weight.grad is None
 
@@ -58,7 +83,7 @@ def test_fewer_samples_than_parts_are_one_part():
         seen.append(part)
         return _loss(model, part)
 
-    Crew(_network(), parts=4, threads=4).step(loss_of, 3, _nothing)
+    DataParallel(_network(), parts=4, threads=4).backward(loss_of, 3)
 
     assert seen == [slice(0, 3)]
 
@@ -70,7 +95,7 @@ def test_the_error_of_a_part_is_the_error_of_the_whole():
         return _loss(model, part)
 
     with pytest.raises(ArithmeticError, match="broken"):
-        Crew(_network(), parts=2, threads=2).step(loss_of, SAMPLES, _nothing)
+        DataParallel(_network(), parts=2, threads=2).backward(loss_of, SAMPLES)
 
 
 def test_the_threads_of_the_caller_stay_as_they_are():
@@ -81,7 +106,7 @@ def test_the_threads_of_the_caller_stay_as_they_are():
         inside.append(torch.get_num_threads())
         return _loss(model, part)
 
-    Crew(_network(), parts=2, threads=2).step(loss_of, SAMPLES, _nothing)
+    DataParallel(_network(), parts=2, threads=2).backward(loss_of, SAMPLES)
 
     assert inside == [1, 1]
     assert torch.get_num_threads() == before
@@ -92,10 +117,6 @@ def test_the_threads_of_the_caller_stay_as_they_are():
 )
 def test_parts_are_not_too_small(batch_size, threads, parts):
     assert parts_of(batch_size, threads) == parts
-
-
-def _nothing() -> None:
-    """For tests that look at the gradient itself."""
 
 
 def _network() -> nn.Sequential:

@@ -6,8 +6,7 @@ from torch import nn
 from torch.nn import functional
 
 from drcli.learn.encoders import Encoder, multiply_adds
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation, of_frames
+from drcli.learn.policy import Observation, PolicySpec
 
 SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"
@@ -128,7 +127,7 @@ def test_checkpoints_from_before_there_were_several_bodies_still_load():
 
     other.load_state_dict(old)
 
-    seen = of_frames(torch.full((1, 1, 120, 160), 99, dtype=torch.uint8))
+    seen = Observation.of_frames(torch.full((1, 1, 120, 160), 99, dtype=torch.uint8))
     assert torch.equal(encoder(seen), other(seen))
 
 

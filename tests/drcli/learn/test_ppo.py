@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.learn.acting import decide, noise_dims, observation
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation
-from drcli.learn.policy import ActorCritic
-from drcli.learn.ppo import (
-    PPO,
-    NonFiniteLossError,
-    PPOConfig,
-    UpdateInterruptedError,
-    _minibatches,
-)
-from drcli.learn.precision import Compute
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute
+from drcli.learn.policy import Observation, PolicySpec, decide
+from drcli.learn.ppo import PPO, minibatches
 from drcli.learn.rollout_buffer import Rollout
+from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 
@@ -58,7 +52,7 @@ def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
     assert torch.equal(model.policy_head.weight, before)
 
 
-def test_an_update_can_be_interrupted_between_minibatches():
+def test_an_update_can_be_interrupted_betweenminibatches():
     model = _model(continuous=False)
     rollout = _rollout(model, np.zeros((8, 1, 120, 160), dtype=np.uint8))
     answers = iter([False, True])
@@ -70,14 +64,14 @@ def test_an_update_can_be_interrupted_between_minibatches():
 
 
 def test_an_epoch_uses_full_minibatches_and_no_row_twice():
-    rows = torch.cat(list(_minibatches(20, 8, torch.Generator().manual_seed(0))))
+    rows = torch.cat(list(minibatches(20, 8, torch.Generator().manual_seed(0))))
 
     assert len(rows) == 16
     assert len(set(rows.tolist())) == 16
 
 
 def test_fewer_steps_than_a_minibatch_are_one_minibatch():
-    batches = list(_minibatches(5, 64, torch.Generator().manual_seed(0)))
+    batches = list(minibatches(5, 64, torch.Generator().manual_seed(0)))
 
     assert [len(rows) for rows in batches] == [5]
 
@@ -234,13 +228,13 @@ def _model(continuous: bool, actions: int = 2) -> ActorCritic:
 
 def _seen(frames: np.ndarray) -> Observation:
     nothing = np.empty((len(frames), 0), np.float32)
-    return observation(frames, nothing, nothing)
+    return Observation.of_arrays(frames, nothing, nothing)
 
 
 def _rollout(model: ActorCritic, frames: np.ndarray) -> Rollout:
     rng = np.random.default_rng(1)
     n = len(frames)
-    shape = (n, noise_dims(model))
+    shape = (n, model.spec.noise_dims)
     noise = rng.standard_normal(shape) if model.spec.continuous else rng.random(shape)
     chosen = decide(model, _seen(frames), noise.astype(np.float32), np.zeros(n, dtype=bool))
     return Rollout(

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.replay_buffer import Replay, Transitions
+from drcli.learn.policy import PolicySpec
+from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 
 SPEC = PolicySpec(2, continuous=True)
 
 
 def test_each_step_is_drawn_with_what_was_seen_before_and_after_it():
-    replay = Replay(SPEC, 10)
+    replay = ReplayBuffer(SPEC, 10)
     replay.add(_rollout([3, 2]))
 
     drawn = _drawn(replay)
@@ -19,7 +19,7 @@ def test_each_step_is_drawn_with_what_was_seen_before_and_after_it():
 
 
 def test_actions_and_rewards_belong_to_the_frame_they_were_recorded_with():
-    replay = Replay(SPEC, 10)
+    replay = ReplayBuffer(SPEC, 10)
     replay.add(_rollout([3, 2]))
 
     batch = _sample(replay)
@@ -30,7 +30,7 @@ def test_actions_and_rewards_belong_to_the_frame_they_were_recorded_with():
 
 
 def test_the_last_step_of_an_episode_that_was_cut_is_seen_but_not_learned_from():
-    replay = Replay(SPEC, 10)
+    replay = ReplayBuffer(SPEC, 10)
     replay.add(_rollout([3, 2], cut=[True, False]))
 
     drawn = _drawn(replay)
@@ -40,7 +40,7 @@ def test_the_last_step_of_an_episode_that_was_cut_is_seen_but_not_learned_from()
 
 
 def test_whole_episodes_make_room_for_new_ones_and_the_ring_closes():
-    replay = Replay(SPEC, 7)
+    replay = ReplayBuffer(SPEC, 7)
     replay.add(_rollout([3, 2]))
     replay.add(_rollout([4], first=5))
 
@@ -59,14 +59,14 @@ def test_whole_episodes_make_room_for_new_ones_and_the_ring_closes():
 
 
 def test_of_an_episode_longer_than_the_replay_the_end_is_kept():
-    replay = Replay(SPEC, 3)
+    replay = ReplayBuffer(SPEC, 3)
     replay.add(_rollout([2, 5]))
 
     assert _drawn(replay) == {(4, 5, 1.0), (5, 6, 1.0), (6, 6, 0.0)}
 
 
 def test_stacked_frames_begin_anew_with_each_episode_also_across_the_rings_end():
-    replay = Replay(PolicySpec(2, continuous=True, stack=3), 5)
+    replay = ReplayBuffer(PolicySpec(2, continuous=True, stack=3), 5)
     replay.add(_rollout([3]))
     replay.add(_rollout([4], first=3))
 
@@ -81,7 +81,7 @@ def test_stacked_frames_begin_anew_with_each_episode_also_across_the_rings_end()
 
 
 def test_both_eyes_the_lidar_and_the_state_come_with_the_step():
-    replay = Replay(PolicySpec(2, continuous=True, eyes=2, scan_dims=3, state_dims=4), 10)
+    replay = ReplayBuffer(PolicySpec(2, continuous=True, eyes=2, scan_dims=3, state_dims=4), 10)
     replay.add(_rollout([6], eyes=2, scan_dims=3, state_dims=4))
 
     batch = _sample(replay)
@@ -93,7 +93,7 @@ def test_both_eyes_the_lidar_and_the_state_come_with_the_step():
 
 
 def test_all_steps_have_the_same_chance():
-    replay = Replay(SPEC, 8)
+    replay = ReplayBuffer(SPEC, 8)
     replay.add(_rollout([5, 3]))
 
     counts = np.bincount(_numbers(_sample(replay, 4_000).before.frames))
@@ -102,7 +102,7 @@ def test_all_steps_have_the_same_chance():
 
 
 def test_equal_seeds_draw_equal_steps():
-    replay = Replay(SPEC, 8)
+    replay = ReplayBuffer(SPEC, 8)
     replay.add(_rollout([5, 3]))
 
     first, second, other = (_numbers(_sample(replay, 20, seed).before.frames) for seed in (1, 1, 2))
@@ -112,7 +112,7 @@ def test_equal_seeds_draw_equal_steps():
 
 
 def test_a_step_takes_little_more_memory_than_its_frame():
-    replay = Replay(SPEC, 10_000)
+    replay = ReplayBuffer(SPEC, 10_000)
 
     assert replay.reserved_bytes / 10_000 == pytest.approx(19_200, rel=0.01)
 
@@ -145,7 +145,7 @@ def _rollout(
     )
 
 
-def _sample(replay: Replay, count: int = 100, seed: int = 0) -> Transitions:
+def _sample(replay: ReplayBuffer, count: int = 100, seed: int = 0) -> Transitions:
     return replay.sample(count, torch.Generator().manual_seed(seed))
 
 
@@ -153,7 +153,7 @@ def _numbers(frames: torch.Tensor) -> np.ndarray:
     return frames[:, 0, 0, 0].numpy().astype(np.int64)
 
 
-def _drawn(replay: Replay) -> set[tuple[int, int, float]]:
+def _drawn(replay: ReplayBuffer) -> set[tuple[int, int, float]]:
     """Number of the step, of the one after it, and whether it goes on, of all that is drawn."""
     batch = _sample(replay)
     before, after = _numbers(batch.before.frames), _numbers(batch.after.frames)

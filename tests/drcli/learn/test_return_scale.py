@@ -7,11 +7,11 @@ import pytest
 import torch
 from safetensors.torch import load, save
 
-from drcli.learn.acting import decide, noise_dims, observation
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.policy import ActorCritic
-from drcli.learn.ppo import PPO, PPOConfig
-from drcli.learn.precision import Compute
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute
+from drcli.learn.policy import Observation, PolicySpec, decide
+from drcli.learn.ppo import PPO
 from drcli.learn.return_scale import UNITS, ReturnScale
 from drcli.learn.rollout_buffer import Rollout
 
@@ -136,7 +136,7 @@ def test_a_training_that_goes_on_from_its_checkpoint_is_the_same_to_the_byte():
     second = PPO(ActorCritic(SPEC), CONFIG, CPU)
     weights = {n: t.contiguous() for n, t in first.model.state_dict().items()}
     second.model.load_state_dict(load(save(weights)))
-    second.restore(load(save(first.optimizer_tensors())))
+    second.optimizer.restore(load(save(first.optimizer.tensors())))
 
     for ppo in (first, second):
         ppo.update(played(ppo.model, rewards()[1]), 2)
@@ -165,12 +165,12 @@ def seen(spec: PolicySpec, steps: int):
     random = np.random.default_rng(0)
     frames = random.integers(0, 255, (steps, 1, 120, 160), dtype=np.uint8)
     states = random.random((steps, spec.state_dims), np.float32)
-    return observation(frames, np.empty((steps, 0), np.float32), states)
+    return Observation.of_arrays(frames, np.empty((steps, 0), np.float32), states)
 
 
 def said(model: ActorCritic) -> np.ndarray:
     """What the critic expects, in reward."""
-    noise = np.zeros((STEPS, noise_dims(model)), np.float32)
+    noise = np.zeros((STEPS, model.spec.noise_dims), np.float32)
     return decide(model, seen(model.spec, STEPS), noise, np.ones(STEPS, np.bool_)).values
 
 
@@ -179,7 +179,7 @@ def played(model: ActorCritic, row: np.ndarray) -> Rollout:
     steps = len(row)
     looked = seen(model.spec, steps)
     random = np.random.default_rng(1)
-    shape = (steps, noise_dims(model))
+    shape = (steps, model.spec.noise_dims)
     noise = random.standard_normal(shape) if model.spec.continuous else random.random(shape)
     chosen = decide(model, looked, noise.astype(np.float32), np.zeros(steps, np.bool_))
     return Rollout(

@@ -7,15 +7,14 @@ import pytest
 import torch
 from torch import nn
 
-from drcli.learn.acting import Decision, decide, noise_dims, observation
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import of_frames
-from drcli.learn.ppo import NonFiniteLossError, UpdateInterruptedError
-from drcli.learn.precision import Compute
+from drcli.learn.algorithm_config import SACConfig
+from drcli.learn.compute import Compute
+from drcli.learn.policy import Decision, Observation, PolicySpec, decide
 from drcli.learn.replay_buffer import Transitions
 from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.sac import SAC, SACConfig
+from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
+from drcli.learn.update_errors import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")
@@ -178,7 +177,7 @@ def test_each_part_of_an_update_is_reported_as_it_ends():
 
     assert heard == stats
     assert [s.epoch for s in stats] == [0, 1]
-    assert all(math.isfinite(s.value_loss) and math.isfinite(s.entropy) for s in stats)
+    assert all(math.isfinite(s.critic_loss) and math.isfinite(s.entropy) for s in stats)
 
 
 def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
@@ -203,7 +202,7 @@ def test_a_restored_learner_goes_on_as_the_first_one_would_have():
     first.update(_rollout(), seed=1)
     second = SAC(SACAgent(SPEC), SMALL, CPU)
     second.model.load_state_dict(first.model.state_dict())
-    second.restore(first.optimizer_tensors())
+    second.optimizer.restore(first.optimizer.tensors())
     second.replay.add(_rollout())
 
     for sac in (first, second):
@@ -245,9 +244,11 @@ def _drive(
     agent: SACAgent, frames: np.ndarray, *, deterministic: bool = False, seed: int = 1
 ) -> Decision:
     n = len(frames)
-    noise = np.random.default_rng(seed).standard_normal((n, noise_dims(agent)), np.float32)
+    noise = np.random.default_rng(seed).standard_normal((n, agent.spec.noise_dims), np.float32)
     nothing = np.empty((n, 0), np.float32)
-    return decide(agent, observation(frames, nothing, nothing), noise, np.full(n, deterministic))
+    return decide(
+        agent, Observation.of_arrays(frames, nothing, nothing), noise, np.full(n, deterministic)
+    )
 
 
 def _drive_calmly(agent: SACAgent) -> np.ndarray:
@@ -293,7 +294,7 @@ def _rollout(
 
 def _transitions(rewards: list[float], goes_on: list[float]) -> Transitions:
     n = len(rewards)
-    seen = of_frames(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
+    seen = Observation.of_frames(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
     return Transitions(seen, torch.zeros(n, 2), torch.tensor(rewards), seen, torch.tensor(goes_on))
 
 

@@ -27,7 +27,7 @@ MINUTE_S = 60.0
 USER = """
 import sys
 from pathlib import Path
-from drcli.store import server
+from drcli.store.server import server
 from drcli.store.endpoint import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid, flush=True)
 sys.stdin.read()

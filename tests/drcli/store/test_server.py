@@ -27,7 +27,7 @@ FIND = """
 import sys
 import time
 from pathlib import Path
-from drcli.store import server
+from drcli.store.server import server
 from drcli.store.endpoint import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid)
 """

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from drcli.learn.acting import SideBySide
-from drcli.learn.network_spec import PolicySpec
-from drcli.learn.observation import Observation
-from drcli.learn.policy import ActorCritic
+from drcli.exchange.trace import STEP_S
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.policy import Observation, PolicySpec
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
 from drsim.car.actions import ContinuousActions, DiscreteActions
+from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules
-from drsim.episode.privileged import PRIVILEGED_DIMS
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.sensing.sensors import Sensors
@@ -94,7 +95,7 @@ def test_an_episode_is_the_same_beside_other_ones():
 def test_evaluations_do_not_change_a_bit_of_the_training_episodes(threads):
     """The clock decides whether a checkpoint is evaluated; equal seeds must train equally."""
     alone, beside = (
-        trained_beside(trials, SideBySide(fresh(PolicySpec(3, network=COMPACT)), threads))
+        trained_beside(trials, DataParallelPolicy(fresh(PolicySpec(3, network=COMPACT)), threads))
         for trials in (0, 5)
     )
 
@@ -111,7 +112,7 @@ def fresh(spec: PolicySpec) -> ActorCritic:
     return policy
 
 
-def trained_beside(trials: int, policy: SideBySide) -> list[Driven]:
+def trained_beside(trials: int, policy: DataParallelPolicy) -> list[Driven]:
     """Twenty training episodes, beside so many of an evaluation."""
     torch.set_num_threads(1)
     simulation = Simulation(
@@ -172,3 +173,7 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
         value = model(Observation(together, nothing, nothing)).value
 
     np.testing.assert_allclose(value.numpy(), episode.values, rtol=1e-4, atol=1e-5)
+
+
+def test_a_step_of_a_trace_is_one_of_the_simulation():
+    assert STEP_S == 1.0 / CONTROL_HZ

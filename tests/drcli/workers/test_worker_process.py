@@ -21,13 +21,13 @@ def reward_function(params):
 """
 
 CALLING = """
-import drsim.episode.deadline
+import drsim.episode.reward_deadline
 from pathlib import Path
 from drcli.workers import worker_process as process
 from drsim.episode.reward import checked_reward, load_reward_function
 
 def main(job, lifeline):
-    drsim.episode.deadline.PATIENCE_S = drsim.episode.deadline.REPEAT_S = 0.05
+    drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05
     checked_reward(load_reward_function(job.folder / "reward_function.py"), {}, 0.1)
 
 process.run("sim-0", main)

@@ -1,0 +1,160 @@
+"""The network: what the car perceives in, what it should do and what that is worth out."""
+
+from typing import NamedTuple, cast
+
+import torch
+from torch import Tensor, nn
+
+from drcli.learn import distributions
+from drcli.learn.encoders import Encoder, multiply_adds
+from drcli.learn.policy import Observation, PolicySpec
+from drcli.learn.return_scale import ReturnScale
+
+LOG_STD_RANGE = (-20.0, 3.0)
+"""Bounds of the Gaussian policy's log standard deviation. Source: the reference's PPO head."""
+
+_CRITIC_WIDTH = 64
+"""Width of the two hidden layers of a critic that sees the state."""
+
+
+class Output(NamedTuple):
+    """One forward pass.
+
+    Attributes:
+        policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
+        value: Expected discounted return, in the critic's own units. Shape (n,).
+    """
+
+    policy: Tensor
+    value: Tensor
+
+
+class ActorCritic(nn.Module):
+    """Policy and value on one shared body.
+
+    The reference trains two whole bodies, one for the policy and one for the value. Sharing one
+    halves the arithmetic and leaves the exported policy as it is. With `state_dims` the value
+    comes from the state alone, and the body learns from the policy's gradient only.
+
+    Attributes:
+        returns: What the value head's units are worth in reward. A shared body must not be shaken
+            by the errors of large values, nor let small ones pass unlearned.
+    """
+
+    def __init__(self, spec: PolicySpec) -> None:
+        super().__init__()
+        self.spec = spec
+        self.body = Encoder(spec)
+        self.policy_head = nn.Linear(self.body.features, spec.num_actions)
+        self.value_head: nn.Module
+        if spec.state_dims:
+            last = nn.Linear(_CRITIC_WIDTH, 1)
+            self.value_head = nn.Sequential(
+                nn.Linear(spec.state_dims, _CRITIC_WIDTH),
+                nn.Tanh(),
+                nn.Linear(_CRITIC_WIDTH, _CRITIC_WIDTH),
+                nn.Tanh(),
+                last,
+            )
+        else:
+            self.value_head = last = nn.Linear(self.body.features, 1)
+        nn.init.zeros_(self.policy_head.bias)
+        nn.init.zeros_(last.bias)
+        _init_rows(last.weight, 1.0)
+        self.returns = ReturnScale()
+        # Nearly equal chances at the start: every action gets tried from the first episode.
+        _init_rows(self.policy_head.weight, 0.01)
+        if spec.continuous:
+            self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
+        # oneDNN trains these convolutions two to four times faster with channels last.
+        for parameter in self.parameters():
+            if parameter.dim() == 4:
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+
+    def forward(self, seen: Observation) -> Output:
+        """Evaluate policy and value.
+
+        Args:
+            seen: What was perceived in n steps.
+        """
+        features = self.body(seen).to(self.policy_head.weight.dtype)
+        # Only the body is worth bfloat16: ratios of probabilities need more than its three digits.
+        with torch.autocast(features.device.type, enabled=False):
+            value = self.value_head(seen.state if self.spec.state_dims else features)
+            return Output(self.policy_head(features), value.squeeze(-1))
+
+    def follow_returns(self, targets: Tensor, values: Tensor) -> None:
+        """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
+
+        Args:
+            targets: What the critic is to learn, in reward, float64. Shape (n,).
+            values: What it said, likewise. Shape (n,).
+        """
+        last = (
+            self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
+        )
+        size = torch.maximum(targets.abs().mean(), values.abs().mean())
+        self.returns.follow(size, [cast(nn.Linear, last)])
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Choose actions; see `Policy.act`."""
+        policy, value = self(seen)
+        if self.spec.continuous:
+            drawn = distributions.sample_gaussian(policy, self.log_std_bounded(), noise)
+        elif epsilon is None:
+            drawn = distributions.sample_categorical(policy, noise[:, 0].contiguous())
+        else:
+            drawn = distributions.sample_e_greedy(policy, noise, epsilon)
+        best = policy if self.spec.continuous else policy.argmax(-1)
+        mask = deterministic.unsqueeze(-1) if self.spec.continuous else deterministic
+        actions = torch.where(mask, best, drawn)
+        return actions, self.log_prob(policy, actions), self.returns(value)
+
+    def log_prob(self, policy: Tensor, actions: Tensor) -> Tensor:
+        """Log-probability (density) of actions under a policy output. Shape (n,)."""
+        if self.spec.continuous:
+            return distributions.log_prob_gaussian(policy, self.log_std_bounded(), actions)
+        return distributions.log_prob_categorical(policy, actions)
+
+    def entropy(self, policy: Tensor) -> Tensor:
+        """Entropy of the policy in each step, nats. Shape (n,)."""
+        if self.spec.continuous:
+            one = distributions.entropy_gaussian(self.log_std_bounded())
+            return one.expand(policy.shape[0])
+        return distributions.entropy_categorical(policy)
+
+    def log_std_bounded(self) -> Tensor:
+        """Log standard deviation of the Gaussian policy. Shape (num_actions,)."""
+        return self.log_std.clamp(*LOG_STD_RANGE)
+
+
+def flops_per_sample(spec: PolicySpec, *, backward: bool) -> int:
+    """Floating-point operations for one step, counted from the shapes of the layers.
+
+    A multiplication with addition counts as two. The backward pass takes two more of each layer,
+    but only one of those that read the observation, which needs no gradient.
+
+    Args:
+        spec: The network.
+        backward: Whether the gradient is computed as well.
+    """
+    with torch.device("meta"):
+        model = ActorCritic(spec)
+    layers = {f"body.{name}": count for name, count in multiply_adds(model.body).items()}
+    for name, layer in model.named_modules():
+        if isinstance(layer, nn.Linear) and not name.startswith("body."):
+            layers[name] = layer.weight.numel()
+    forward = sum(layers.values())
+    if not backward:
+        return 2 * forward
+    reading = ("body.convolutions.0", "body.lidar.0", "value_head.0")
+    return 2 * (3 * forward - sum(layers.get(name, 0) for name in reading))
+
+
+def _init_rows(weight: Tensor, length: float) -> None:
+    """Draw a kernel whose rows each have the given Euclidean length."""
+    with torch.no_grad():
+        weight.normal_()
+        weight.mul_(length / weight.square().sum(dim=1, keepdim=True).sqrt())

@@ -1,0 +1,70 @@
+"""Advantages of the steps of a rollout: how much better than expected each of them went."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64s = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""Advantages that differ by less than this share of their size are equal."""
+
+
+def gae(
+    rewards: Float64s,
+    values: Float64s,
+    lengths: NDArray[np.int64],
+    gamma: float,
+    lam: float,
+    last_values: Float64s | None = None,
+) -> Float64s:
+    """Generalized advantage estimation (Schulman et al., 2016, equation 16).
+
+    Args:
+        rewards: Of the steps of several episodes laid end to end. Shape (t,).
+        values: The critic's estimate before each step. Shape (t,).
+        lengths: Steps of each episode, summing to t. Shape (e,).
+        gamma: Discount factor.
+        lam: Weight of longer returns: 0 trusts the critic, 1 the rewards.
+        last_values: The value after each episode's last step. 0 when left out, for laps completed
+            as well as for failures and cuts: this is the reference's rule, and hyperparameters
+            tuned there depend on it. Shape (e,).
+
+    Returns:
+        A(t) = delta(t) + gamma * lam * A(t + 1), with
+        delta(t) = r(t) + gamma * V(t + 1) - V(t). Shape (t,).
+    """
+    advantages = np.empty(len(rewards))
+    end = len(rewards)
+    after = np.zeros(len(lengths)) if last_values is None else last_values
+    for length, last_value in zip(lengths[::-1].tolist(), after[::-1].tolist(), strict=True):
+        next_value, next_advantage = last_value, 0.0
+        for t in range(end - 1, end - length - 1, -1):
+            value = float(values[t])
+            delta = float(rewards[t]) + gamma * next_value - value
+            next_advantage = delta + gamma * lam * next_advantage
+            advantages[t] = next_advantage
+            next_value = value
+        end -= length
+    return advantages
+
+
+def normalized(advantages: Float64s) -> Float64s:
+    """Advantages with mean 0 and deviation 1; all 0 where they differ by rounding errors only.
+
+    No constant is added to the deviation: it would count for more the smaller the rewards are.
+    """
+    centered = advantages - advantages.mean()
+    std = centered.std()
+    if std <= ROUNDING * np.abs(advantages).max():
+        return np.zeros_like(advantages)
+    scaled: Float64s = centered / std
+    return scaled
+
+
+def explained_variance(values: Float64s, returns: Float64s) -> float:
+    """How much of the returns' variance the critic's values explain; NaN where there is none.
+
+    1 is a perfect critic, 0 one that always says the mean, less than 0 a worse one.
+    """
+    variance = float(np.var(returns))
+    return 1.0 - float(np.var(returns - values)) / variance if variance > 0.0 else float("nan")

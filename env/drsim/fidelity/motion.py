@@ -1,0 +1,234 @@
+"""How far our car ends from where a recorded one did, given the same actions for the same times.
+
+Our car is put at each recorded pose, with the speed, the wheel angles and the requests under way
+that it has after the recorded actions that led there. It then drives the recorded actions for the
+recorded durations. A bicycle that does at once what it is asked drives beside it.
+
+The floor is flat and endless, so how a car goes on does not depend on where it is. So every drive
+is driven once, from its recorded start to its end, and each window takes its own piece of that,
+moved and turned to begin at the recorded pose. That is the same as stepping the actions before
+every window again, and thirty times faster.
+"""
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from drsim.car.car import (
+    COMMAND_RADIUS_M,
+    MAX_SPEED_MPS,
+    MAX_STEERING_DEG,
+    MIN_SPEED_MPS,
+    REAR_AXLE_BEHIND_M,
+    REFERENCE_POINT_AHEAD_M,
+    WHEELBASE_M,
+    CarParameters,
+    Floats,
+    car_model,
+    motor_commands,
+)
+from drsim.fidelity.recordings import Recording
+
+Ints = NDArray[np.int64]
+
+SETTLING_ROWS = 3
+"""Rows after the start of an episode that no window begins at: the reference may put a car at its
+start with the speed that it had before."""
+
+WARM_UP_S = 1.0
+"""No window begins earlier than this after a break in the drive: how the car moved is unknown."""
+
+_OFF_HORIZON_S = 0.05
+"""Rows do not come at exact times; a window may be so much longer or shorter."""
+
+_WHEEL_RADIUS_M = 0.036
+"""Of the bicycle. Source: the reference simulator's car description."""
+
+_SETTLE_S = 1.0
+"""For so long a car stands before it drives: until it rests on its wheels."""
+
+_CARS = 256
+"""Drives replayed side by side."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Where our car and the bicycle ended after a while, against where the recorded one did.
+
+    Attributes:
+        position_m: Distance between our car and the recorded one, each window. Shape (w,).
+        yaw_deg: Angle between them, 0 .. 180. Shape (w,).
+        bicycle_position_m: Distance between the bicycle and the recorded car. Shape (w,).
+        bicycle_yaw_deg: Angle between them. Shape (w,).
+        driven_m: How far the recorded car got, as the crow flies. Shape (w,).
+    """
+
+    position_m: Floats
+    yaw_deg: Floats
+    bicycle_position_m: Floats
+    bicycle_yaw_deg: Floats
+    driven_m: Floats
+
+
+def compare(
+    drives: Sequence[Recording],
+    parameters: CarParameters | None = None,
+    *,
+    horizon_s: float = 1.0,
+) -> Windows:
+    """Replay drives and compare poses a while ahead, from every row that allows it.
+
+    Args:
+        drives: Recorded drives.
+        parameters: The car to replay them with; the calibrated one when left out.
+        horizon_s: Length of a window in seconds.
+
+    Returns:
+        The errors of all windows; none if no drive is long enough.
+    """
+    found = [np.empty((0, 5))]
+    for drive, replayed in zip(drives, replay(drives, parameters), strict=True):
+        first, last = _windows(drive, horizon_s)
+        if not len(first):
+            continue
+        real = _seen_from(drive.poses[first], drive.poses[last])
+        ours = _seen_from(replayed[first], replayed[last])
+        bicycle = _seen_from(drive.poses[first], _bicycle(drive, first, last))
+        found.append(
+            np.stack(
+                [*_apart(real, ours), *_apart(real, bicycle), np.hypot(*real[:, :2].T)], axis=1
+            )
+        )
+    return Windows(*np.concatenate(found).T)
+
+
+def replay(drives: Sequence[Recording], parameters: CarParameters | None = None) -> list[Floats]:
+    """Drive the recorded actions, each for the time that the recorded car drove it.
+
+    Args:
+        drives: Recorded drives.
+        parameters: The car; the calibrated one when left out.
+
+    Returns:
+        For each drive the pose at the start of every row, from the world's origin and the recorded
+        heading on: x and y in metres of the point 0.14 m ahead of the car's origin, and yaw in
+        radians. Shape (t, 3).
+    """
+    parameters = parameters or CarParameters()
+    found: list[Floats] = [np.empty((0, 3))] * len(drives)
+    by_length = sorted(range(len(drives)), key=lambda k: len(drives[k].poses))
+    for begin in range(0, len(drives), _CARS):
+        chosen = by_length[begin : begin + _CARS]
+        together = _replay_together([drives[k] for k in chosen], parameters)
+        for k, poses in zip(chosen, together, strict=True):
+            found[k] = poses
+    return found
+
+
+def _replay_together(drives: Sequence[Recording], parameters: CarParameters) -> list[Floats]:
+    """Poses of one car for each drive, all stepped at once."""
+    model = car_model(parameters)
+    batch = Batch(model, nsim=len(drives), nthread=os.cpu_count() or 1)
+    qpos, ctrl = batch.bind("qpos"), batch.bind("ctrl")
+    half_yaw = np.array([drive.poses[0, 2] for drive in drives]) / 2
+    qpos[:, 3], qpos[:, 6] = np.cos(half_yaw), np.sin(half_yaw)
+    batch.step(nstep=round(_SETTLE_S / model.opt.timestep))
+    rows = np.array([len(drive.poses) for drive in drives])
+    poses = np.zeros((len(drives), int(rows.max()), 3))
+    until = np.zeros(poses.shape[:2], np.int64)
+    actions = np.zeros((*poses.shape[:2], 2))
+    for k, drive in enumerate(drives):
+        until[k, : rows[k]] = _steps_until(drive, model.opt.timestep)
+        actions[k, : rows[k]] = drive.actions
+    done = np.zeros(len(drives), np.int64)
+    for row in range(poses.shape[1]):
+        poses[:, row] = _poses(qpos)
+        steering_rad, wheel_rad_s = motor_commands(
+            actions[:, row, 0], actions[:, row, 1], parameters
+        )
+        ctrl[:, :2] = steering_rad[:, None]
+        ctrl[:, 2:] = wheel_rad_s[:, None]
+        todo = np.where(row < rows, until[:, row] - done, 0)
+        for steps in np.unique(todo[todo > 0]):
+            batch.step(ids=np.flatnonzero(todo == steps), nstep=int(steps))
+        done += todo
+    return [poses[k, : rows[k]] for k in range(len(drives))]
+
+
+def _steps_until(drive: Recording, step_s: float) -> Ints:
+    """Physics steps from the start of a drive to the end of each row. Shape (t,)."""
+    began_s = drive.starts_s[0]
+    if drive.held or math.isnan(began_s):
+        began_s = drive.ends_s[0]
+    steps: Ints = np.rint((drive.ends_s - began_s) / step_s).astype(np.int64)
+    return steps
+
+
+def _poses(qpos: Floats) -> Floats:
+    """Poses of the point ahead of each car. Shape (n, 3)."""
+    w, a, b, c = qpos[:, 3:7].T
+    forward_x, forward_y = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c)
+    x = qpos[:, 0] + REFERENCE_POINT_AHEAD_M * forward_x
+    y = qpos[:, 1] + REFERENCE_POINT_AHEAD_M * forward_y
+    return np.stack([x, y, np.arctan2(forward_y, forward_x)], axis=1)
+
+
+def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
+    """First and last row of each window: its clock begins and ends with those of their actions."""
+    starts_s = drive.starts_s
+    if drive.from_rest:
+        allowed = np.arange(len(starts_s)) >= SETTLING_ROWS
+    else:
+        allowed = starts_s >= np.nanmin([*starts_s, np.inf]) + WARM_UP_S
+    first = np.flatnonzero(allowed)
+    after = np.searchsorted(starts_s[1:], starts_s[first] + horizon_s) + 1
+    last = np.minimum(after, len(starts_s) - 1)
+    before = np.maximum(last - 1, 0)
+    wanted_s = starts_s[first] + horizon_s
+    last = np.where(wanted_s - starts_s[before] < starts_s[last] - wanted_s, before, last)
+    near = (np.abs(starts_s[last] - wanted_s) <= _OFF_HORIZON_S) & (last > first)
+    return first[near], last[near]
+
+
+def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
+    """Where a bicycle ends that does at once, and without slip, what it is asked. Shape (w, 3)."""
+    steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
+    wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
+    way_m = wheel_rad_s * _WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)
+    turn_rad = way_m * np.tan(steering_rad) / WHEELBASE_M
+    x, y, yaw = _ahead(drive.poses[first], -REAR_AXLE_BEHIND_M).T
+    for k in range(int((last - first).max())):
+        on = first + k < last
+        row = first[on] + k
+        # On an arc the chord points halfway between the headings at its ends.
+        middle = yaw[on] + turn_rad[row] / 2
+        chord_m = way_m[row] * np.sinc(turn_rad[row] / (2 * np.pi))
+        x[on] += chord_m * np.cos(middle)
+        y[on] += chord_m * np.sin(middle)
+        yaw[on] += turn_rad[row]
+    return _ahead(np.stack([x, y, yaw], axis=1), REAR_AXLE_BEHIND_M)
+
+
+def _ahead(poses: Floats, distance_m: float) -> Floats:
+    """Poses moved along their own headings. Shape (n, 3)."""
+    x, y, yaw = poses.T
+    return np.stack([x + distance_m * np.cos(yaw), y + distance_m * np.sin(yaw), yaw], axis=1)
+
+
+def _seen_from(poses: Floats, others: Floats) -> Floats:
+    """Other poses in the frames of poses: forward, left and turn. Shape (n, 3)."""
+    dx, dy, turn = (others - poses).T
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=1)
+
+
+def _apart(poses: Floats, others: Floats) -> tuple[Floats, Floats]:
+    """Distances in metres and angles in degrees, 0 .. 180, between poses. Shape (n,) each."""
+    distance_m = np.hypot(*(poses - others)[:, :2].T)
+    turn_rad = (poses[:, 2] - others[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    return distance_m, np.abs(np.degrees(turn_rad))

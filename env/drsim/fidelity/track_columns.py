@@ -1,0 +1,120 @@
+"""What a simulator wrote about recorded poses, derived again with our own geometry."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.car.car import REFERENCE_POINT_AHEAD_M, CarBatch
+from drsim.episode.progress import advance_progress
+from drsim.fidelity.recordings import Recording
+from drsim.track.polyline import Location
+from drsim.track.track import Track
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+PROGRESS_TOLERANCE = 0.02
+"""Percent of a lap, 3 mm of a short one."""
+
+_LENGTH_TOLERANCE = 0.01
+_FURTHEST_M = 2.0
+"""A track fits if its length differs by no more than this share, and half of the recorded points
+lie no further than this from its centre line."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Shares of recorded rows whose columns come out the same, 0 .. 1; NaN where none tells.
+
+    Attributes:
+        progress: Progress is the recorded one within `PROGRESS_TOLERANCE`, given the row before.
+        closest_waypoint: The closest waypoint is the recorded one.
+        all_wheels_on_track: So is whether all wheels are on the track.
+        rows: How many rows were compared.
+        length_m: Length of the track.
+        recorded_length_m: Its length according to the recording; NaN where that does not tell.
+        reverse: The recording was driven against the direction of the track.
+        fits: The recording may have been driven on this track.
+    """
+
+    progress: float
+    closest_waypoint: float
+    all_wheels_on_track: float
+    rows: int
+    length_m: float
+    recorded_length_m: float
+    reverse: bool
+    fits: bool
+
+
+def rederive(drives: Sequence[Recording], track: Track) -> Agreement:
+    """Compare what is recorded of each pose with what a track makes of it.
+
+    Args:
+        drives: Recorded drives, at least one.
+        track: The track that they may have been driven on, in either direction.
+    """
+    poses = np.concatenate([drive.poses for drive in drives])
+    waypoint = np.concatenate([drive.waypoint for drive in drives])
+    wheels_on = np.concatenate([drive.wheels_on for drive in drives])
+    lengths_m = np.array([drive.track_length_m for drive in drives])
+    lengths_m = lengths_m[np.isfinite(lengths_m)]
+    recorded_m = float(np.median(lengths_m)) if len(lengths_m) else float("nan")
+
+    ways = [(way, way.locate(poses[:, :2])) for way in (track, track.reversed())]
+    way, where = max(ways, key=lambda both: np.mean(both[1].nearest == waypoint))
+    known = wheels_on >= 0
+    on = all_wheels_on(poses[known], way)
+    near_m = float(np.median(where.from_center_m))
+    too_long = abs(recorded_m - track.length_m) > _LENGTH_TOLERANCE * track.length_m
+    return Agreement(
+        progress=_share(np.abs(_progress_errors(drives, where, way)) <= PROGRESS_TOLERANCE),
+        closest_waypoint=_share((where.nearest == waypoint)[waypoint >= 0]),
+        all_wheels_on_track=_share(on == wheels_on[known]),
+        rows=len(poses),
+        length_m=track.length_m,
+        recorded_length_m=recorded_m,
+        reverse=way.reverse != track.reverse,
+        fits=near_m <= _FURTHEST_M and not too_long,
+    )
+
+
+def all_wheels_on(poses: Floats, track: Track) -> Bools:
+    """Whether all four wheels are on the road while a car stands at poses of its front point.
+
+    Args:
+        poses: x and y in metres of the point 0.14 m ahead of the origin, yaw in radians.
+            Shape (n, 3).
+        track: The track.
+    """
+    if not len(poses):
+        return np.zeros(0, np.bool_)
+    yaw = poses[:, 2]
+    ahead_m = REFERENCE_POINT_AHEAD_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    cars = CarBatch(len(poses), 1)
+    cars.place(np.arange(len(poses)), np.column_stack([poses[:, :2] - ahead_m, yaw]))
+    on: Bools = np.all(track.on_road(cars.wheel_xy), axis=1)
+    return on
+
+
+def _progress_errors(drives: Sequence[Recording], where: Location, track: Track) -> Floats:
+    """Progress of every row but the first ones of drives, less the recorded one, in percent.
+
+    Where an episode began is not recorded. The first row of each drive tells, and is not compared.
+    """
+    fraction = where.distance_m / track.length_m
+    errors, row = [np.empty(0)], 0
+    for drive in drives:
+        recorded, here = drive.progress, fraction[row : row + len(drive.progress)]
+        row += len(recorded)
+        start = np.full(len(recorded), here[0] - recorded[0] / 100.0) % 1.0
+        before = np.where(recorded >= 100.0, 0.0, recorded)[:-1]
+        found = advance_progress(before, here[1:], start[1:])
+        errors.append((found - recorded[1:])[np.isfinite(recorded[1:] + before)])
+    return np.concatenate(errors)
+
+
+def _share(right: Bools) -> float:
+    return float(right.mean()) if len(right) else float("nan")

@@ -1,0 +1,131 @@
+"""What cars perceive: camera frames and lidar scans of the track and of what stands on it."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.car.car import CarBatch
+from drsim.car.realism import Disturbances
+from drsim.race.solids import CUBOID, Solids
+from drsim.race.traffic import Traffic
+from drsim.sensing.frames import FrameRenderer
+from drsim.sensing.lidar import LIDAR, scan
+from drsim.sensing.lighting import Lighting
+from drsim.sensing.scene import Scene
+from drsim.sensing.sensors import Sensors
+from drsim.track.appearance import look_of
+
+Ints = NDArray[np.int64]
+Singles = NDArray[np.float32]
+
+Randomize = Literal["nothing", "lights", "textures"]
+"""What changes from episode to episode: `lights` are those of the reference's domain randomisation
+(lamps, and the colours of objects), `textures` are lights and the colours of the world."""
+
+
+class Senses:
+    """Cameras and lidars of n cars.
+
+    Attributes:
+        frames: Camera frames, grey, rewritten between `start` and `finish`.
+            Shape (n, eyes, 120, 160).
+        scans: Values of the lidar sensor; of width 0 without one. Shape (n, d).
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        num_cars: int,
+        num_threads: int,
+        *,
+        world: str,
+        sensors: Sensors,
+        traffic: Traffic | None,
+        disturbances: Disturbances,
+        randomize: Randomize,
+    ) -> None:
+        """Prepare black frames.
+
+        Args:
+            scene: What the cameras see of the track.
+            num_cars: How many cars.
+            num_threads: Threads that render, the caller's included.
+            world: Name of the world, which tells its colours.
+            sensors: What each car carries.
+            traffic: What else is on the track.
+            disturbances: How cameras and frames are disturbed.
+            randomize: What changes from episode to episode.
+        """
+        self._scene = scene
+        self._sensors = sensors
+        self._traffic = traffic
+        self._disturbances = disturbances
+        self._solids = Solids(num_cars, traffic.shapes) if traffic is not None else None
+        textures = randomize == "textures"
+        self._lighting = (
+            Lighting(num_cars, look_of(world), textures=textures)
+            if randomize != "nothing"
+            else None
+        )
+        self._renderer = FrameRenderer(
+            scene,
+            num_cars,
+            num_threads,
+            eyes=sensors.eyes,
+            solids=self._solids,
+            lighting=self._lighting,
+            after=self._spoil if disturbances.realism.spoils_frames else None,
+        )
+        self.frames = self._renderer.frames
+        nothing = np.full((num_cars, LIDAR.samples), np.inf, np.float32)
+        self.scans: Singles = sensors.process(nothing)
+
+    def draw(self, car: int, random: np.random.Generator) -> None:
+        """Draw lights and colours of a new episode of a car."""
+        if self._lighting is None:
+            return
+        self._lighting.draw(car, random)
+        if self._solids is not None and self._traffic is not None:
+            colors = random.uniform(0.0, 255.0, (1, len(self._traffic.shapes), 3))
+            self._solids.paint(np.array([car]), colors)
+
+    def start(self, cars: Ints, bodies: CarBatch) -> None:
+        """Begin to perceive anew.
+
+        Args:
+            cars: Which cars, in rising order. Shape (k,).
+            bodies: Where the cars are.
+        """
+        if self._solids is not None and self._traffic is not None:
+            self._solids.move(cars, self._traffic.xy[cars], self._traffic.yaw_rad[cars])
+        lens_pos, lens_mat = self._disturbances.lenses(bodies.lens_pos, bodies.lens_mat)
+        self._disturbances.next_frames(cars)
+        self._renderer.start(cars, lens_pos, lens_mat)
+        if self._sensors.lidar and len(cars):
+            self._scan(cars, bodies)
+
+    def finish(self) -> None:
+        """Wait until all frames are there."""
+        self._renderer.finish()
+
+    def close(self) -> None:
+        """Stop the threads that render."""
+        self._renderer.close()
+
+    def _scan(self, cars: Ints, bodies: CarBatch) -> None:
+        boxes = np.empty((len(cars), 0), CUBOID)
+        if self._solids is not None:
+            boxes = self._solids.boxes[cars]
+        rays = scan(
+            self._scene.walls_m,
+            self._scene.wall_height_m,
+            boxes,
+            bodies.origin_xy[cars],
+            bodies.yaw_rad[cars],
+            self._sensors.lidar_model,
+        )
+        self.scans[cars] = self._sensors.process(rays)
+
+    def _spoil(self, cars: slice) -> None:
+        self._disturbances.spoil(self.frames, cars)

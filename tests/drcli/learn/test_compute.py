@@ -1,0 +1,131 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from drcli.learn import compute as precision
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute, choose_compute
+from drcli.learn.policy import PolicySpec
+from drcli.learn.ppo import PPO
+from drcli.learn.rollout_buffer import Rollout
+
+
+@pytest.fixture
+def processor(monkeypatch):
+    """Pretend a processor with or without matrix units for bfloat16, and no GPU."""
+    for name in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+    def pretend(amx: bool) -> None:
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": amx})
+
+    return pretend
+
+
+@pytest.mark.parametrize("amx", [True, False])
+def test_the_format_follows_from_the_processor_and_the_reason_names_it(processor, amx):
+    processor(amx)
+
+    compute = choose_compute("auto", batch_size=64, threads=1)
+
+    assert compute.bf16 is amx
+    assert compute.reason.startswith("bf16" if amx else "fp32")
+    assert "AMX" in compute.reason
+
+
+def test_small_parts_are_not_worth_the_casts(processor):
+    processor(amx=True)
+
+    assert not choose_compute("auto", batch_size=16, threads=1).bf16
+
+
+@pytest.mark.parametrize(
+    ("limit", "bf16"),
+    [("AVX512_CORE_BF16", False), ("avx2", False), ("AVX512_CORE_AMX", True), ("DEFAULT", True)],
+)
+def test_a_limit_on_the_kernels_instructions_is_obeyed(processor, monkeypatch, limit, bf16):
+    processor(amx=True)
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
+
+    assert choose_compute("auto", batch_size=64, threads=1).bf16 is bf16
+
+
+@pytest.mark.parametrize("amx", [True, False])
+@pytest.mark.parametrize(("wanted", "bf16"), [("fp32", False), ("bf16", True)])
+def test_a_racer_who_insists_gets_the_format(processor, amx, wanted, bf16):
+    processor(amx)
+
+    assert choose_compute(wanted, batch_size=64, threads=1, before="fp32").bf16 == bf16
+
+
+@pytest.mark.parametrize(("before", "amx"), [("fp32", True), ("bf16", False)])
+def test_a_training_keeps_its_format_on_another_processor_and_says_so(processor, before, amx):
+    processor(amx)
+
+    compute = choose_compute("auto", batch_size=64, threads=1, before=before)
+
+    assert compute.number_format == before
+    assert "kept from the start of this training" in compute.reason
+    assert "DR_TORCH_PRECISION" in compute.reason
+
+
+def test_a_checkpoint_that_names_no_format_gets_that_of_the_processor(processor):
+    processor(amx=True)
+
+    assert choose_compute("auto", batch_size=64, threads=1, before=None).bf16
+
+
+def test_this_processor_is_known():
+    assert isinstance(precision.has_bfloat16_units(), bool)
+    assert "amx_bf16" in torch.cpu.get_capabilities() or not sys.platform.startswith("linux")
+
+
+def test_choosing_leaves_the_arithmetic_of_everybody_else_alone():
+    smallest = np.array([2.0**-1074])
+
+    choose_compute("fp32", batch_size=8, threads=1)
+
+    assert (smallest * 1.0)[0] > 0.0
+
+
+@pytest.mark.parametrize("bf16", [False, True])
+def test_an_update_beside_a_busy_program_gives_the_same_bytes(bf16):
+    quiet = _updated(bf16)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        beside = [_updated(bf16) for _ in range(2)]
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+    for weights in beside:
+        assert all(torch.equal(one, other) for one, other in zip(quiet, weights, strict=True))
+
+
+def _updated(bf16: bool) -> list[torch.Tensor]:
+    """Weights after an update by two threads, each with a part of every minibatch."""
+    torch.manual_seed(0)
+    model = ActorCritic(PolicySpec(3, network="COMPACT_CONVOLUTIONAL_NETWORK"))
+    compute = Compute(torch.device("cpu"), bf16, "test", threads=2, parts=2)
+    random = np.random.default_rng(0)
+    steps = 64
+    rollout = Rollout(
+        random.integers(0, 255, (steps, 1, 120, 160), dtype=np.uint8),
+        random.integers(0, 3, steps),
+        np.full(steps, -1.1, np.float32),
+        np.zeros(steps),
+        random.random(steps),
+        np.array([steps]),
+        last_values=np.zeros(1),
+        cut=np.zeros(1, np.bool_),
+        scans=np.empty((steps, 0), np.float32),
+        states=np.empty((steps, 0), np.float32),
+    )
+    PPO(model, PPOConfig(batch_size=32, num_epochs=2, lr=1e-3), compute).update(rollout, 1)
+    return [tensor.clone() for tensor in model.state_dict().values()]

@@ -1,0 +1,120 @@
+"""Parameter files become networks and learners of the right shape and with the right knobs."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import torch
+from safetensors.torch import save
+
+from drcli.learn.compute import Compute
+from drcli.learn.ppo import PPO
+from drcli.learn.sac import SAC
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_learner import (
+    STATE_DIMS,
+    build_learner,
+    policy_spec,
+    ppo_config,
+    sac_config,
+)
+from drcli.workers.build_race import sensors_of_model
+from drcli.workers.restore import restore_optimizer
+from drsim.episode.privileged_features import PRIVILEGED_DIMS
+
+RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
+CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
+
+
+def metadata(**changes) -> ModelMetadata:
+    values = {"action_space": [{"steering_angle": 0, "speed": 1}], "version": "5", **changes}
+    return ModelMetadata.from_bytes(json.dumps(values).encode())
+
+
+@pytest.mark.parametrize("camera", ["FRONT_FACING_CAMERA", "LEFT_CAMERA", "STEREO_CAMERAS"])
+@pytest.mark.parametrize("lidar", [None, "LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR"])
+def test_the_network_expects_what_the_car_perceives(camera, lidar):
+    names = [camera] if lidar is None else [lidar, camera]
+    read = metadata(sensor=names, lidar_config={"num_sectors": 4, "num_values_per_sector": 3})
+
+    spec = policy_spec(read, Hyperparameters())
+
+    sensors = sensors_of_model(read)
+    assert (spec.eyes, spec.scan_dims) == (sensors.eyes, sensors.num_values)
+
+
+def test_a_critic_that_sees_the_state_expects_what_the_simulation_tells():
+    assert STATE_DIMS == PRIVILEGED_DIMS
+    assert policy_spec(metadata(), Hyperparameters(critic="state")).state_dims == STATE_DIMS
+    assert policy_spec(metadata(), Hyperparameters()).state_dims == 0
+
+
+def test_the_algorithm_is_the_one_of_the_metadata():
+    sac = metadata(training_algorithm="sac", action_space=RANGES, action_space_type="continuous")
+    small = Hyperparameters(sac_replay_steps=1_000, stack_size=2)
+
+    assert isinstance(build_learner(metadata(), small, CPU), PPO)
+    learner = build_learner(sac, small, CPU)
+    assert isinstance(learner, SAC)
+    assert learner.memory_steps == 1_000
+    assert learner.model.spec.channels == 2
+
+
+def test_an_optimizer_state_of_another_network_is_left_with_a_sentence(logged):
+    learner = build_learner(metadata(), Hyperparameters(), CPU)
+
+    restore_optimizer(learner, save({"0.exp_avg": torch.zeros(1)}))
+
+    assert learner.optimizer.tensors() == {}
+    [line] = logged().splitlines()
+    assert "WARNING The optimizer starts afresh" in line
+    assert "does not fit: 0.exp_avg is of shape (1,)" in line
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field", "expected"),
+    [
+        ("batch_size", 32, "batch_size", 32),
+        ("num_epochs", 7, "num_epochs", 7),
+        ("lr", 0.0001, "lr", 0.0001),
+        ("discount_factor", 0.9, "discount_factor", 0.9),
+        ("beta_entropy", 0.02, "beta_entropy", 0.02),
+        ("loss_type", "huber", "huber", True),
+        ("loss_type", "mean squared error", "huber", False),
+        ("clip_range", 0.1, "clip_range", 0.1),
+        ("gae_lambda", 0.9, "gae_lambda", 0.9),
+        ("clip_value", 0.3, "clip_value", 0.3),
+        ("clip_advantage", 3.0, "clip_advantage", 3.0),
+        ("target_kl", 0.02, "target_kl", 0.02),
+        ("max_grad_norm", 0.5, "max_grad_norm", 0.5),
+        ("lr_schedule", "linear", "lr_linear", True),
+        ("entropy_schedule", "linear", "entropy_linear", True),
+        ("schedule_steps", 9, "schedule_steps", 9),
+        ("bootstrap_cut", True, "bootstrap_cut", True),
+    ],
+)
+def test_every_knob_of_ppo_reaches_the_learner(key, value, field, expected):
+    assert getattr(ppo_config(Hyperparameters(**{key: value})), field) == expected
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field"),
+    [
+        ("sac_alpha", 0.1, "sac_alpha"),
+        ("sac_auto_alpha", True, "auto_alpha"),
+        ("sac_tau", 0.5, "tau"),
+        ("sac_updates_per_step", 2.0, "updates_per_step"),
+        ("sac_replay_steps", 5_000, "replay_steps"),
+        ("sac_learning_starts", 7, "learning_starts"),
+    ],
+)
+def test_every_knob_of_sac_reaches_the_learner(key, value, field):
+    assert getattr(sac_config(Hyperparameters(**{key: value})), field) == value
+
+
+def test_the_trainer_does_not_load_the_simulator():
+    code = "import sys, drcli.workers.trainer; sys.exit('drsim' in sys.modules)"
+
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

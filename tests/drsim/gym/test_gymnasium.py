@@ -1,0 +1,458 @@
+"""The environments as Gymnasium sees them: ids, spaces, checks, seeds, pictures."""
+
+import copy
+import importlib.util
+import pickle
+import sys
+import tomllib
+import warnings
+from functools import partial
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled, ResetNeeded
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+import drsim
+from drsim import ContinuousActions, EpisodeRules, Race, RacerEnv, RacerVectorEnv, Sensors, Track
+from drsim.gym import registration
+
+SENSORS = [
+    ("FRONT_FACING_CAMERA",),
+    ("LEFT_CAMERA",),
+    ("observation",),
+    ("STEREO_CAMERAS",),
+    ("FRONT_FACING_CAMERA", "LIDAR"),
+    ("STEREO_CAMERAS", "SECTOR_LIDAR"),
+    ("DISCRETIZED_SECTOR_LIDAR", "FRONT_FACING_CAMERA"),
+]
+RACES = ["time_trial", "object_avoidance", "head_to_bot"]
+
+
+@pytest.fixture(scope="module")
+def oval() -> Track:
+    """A loop of 19 m on which the default objects fit."""
+    turn = np.linspace(0.0, 2 * np.pi, 80)
+    lines = [
+        np.stack([(a + s) * np.cos(turn), (2.5 + s) * np.sin(turn)], axis=1)
+        for a, s in ((3.5, 0.0), (3.5, -0.5), (3.5, 0.5))
+    ]
+    for line in lines:
+        line[-1] = line[0]
+    return Track("oval", *lines, closed=True)
+
+
+@pytest.mark.parametrize("sensors", SENSORS, ids="+".join)
+def test_every_sensor_suite_passes_gymnasiums_own_checks(oval, sensors):
+    _check(RacerEnv(oval, sensors=sensors))
+
+
+@pytest.mark.parametrize("race", RACES)
+def test_every_race_passes_gymnasiums_own_checks(oval, race):
+    _check(RacerEnv(oval, race=race, randomize="textures", realism=drsim.Realism(image_noise=3)))
+
+
+def _check(env: RacerEnv) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Said of every environment that is built without `gymnasium.make`.
+        warnings.filterwarnings("ignore", message=".*not having an env.spec.*")
+        check_env(env, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+def test_every_id_passes_gymnasiums_own_checks_without_a_warning(name, oval):
+    env = gym.make(name, world=oval, render_mode="rgb_array")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if importlib.util.find_spec("pygame") is None:
+            env.unwrapped.metadata = {**RacerEnv.metadata, "render_modes": ["rgb_array"]}
+        check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize("name", registration.ENVIRONMENTS)
+def test_every_id_makes_one_car_and_many(name, oval):
+    env = gym.make(name, world=oval)
+    many = gym.make_vec(name, num_envs=4, world=oval)
+
+    frame, info = env.reset(seed=1)
+    frames, infos = many.reset(seed=1)
+    step = many.step(many.action_space.sample())
+
+    assert env.observation_space.contains(frame)
+    assert info["status"] == "prepare"
+    assert many.observation_space.contains(frames)
+    assert isinstance(many.unwrapped, RacerVectorEnv)
+    assert infos["progress"].shape == step[1].shape == (4,)
+    env.close()
+    many.close()
+
+
+def test_an_id_can_name_the_module_that_registers_it(oval):
+    env = gym.make("drsim:drsim/DeepRacer-v0", world=oval)
+
+    assert isinstance(env.unwrapped, RacerEnv)
+    env.close()
+
+
+def test_arguments_can_all_be_words():
+    envs = gym.make_vec(
+        "drsim/DeepRacer-v0",
+        num_envs=2,
+        world="reinvent_base",
+        sensors=["STEREO_CAMERAS", "LIDAR"],
+        race="object_avoidance",
+        randomize="textures",
+    )
+
+    seen, _ = envs.reset(seed=0)
+
+    assert {name: values.shape for name, values in seen.items()} == {
+        "STEREO_CAMERAS": (2, 120, 160, 2),
+        "LIDAR": (2, 64),
+    }
+    envs.close()
+
+
+def test_gymnasiums_own_vector_of_single_environments_takes_ours(oval):
+    envs = gym.make_vec(
+        "drsim/DeepRacer-v0", num_envs=2, vectorization_mode="sync", world=oval, start=0.0
+    )
+    ours = RacerVectorEnv(2, oval, start=0.0)
+
+    theirs_seen, ours_seen = envs.reset(seed=3)[0], ours.reset(seed=3)[0]
+    theirs, own = envs.step(np.array([3, 6])), ours.step(np.array([3, 6]))
+
+    np.testing.assert_array_equal(theirs_seen, ours_seen)
+    np.testing.assert_array_equal(theirs[0], own[0])
+    np.testing.assert_array_equal(theirs[1], own[1])
+    envs.close()
+    ours.close()
+
+
+def test_gymnasiums_record_of_episodes_counts_those_of_many_cars(oval):
+    envs = RecordEpisodeStatistics(RacerVectorEnv(3, oval, rules=EpisodeRules(max_steps=4)))
+    envs.reset(seed=0)
+
+    lengths = []
+    for _ in range(3):
+        *_, info = envs.step(np.array([4, 5, 4]))
+        lengths.append(info.get("episode", {}).get("l", np.zeros(3)).tolist())
+
+    assert lengths == [[0, 0, 0], [0, 0, 0], [3, 3, 3]]
+    envs.close()
+    envs.close()
+
+
+def test_registering_twice_changes_nothing(recwarn):
+    registration.register()
+
+    assert not recwarn
+
+
+@pytest.mark.parametrize("race", RACES)
+def test_the_same_seed_gives_the_same_episode_however_many_threads(oval, race):
+    def drive(num_threads: int) -> list[np.ndarray]:
+        env = RacerVectorEnv(
+            6,
+            oval,
+            race=race,
+            randomize="lights",
+            num_threads=num_threads,
+            sensors=("FRONT_FACING_CAMERA", "LIDAR"),
+            realism=drsim.Realism(image_noise=2.0),
+        )
+        seen, _ = env.reset(seed=5)
+        kept = [*seen.values()]
+        actions = np.random.default_rng(0).integers(0, 10, (30, 6))
+        for action in actions:
+            seen, reward, *_ = env.step(action)
+            kept += [*seen.values(), reward]
+        env.close()
+        return kept
+
+    for one, two in zip(drive(1), drive(2), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_another_seed_gives_another_start(oval):
+    env = RacerEnv(oval)
+
+    places = [env.reset(seed=seed)[1]["x"] for seed in (1, 2, 1)]
+
+    assert places[0] == places[2] != places[1]
+    env.close()
+
+
+def test_options_choose_start_and_direction(oval):
+    env = RacerEnv(oval, start=0.5)
+
+    forth = env.reset(seed=0, options={"start": 0.0})[1]
+    back = env.reset(seed=0, options={"start": 0.0, "reverse": True})[1]
+
+    turned = (forth["yaw_deg"] - back["yaw_deg"]) % 360
+    assert turned == pytest.approx(180, abs=8)
+    env.close()
+
+
+def test_a_step_before_reset_or_after_the_end_asks_for_a_reset(oval):
+    env = RacerEnv(oval, rules=EpisodeRules(max_steps=2))
+
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(0)
+    env.reset(seed=0)
+    *_, truncated, _ = env.step(0)
+    with pytest.raises(ResetNeeded, match="over"):
+        env.step(0)
+
+    assert truncated
+    env.close()
+    env.close()
+
+
+def test_options_that_are_none_are_named(oval):
+    env = RacerEnv(oval)
+
+    with pytest.raises(ValueError, match="An option of reset is 'strat'"):
+        env.reset(options={"strat": 0.5})
+    with pytest.raises(ValueError, match=r"start is 1\.5"):
+        env.reset(options={"start": 1.5})
+    env.close()
+
+
+def test_many_cars_ask_for_a_reset_before_the_first_step(oval):
+    env = RacerVectorEnv(2, oval)
+
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(np.array([0, 0]))
+    env.close()
+
+
+@pytest.mark.parametrize("actions", [[0, 10], [0, -1], [0.0, 1.0], [0], [[0, 1]], 0])
+def test_actions_of_many_cars_outside_their_space_are_named(oval, actions):
+    env = RacerVectorEnv(2, oval)
+    env.reset(seed=0)
+
+    with pytest.raises(ValueError, match=r"no action of Discrete\(10\) for 2 cars"):
+        env.step(actions)
+    env.close()
+
+
+def test_continuous_actions_beyond_the_limits_count_as_the_limits_and_no_numbers_are_refused(oval):
+    env = RacerEnv(oval, actions=ContinuousActions(), start=0.0)
+
+    ends = []
+    for steering in (1.0, 7.0):
+        env.reset(seed=0)
+        ends.append([env.step([steering, 0.0])[4]["yaw_deg"] for _ in range(5)])
+
+    assert ends[0] == ends[1]
+    for action in ([np.nan, 0.0], [0.0], ["left", "fast"]):
+        with pytest.raises(ValueError, match=r"no action of Box"):
+            env.step(action)
+    env.close()
+
+
+@pytest.mark.parametrize("action", [10, -1, 2.5, "left", [0.0, 0.0]])
+def test_an_action_outside_its_space_is_named(oval, action):
+    env = RacerEnv(oval)
+    env.reset(seed=0)
+
+    with pytest.raises(ValueError, match=r"no action of Discrete\(10\)"):
+        env.step(action)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"race": "drifting"}, "There is no race 'drifting'"),
+        ({"sensors": ("RADAR",)}, "There is no sensor RADAR"),
+        ({"sensors": "RADAR"}, "There is no sensor RADAR"),
+        ({"view": "inside"}, "view is 'inside'"),
+        ({"start": -0.1}, "start is -0.1"),
+        ({"start": "line"}, "start is 'line'"),
+        ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
+        ({"race": Race(racers=2)}, "two drivers"),
+        ({"world": "nowhere"}, "No world is called 'nowhere'"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused_in_a_sentence(oval, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        RacerEnv(**{"world": oval, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("view", "shape"), [("camera", (120, 160, 3)), ("chase", (480, 640, 3)), ("top", (480, 640, 3))]
+)
+def test_every_view_gives_a_picture_of_the_car_and_its_surroundings(oval, view, shape):
+    env = RacerEnv(oval, race="object_avoidance", render_mode="rgb_array", view=view)
+    env.reset(seed=0)
+
+    picture = env.render()
+
+    assert picture.shape == shape
+    assert picture.dtype == np.uint8
+    assert picture.std() > 10
+    env.close()
+
+
+def test_many_cars_give_one_picture_each(oval):
+    env = RacerVectorEnv(3, oval, render_mode="rgb_array")
+    env.reset(seed=0)
+
+    pictures = env.render()
+
+    assert [picture.shape for picture in pictures] == [(120, 160, 3)] * 3
+    assert not np.array_equal(pictures[0], pictures[1])
+    env.close()
+
+
+def test_the_view_from_behind_one_of_many_cars_does_not_depend_on_the_others(oval):
+    env = RacerVectorEnv(2, oval, race=Race(racers=2), render_mode="rgb_array", view="chase")
+    env.reset(seed=0)
+
+    once, twice = env.render(), env.render()
+
+    assert not np.array_equal(once[0], once[1])
+    np.testing.assert_array_equal(once[0], twice[0])
+    np.testing.assert_array_equal(once[1], twice[1])
+    env.close()
+
+
+def test_without_pygame_a_window_is_refused_with_the_remedy(oval, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = RacerEnv(oval, render_mode="human")
+
+    with pytest.raises(DependencyNotInstalled, match='extra "rendering"'):
+        env.reset(seed=0)
+    env.close()
+
+
+def test_the_extra_for_rendering_brings_what_windows_and_videos_need():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8"))
+
+    needed = " ".join(project["project"]["optional-dependencies"]["rendering"])
+
+    assert "pygame" in needed
+    assert "moviepy" in needed
+
+
+COPIES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+
+DIFFERENT = {
+    "race": "object_avoidance",
+    "sensors": ("STEREO_CAMERAS", "LIDAR"),
+    "randomize": "textures",
+    "realism": drsim.Realism(image_noise=3, latency_s=0.02, friction=0.2, mass=0.1),
+}
+
+
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize("arguments", [{}, DIFFERENT, {"race": "head_to_bot"}])
+def test_a_copy_made_in_the_middle_of_an_episode_goes_on_like_its_original(oval, arguments, copied):
+    env = RacerEnv(oval, render_mode="rgb_array", **arguments)
+    env.reset(seed=3)
+    env.render()
+    for action in (2, 7, 1):
+        env.step(action)
+
+    twin = copied(env)
+
+    for action in [2, 3, 2, 0, 9] * 3 + [0] * 40:
+        mine, its = env.step(action), twin.step(action)
+        assert data_equivalence(mine, its)
+        if mine[2]:
+            assert data_equivalence(env.reset(), twin.reset())
+    np.testing.assert_array_equal(env.render(), twin.render())
+    env.close()
+    assert twin.step(1)[0] is not None  # it has a simulation of its own
+    twin.close()
+
+
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+def test_a_copy_of_many_cars_goes_on_like_its_original(oval, copied):
+    envs = RacerVectorEnv(6, oval, race="head_to_bot", rules=EpisodeRules(max_steps=9))
+    envs.reset(seed=1)
+    envs.step(np.arange(6))
+
+    twin = copied(envs)
+
+    for _ in range(20):
+        assert data_equivalence(envs.step(np.arange(6)), twin.step(np.arange(6)))
+    envs.close()
+    twin.close()
+
+
+def test_a_copy_costs_no_second_picture_of_the_world_and_compiles_nothing_again(oval):
+    env = RacerEnv(oval)
+    scene = env._simulation._senses._scene
+
+    there = pickle.loads(pickle.dumps(scene))
+
+    assert copy.deepcopy(env)._simulation._senses._scene is scene
+    assert (there.texels.strides, there.texels.dtype) == (scene.texels.strides, scene.texels.dtype)
+    np.testing.assert_array_equal(there.texels, scene.texels)
+    assert not pickle.loads(pickle.dumps(oval)).center.flags.writeable
+    env.close()
+
+
+def test_environments_work_in_processes_of_their_own_that_are_started_afresh(oval):
+    plain, spare = RacerEnv(oval), RacerEnv(oval)
+    envs = gym.vector.AsyncVectorEnv(
+        [partial(copy.deepcopy, env) for env in (plain, spare)], context="spawn"
+    )
+
+    there, _ = envs.reset(seed=5)
+    here = [env.reset(seed=5 + k)[0] for k, env in enumerate((plain, spare))]
+
+    np.testing.assert_array_equal(there, np.stack(here))
+    stepped = envs.step(np.array([1, 2]))
+    np.testing.assert_array_equal(stepped[0][0], plain.step(1)[0])
+    for env in (envs, plain, spare):
+        env.close()
+
+
+def test_with_pygame_a_window_shows_every_step(oval, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = pytest.importorskip("pygame", reason="the window needs pygame")
+    env = RacerEnv(oval, render_mode="human", view="camera")
+
+    env.reset(seed=0)
+    env.step(4)
+
+    assert env.render() is None
+    assert pygame.surfarray.array3d(pygame.display.get_surface()).std() > 10
+    env.close()
+    env.close()
+    assert not pygame.display.get_init()
+
+
+def test_two_racers_begin_together_and_meet(oval):
+    env = RacerVectorEnv(2, oval, race=Race(racers=2), start=0.0, rules=EpisodeRules(max_steps=4))
+    env.reset(seed=0)
+
+    ends, steps = [], []
+    for _ in range(7):
+        *_, truncated, info = env.step(np.array([4, 4]))
+        ends.append(truncated.tolist())
+        steps.append(info["steps"].tolist())
+
+    assert ends[2] == [True, True]
+    assert steps[3] == [1, 1]
+    env.close()
+
+
+def test_sensors_can_be_given_as_an_object(oval):
+    env = RacerEnv(oval, sensors=Sensors(("observation", "LIDAR"), lidar_forward=True))
+
+    seen, _ = env.reset(seed=0)
+
+    assert set(seen) == {"observation", "LIDAR"}
+    env.close()

@@ -1,0 +1,74 @@
+"""A model that version 0.1.0 trained goes on here: evaluated, trained further, uploaded.
+
+`scripts/make_old_model.sh` has made the archive.
+"""
+
+import json
+import tarfile
+from pathlib import Path
+
+import pytest
+import zstandard
+from moto.server import ThreadedMotoServer
+
+from drcli.store.endpoint import Endpoint
+from drcli.store.s3_bucket import S3Bucket
+
+pytestmark = pytest.mark.slow
+
+ARCHIVE = Path(__file__).resolve().parents[1] / "data" / "trained-with-0.1.0.tar.zst"
+
+
+@pytest.fixture
+def racer(workspace):
+    """A working folder whose bucket holds that model."""
+    bucket = workspace.model.parent
+    bucket.mkdir(parents=True)
+    with (
+        ARCHIVE.open("rb") as packed,
+        zstandard.ZstdDecompressor().stream_reader(packed) as plain,
+        tarfile.open(fileobj=plain, mode="r|") as archive,
+    ):
+        archive.extractall(bucket, filter="data")
+    for name in ("model_metadata.json", "reward_function.py", "hyperparameters.json"):
+        (workspace.folder / "custom_files" / name).write_bytes(
+            (bucket / "custom_files" / name).read_bytes()
+        )
+    return workspace
+
+
+def test_a_model_of_version_0_1_0_is_evaluated_and_trained_further(racer):
+    driven = racer.run("evaluate", "--json")
+    path = racer.folder / "custom_files" / "hyperparameters.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"term_cond_max_episodes": 2}))
+    resumed = racer.run("start-training", "--resume", "--foreground")
+
+    assert driven.returncode == 0, driven.stderr
+    assert json.loads(driven.stdout.splitlines()[-1])["trials"]
+    assert resumed.returncode == 0, resumed.stderr
+    assert [entry["iteration"] for entry in racer.status()["history"]] == [0, 1]
+    assert (racer.model / "training-simtrace" / "1-iteration.csv").exists()
+    assert "2_Step-" in (racer.model / "model" / "deepracer_checkpoints.json").read_text()
+
+
+def test_a_model_of_version_0_1_0_can_be_uploaded(racer):
+    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    moto.start()
+    host, port = moto.get_host_and_port()
+    url = f"http://{host}:{port}"
+    there = S3Bucket(Endpoint(url, access_key="AKup", secret_key="secret"), "uploads", patience_s=5)
+    there.ensure_exists()
+    racer.environment |= {
+        "AWS_ACCESS_KEY_ID": "AKup",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+    }
+    with (racer.folder / "system.env").open("a") as file:
+        file.write(f"DR_UPLOAD_S3_BUCKET=uploads\nDR_UPLOAD_S3_ENDPOINT_URL={url}\n")
+
+    sent = racer.run("upload-model", "-f")
+
+    stored = {entry.key for entry in there.list("model-1/")}
+    there.close()
+    moto.stop()
+    assert sent.returncode == 0, sent.stderr
+    assert "model-1/model/1_Step-144.ckpt.safetensors" in stored
