@@ -24,7 +24,7 @@ def start_process(
         gpus: Which it may use, as CUDA_VISIBLE_DEVICES has them; empty for those of this process.
     """
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
-    path = log_file(job.settings, job.directory, name)
+    path = log_file(job.directory, job.config.model.prefix, name)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as log:  # at its end, because several processes may share it
         return job.spawn(

@@ -11,7 +11,6 @@ from pathlib import Path
 from drcli.base import log_files
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError
-from drcli.config.settings import Settings
 from drcli.runs.run_logs import log_file, log_kind
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -183,8 +182,9 @@ class LogUpload:
 
     Args:
         open_bucket: Makes the client.
-        settings: Of the training.
         directory: The racer's working folder.
+        prefix: The model.
+        max_mb: DR_LOG_MAX_MB.
         names: Whose logs, the most telling first.
         say: Told what goes wrong, from that thread.
     """
@@ -192,17 +192,16 @@ class LogUpload:
     def __init__(
         self,
         open_bucket: Callable[[], Bucket],
-        settings: Settings,
         directory: Path,
+        prefix: str,
+        max_mb: int,
         names: Sequence[str],
         say: Callable[[str], None],
     ) -> None:
         self._open_bucket = open_bucket
-        self._max_bytes = settings.log_max_mb << 20
+        self._max_bytes = max_mb << 20
         self._logs = {
-            keys.log(settings.model_prefix, log_kind(name), name): log_file(
-                settings, directory, name
-            )
+            keys.log(prefix, log_kind(name), name): log_file(directory, prefix, name)
             for name in names
         }
         self._say = say

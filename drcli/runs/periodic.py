@@ -19,14 +19,14 @@ class Periodic:
     """
 
     def __init__(
-        self, name: str, what: Callable[[], None], every_s: float, say: Callable[[str], None]
+        self, name: str, what: Callable[[], object], every_s: float, say: Callable[[str], None]
     ) -> None:
         self._what = what
         self._every_s = every_s
         self._say = say
         self._said = ""
         self._ended = False
-        self._errands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._errands: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -40,7 +40,7 @@ class Periodic:
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
-    def ask(self, errand: Callable[[], None]) -> threading.Event:
+    def ask(self, errand: Callable[[], object]) -> threading.Event:
         """Have something else done by this thread as soon as it can.
 
         Returns:
@@ -66,7 +66,7 @@ class Periodic:
             except queue.Empty:
                 call = self._what
 
-    def _attempt(self, call: Callable[[], None]) -> None:
+    def _attempt(self, call: Callable[[], object]) -> None:
         try:
             call()
             self._said = ""
@@ -78,7 +78,7 @@ class Periodic:
 
 
 def within(
-    seconds: float, call: Callable[[], None], give_up: Callable[[], bool] = lambda: False
+    seconds: float, call: Callable[[], object], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
     """Call a function for no longer than so many seconds; what is left undone then is left.
 

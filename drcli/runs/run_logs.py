@@ -4,23 +4,22 @@ from pathlib import Path
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
 
 _FOLDERS = ("robomaker", "sagemaker")
 
 
-def log_file(settings: Settings, directory: Path, worker: str) -> Path:
+def log_file(directory: Path, prefix: str, worker: str) -> Path:
     """Where a process writes its log on this machine.
 
     Simulation logs have a folder of their own, because log-guru stops at any other log beside
     them.
 
     Args:
-        settings: Names the model prefix.
         directory: The racer's working folder.
+        prefix: The model.
         worker: "trainer", "supervisor", "sim-0", ...
     """
-    return _folder(settings, directory, log_kind(worker)) / f"{worker}.log"
+    return _folder(directory, prefix, log_kind(worker)) / f"{worker}.log"
 
 
 def log_kind(worker: str) -> str:
@@ -28,19 +27,20 @@ def log_kind(worker: str) -> str:
     return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
 
 
-def begin_logs(settings: Settings, directory: Path) -> None:
+def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
     """Have a training that starts anew write new logs; those of the last few trainings are kept.
 
     Args:
-        settings: Name the model prefix.
         directory: The racer's working folder.
+        prefix: The model.
+        max_mb: DR_LOG_MAX_MB.
 
     Raises:
         SettingsError: They may not be renamed.
     """
-    folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
+    folders = [_folder(directory, prefix, kind) for kind in _FOLDERS]
     try:
-        log_files.set_aside(folders, settings.log_max_mb << 20)
+        log_files.set_aside(folders, max_mb << 20)
     except OSError as e:
         raise SettingsError(
             f"{e.filename}: the log of the training before cannot be renamed ({e.strerror or e}).",
@@ -49,5 +49,5 @@ def begin_logs(settings: Settings, directory: Path) -> None:
         ) from e
 
 
-def _folder(settings: Settings, directory: Path, kind: str) -> Path:
-    return directory / "data" / "logs" / kind / settings.model_prefix
+def _folder(directory: Path, prefix: str, kind: str) -> Path:
+    return directory / "data" / "logs" / kind / prefix

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.process_identity import exists
-from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs.run_logs import log_file
@@ -38,31 +37,31 @@ class ProcessReport:
     processes: list[Process] = field(default_factory=list)
 
 
-def trainers(settings: Settings, directory: Path) -> list[Process]:
+def trainers(directory: Path, run_id: int) -> list[Process]:
     """The trainer of this DR_RUN_ID, where a training runs."""
-    return _workers(settings, directory, "trainer")
+    return _workers(directory, run_id, "trainer")
 
 
-def simulations(settings: Settings, directory: Path) -> list[Process]:
+def simulations(directory: Path, run_id: int) -> list[Process]:
     """The simulation workers of this DR_RUN_ID, where a training runs, in their order."""
-    return _workers(settings, directory, "sim-")
+    return _workers(directory, run_id, "sim-")
 
 
-def evaluations(settings: Settings, directory: Path) -> list[Process]:
+def evaluations(directory: Path, run_id: int) -> list[Process]:
     """Who drives the evaluations of this DR_RUN_ID that run, oldest first."""
     return [
         Process(
             "evaluation",
             record.worker_pid,
             exists(record.worker_pid),
-            _log(settings, directory, record.prefix, "evaluation"),
+            _log(directory, record.prefix, "evaluation"),
         )
-        for record in running_evaluations(directory, settings.run_id)
+        for record in running_evaluations(directory, run_id)
     ]
 
 
-def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
-    record = RunRecord.read(run_folder(settings, directory))
+def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:
+    record = RunRecord.read(run_folder(directory, run_id))
     if record is None or not record.alive:
         return []
     return [
@@ -70,13 +69,13 @@ def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
             worker.name,
             worker.pid,
             exists(worker.pid),
-            _log(settings, directory, record.prefix, worker.name),
+            _log(directory, record.prefix, worker.name),
         )
         for worker in record.workers
         if worker.name.startswith(kind) and worker.pid is not None
     ]
 
 
-def _log(settings: Settings, directory: Path, prefix: str, name: str) -> str:
+def _log(directory: Path, prefix: str, name: str) -> str:
     """The log of a worker, of whose model run.env may not speak any more."""
-    return str(log_file(settings.replaced(model_prefix=prefix), directory, name))
+    return str(log_file(directory, prefix, name))

@@ -1,46 +1,43 @@
 """Describes a run: from the note on this machine and from what lies in the bucket."""
 
-from pathlib import Path
-
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
-from drcli.config.settings import Settings
+from drcli.config.run_config import RunConfig
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.runs.report import CheckpointReport, RunReport, WorkerReport
 from drcli.runs.run_logs import log_file
 from drcli.store import health, keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json
+from drcli.store.connect import open_running_bucket
 from drcli.store.history import IterationRecord
-from drcli.store.open_running import open_running_bucket
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.scores import Score
 
 
-def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
-    """Everything there is to say about the run of these settings."""
-    directory = (directory or Path.cwd()).absolute()
-    folder = run_folder(settings, directory)
+def inspect(config: RunConfig) -> RunReport:
+    """Everything there is to say about a run."""
+    folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
     if not alive:
         record = RunRecord.read(folder)  # a supervisor writes how it went just before it leaves
     if record is None:
         return RunReport(
-            run_id=settings.run_id,
-            bucket=settings.bucket,
-            prefix=settings.model_prefix,
-            world=settings.world_name,
+            run_id=config.run_id,
+            bucket=config.storage.bucket,
+            prefix=config.model.prefix,
+            world=config.race().world_name,
             state="none",
         )
-    settings = record.settings(settings)  # which may have been others at the start
-    bucket = open_running_bucket(settings, directory)
+    # Which may have been another one at the start.
+    bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
     best = last = None
     damaged: list[str] = []
     activities: dict[str, str] = {}
     if bucket is not None:
         try:
-            model = Model.of(settings, bucket, record.prefix)
+            model = Model.of(config.model, bucket, record.prefix)
             history, damaged = readable_history(model)
             scores, also = readable_scores(model)
             damaged += also
@@ -61,7 +58,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
             alive=running and worker.pid is not None and exists(worker.pid),
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
-            log=str(log_file(settings, directory, worker.name)),
+            log=str(log_file(config.directory, record.prefix, worker.name)),
         )
         for worker in record.workers
     ]

@@ -11,10 +11,10 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import Settings
+from drcli.config.run_config import StorageConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord
-from drcli.store.connect import stop_default_storage, stop_storage
+from drcli.store.server import server
 
 TRAINING_PATIENCE_S = 30.0
 """For a checkpoint, metrics and logs; after it workers are killed."""
@@ -102,26 +102,26 @@ def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
     return [_stopped(record) for record in evaluations]
 
 
-def stop_all(directory: Path, load: Callable[[], Settings]) -> StopReport:
+def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     """End everything that was started in a working folder, and nothing else on the machine.
 
     Args:
         directory: The racer's working folder.
-        load: Gives the settings, which say where the server keeps its objects.
+        load: Says where the bucket is, from the settings.
 
     Raises:
-        SettingsError: They are wrong, and no server is found where one usually is.
+        SettingsError: These are wrong, and no server is found where one usually is.
         WorkerDied: A process does not leave.
     """
     stopped = stop_runs(directory)
     try:
-        settings = load()
+        storage = load()
     except SettingsError:
         # Where nearly every server keeps its objects; the settings are needed for another place.
-        if stop_default_storage(directory):
+        if server.stop_default(directory):
             return StopReport(stopped, True)
         raise
-    return StopReport(stopped, stop_storage(settings, directory))
+    return StopReport(stopped, server.stop(storage))
 
 
 def _end_trainings(trainings: Sequence[RunRecord]) -> None:

@@ -85,8 +85,8 @@ class Supervisor:
         renewal: Renewal,
         *,
         open_bucket: Callable[[], Bucket],
-        revive_server: Callable[[], None],
-        restart_server: Callable[[], None],
+        revive_server: Callable[[], object],
+        restart_server: Callable[[], object],
     ) -> None:
         """Begin.
 
@@ -112,13 +112,20 @@ class Supervisor:
         # Each in a thread of its own: none waits for another, and the loop for none.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S, self._log)
         self._lease = Periodic("lease", renewal.step, LOOK_S, self._log)
-        gpus = job.settings.sagemaker_cuda_devices
+        gpus = job.config.train.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
-        for k in range(job.settings.workers):
+        for k in range(job.config.train.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
-        self._logs = LogUpload(open_bucket, job.settings, job.directory, names, self._log)
+        self._logs = LogUpload(
+            open_bucket,
+            job.directory,
+            job.config.model.prefix,
+            job.config.log_max_mb,
+            names,
+            self._log,
+        )
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -186,7 +193,7 @@ class Supervisor:
         code = child.process.returncode
         words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
             code,
-            log_file(self._job.settings, self._job.directory, child.name),
+            log_file(self._job.directory, self._job.config.model.prefix, child.name),
             remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, or "
             "start over with `-w`.",
         )
@@ -251,7 +258,7 @@ class Supervisor:
 
     def _release(self) -> None:
         with suppress(DrError):
-            lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
+            lease.release(self._bucket, self._job.config.model.prefix, self._job.session)
 
     def _is_insisted(self) -> bool:
         return self._insisted
@@ -262,7 +269,7 @@ class Supervisor:
 
         def look() -> None:
             with suppress(DrError):
-                newest = newest_checkpoint(self._bucket, self._job.settings.model_prefix)
+                newest = newest_checkpoint(self._bucket, self._job.config.model.prefix)
                 found.append(newest is not None)
 
         within(LOOK_PATIENCE_S, look, self._is_insisted)
@@ -290,8 +297,8 @@ class Supervisor:
 
     def _log(self, text: str) -> None:
         """Write a line, from whichever thread; a full disk costs the line and nothing else."""
-        path = log_file(self._job.settings, self._job.directory, "supervisor")
-        max_bytes = self._job.settings.log_max_mb << 20
+        path = log_file(self._job.directory, self._job.config.model.prefix, "supervisor")
+        max_bytes = self._job.config.log_max_mb << 20
         with self._log_lock, suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.exists() and path.stat().st_size > log_files.part_bytes(max_bytes):

@@ -4,13 +4,12 @@ import os
 import signal
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drcli.base.errors import WorkerDied
 from drcli.base.process_identity import is_alive, started_s
-from drcli.config.settings import Settings
-from drcli.exchange.run_record import RunRecord, run_folder, storage_of
+from drcli.config.run_config import RunConfig
+from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
 from drcli.runs.launching import end_process, start_process
 from drcli.runs.report import RunReport
 from drcli.runs.run_logs import log_file
@@ -49,7 +48,6 @@ def launch(plan: "RunPlan") -> int:
     """
     from drcli.runs.plan import refuse_second_run
 
-    settings, directory = plan.job.settings, plan.job.directory
     process = start_process(plan.job, "supervisor", "drcli.runs.supervisor_process")
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
@@ -59,8 +57,8 @@ def launch(plan: "RunPlan") -> int:
     if process.poll() is not None and _is_ready(plan.job):  # it was, and has ended since
         return process.pid
     end_process(process, LEAVE_S)  # or it would train after all, when nobody expects it any more
-    refuse_second_run(settings, plan.job.folder)
-    path = log_file(settings, directory, "supervisor")
+    refuse_second_run(plan.job.config.run_id, plan.job.folder)
+    path = log_file(plan.job.directory, plan.job.config.model.prefix, "supervisor")
     raise WorkerDied(
         "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
     )
@@ -80,69 +78,65 @@ def supervise_job(job: "Job") -> int:
     from drcli.runs.plan import refuse_second_run
     from drcli.runs.supervisor import Supervisor
     from drcli.store import lease
-    from drcli.store.connect import ensure_storage, open_bucket, restart_storage
+    from drcli.store.connect import open_bucket
     from drcli.store.ownership import Ownership
+    from drcli.store.server import server
 
     job = replace(job, launcher_pid=os.getpid())
-    settings = job.settings
+    storage, prefix = job.config.storage, job.config.model.prefix
 
     def impatient(patience_s: float) -> "S3Bucket":
-        return open_bucket(
-            settings, job.directory, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S
-        )
+        return open_bucket(storage, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S)
 
     def own(client: "S3Bucket") -> "S3Bucket":
-        return client.fenced(
-            Ownership(client, settings.model_prefix, job.session, taken.term).check
-        )
+        return client.fenced(Ownership(client, prefix, job.session, taken.term).check)
 
     bucket = impatient(PATIENCE_S)
     record = RunRecord(
-        run_id=settings.run_id,
+        run_id=job.config.run_id,
         session=job.session,
         bucket=bucket.name,
-        prefix=settings.model_prefix,
-        world=settings.world_name,
+        prefix=prefix,
+        world=job.config.race().world_name,
         state="starting",
         pid=os.getpid(),
         pid_started=started_s(os.getpid()) or 0.0,
         started_at=time.time(),
-        storage=storage_of(settings),
+        storage=StorageRecord.of(storage, job.directory),
     )
     with only_writer(job.directory):  # of two starts in the same moment one trains
-        refuse_second_run(settings, job.folder)
-        lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
-        taken = lease.take(bucket, settings.model_prefix, job.session)
+        refuse_second_run(job.config.run_id, job.folder)
+        lease.refuse_other_owner(bucket, prefix, job.session)
+        taken = lease.take(bucket, prefix, job.session)
         record.write(job.folder)
     return Supervisor(
         replace(job, term=taken.term),
         own(bucket),
         record,
-        Renewal(impatient(0.0), settings.model_prefix, taken),
-        open_bucket=lambda: own(open_bucket(settings, job.directory, patience_s=LOG_PATIENCE_S)),
-        revive_server=lambda: ensure_storage(settings, job.directory),
-        restart_server=lambda: restart_storage(settings, job.directory),
+        Renewal(impatient(0.0), prefix, taken),
+        open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
+        revive_server=lambda: server.ensure_running(storage),
+        restart_server=lambda: server.restart(storage),
     ).run()
 
 
-def stop(settings: Settings, *, wait_s: float = 30.0, directory: Path | None = None) -> RunReport:
+def stop(config: RunConfig, *, wait_s: float = 30.0) -> RunReport:
     """Ask the supervisor to end the training, and wait until it has.
 
     A second request while it is leaving kills the workers at once.
     """
-    directory = (directory or Path.cwd()).absolute()
-    record = RunRecord.read(run_folder(settings, directory))
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is not None and record.alive:
         os.kill(record.pid, signal.SIGTERM)
         deadline = time.monotonic() + wait_s
         while is_alive(record.pid, record.pid_started) and time.monotonic() < deadline:
             time.sleep(0.05)
-    return inspect(settings, directory)
+    return inspect(config)
 
 
-def is_running(settings: Settings, directory: Path) -> bool:
+def is_running(config: RunConfig) -> bool:
     """Whether a training of this run number is alive on this machine."""
-    record = RunRecord.read(run_folder(settings, directory))
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
     return record is not None and record.alive
 
 

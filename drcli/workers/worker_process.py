@@ -12,7 +12,6 @@ from collections.abc import Callable
 from types import FrameType
 
 from drcli.base.errors import DrError
-from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -68,7 +67,7 @@ class Activity:
         self._bucket.put(self._key, json.dumps(record).encode())
 
 
-def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:
+def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     """The bucket of a training, for a worker of it.
 
     Nothing can be written there once another training has taken the model over, and the patience
@@ -76,11 +75,10 @@ def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucke
 
     Args:
         job: The training.
-        settings: Those of the worker.
         lifeline: Of this process.
     """
-    bucket = open_bucket(settings, job.directory, hurried=lifeline.should_stop)
-    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session, job.term).check)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
@@ -92,7 +90,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     job = Job.received()
     lifeline = Lifeline(job.launcher_pid)
     LastWords.forget(job.folder, name)
-    output.install(job.settings.log_max_mb << 20)
+    output.install(job.config.log_max_mb << 20)
     sys.excepthook = _hook(job, name)
     try:
         main(job, lifeline)

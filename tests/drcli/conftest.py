@@ -16,7 +16,7 @@ from drcli.runs.report import (
     TrialReport,
     WorkerReport,
 )
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -125,7 +125,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     )
     monkeypatch.chdir(tmp_path)
     yield tmp_path
-    stop_default_storage(tmp_path)
+    server.stop_default(tmp_path)
 
 
 @pytest.fixture
