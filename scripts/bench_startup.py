@@ -20,7 +20,7 @@ from pathlib import Path
 
 from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_folder
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 START_BAR_S = 0.4
 COMPLETION_BAR_S = 0.2
@@ -77,7 +77,7 @@ def main() -> None:
     repeat = parser.parse_args().repeat
     programs = Path(sys.executable).parent
     with tempfile.TemporaryDirectory() as folder, ExitStack() as afterwards:
-        afterwards.callback(stop_default_storage, Path(folder))  # list-models starts a server
+        afterwards.callback(server.stop_default, Path(folder))  # list-models starts a server
         write(plan_folder(Path(folder), {}))
         measured = [
             *(

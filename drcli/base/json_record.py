@@ -1,7 +1,8 @@
 """Reads JSON that this program wrote and that a disk, a copy or an editor may have damaged since.
 
 Frozen dataclasses become JSON by `dataclasses.asdict`; here they come back, every value checked, so
-that whoever uses one need not ask whether its number is a number.
+that whoever uses one need not ask whether its number is a number. A class that is no dataclass has
+`to_json` and `from_json`.
 """
 
 import dataclasses
@@ -11,6 +12,7 @@ import re
 import types
 from collections.abc import Collection, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 _LARGEST_INT = 2**53
@@ -55,6 +57,11 @@ def parsed(data: bytes, *, with_nan: bool = False) -> Any:
         raise Misfit(f"it is not JSON ({e})") from e
 
 
+def written(value: Any) -> Any:
+    """What JSON has for a value inside a dataclass that it does not know, for `json.dumps`."""
+    return value.to_json() if hasattr(value, "to_json") else str(value)
+
+
 def built(kind: type[T], value: Any, *, nan: Collection[str] = ()) -> T:
     """Make a dataclass from a JSON object.
 
@@ -91,6 +98,10 @@ def _fitted(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
     origin, inner = get_origin(hint), get_args(hint)
     if hint is Any:
         return value
+    if hint is Path:
+        return Path(_plain(name, str, value, nan))
+    if hasattr(hint, "from_json"):
+        return hint.from_json(value)
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:
             return None

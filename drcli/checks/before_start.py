@@ -76,7 +76,11 @@ class Examined:
 
 
 def examine(
-    job: Job, files: Mapping[str, InputFile], bucket: Bucket | None, plans: Plans = Plans()
+    settings: Settings,
+    job: Job,
+    files: Mapping[str, InputFile],
+    bucket: Bucket | None,
+    plans: Plans = Plans(),
 ) -> Examined:
     """Try every rule about the racer's files, the bucket and the disk.
 
@@ -84,12 +88,12 @@ def examine(
     one starts, so that they cost a start no time.
 
     Args:
-        job: Its settings, directory and folder count.
+        settings: Of the run.
+        job: For the process that tries the reward function.
         files: What was found of the racer's three files.
         bucket: None where it cannot be used; the rules about it are left out then.
         plans: What is going to be started.
     """
-    settings = job.settings
     reward = files.get(keys.REWARD_FUNCTION_FILE)
     source, found = (None, []) if reward is None else read_source(reward)
     given_up = Event()
@@ -104,10 +108,10 @@ def examine(
             found += review.violations
             transfer = None
             if bucket is not None:
-                found += _missing(files, settings, job, bucket)
+                found += _missing(files, settings, bucket)
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
-            found += review_disk(settings, job.directory)
+            found += review_disk(settings.storage, job.directory)
             found += _news(trial.result(), found)
         finally:
             given_up.set()  # else Ctrl-C, or a bucket that fails, would wait for the trial
@@ -122,10 +126,8 @@ def _news(tried: list[Violation], found: list[Violation]) -> list[Violation]:
     ]
 
 
-def _missing(
-    files: Mapping[str, InputFile], settings: Settings, job: Job, bucket: Bucket
-) -> list[Violation]:
-    missing = missing_files(files, settings, job.directory, bucket.name)
+def _missing(files: Mapping[str, InputFile], settings: Settings, bucket: Bucket) -> list[Violation]:
+    missing = missing_files(files, settings.custom_files, bucket.name)
     return [
         Violation(FILE_RULES[name], "error", item.where, f"{item.what}.", item.remedy)
         for name, item in missing.items()
@@ -138,7 +140,7 @@ def _of_bucket(
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
         return None, [] if design is None else review_fit(plans.resumed, design, model)
-    found = [] if plans.wiping else review_prefix(settings, bucket)
+    found = [] if plans.wiping else review_prefix(settings.model_prefix, bucket)
     if not settings.pretrained:
         return None, found
     reviewed = review_pretrained(settings, bucket, design, wiping=plans.wiping)

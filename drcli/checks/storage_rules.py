@@ -34,12 +34,12 @@ class TransferReview:
     violations: list[Violation]
 
 
-def review_prefix(settings: Settings, bucket: Bucket) -> list[Violation]:
+def review_prefix(prefix: str, bucket: Bucket) -> list[Violation]:
     """V-09: nothing may lie where the new model goes."""
-    if not is_used(bucket, settings.model_prefix):
+    if not is_used(bucket, prefix):
         return []
-    model = f"s3://{bucket.name}/{settings.model_prefix}"
-    learned = newest_checkpoint(bucket, settings.model_prefix) is not None
+    model = f"s3://{bucket.name}/{prefix}"
+    learned = newest_checkpoint(bucket, prefix) is not None
     go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
     return [
         Violation(
@@ -52,12 +52,12 @@ def review_prefix(settings: Settings, bucket: Bucket) -> list[Violation]:
     ]
 
 
-def review_rivals(settings: Settings, bucket: Bucket) -> list[Violation]:
+def review_rivals(prefix: str, bucket: Bucket) -> list[Violation]:
     """V-13: whether somebody trains on the model's place already."""
     try:
-        lease.refuse_other_owner(bucket, settings.model_prefix)
+        lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:
-        where = f"s3://{bucket.name}/{settings.model_prefix}"
+        where = f"s3://{bucket.name}/{prefix}"
         return [Violation("V-13", "warning", where, str(error), error.remedy)]
     return []
 

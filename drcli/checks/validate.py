@@ -67,7 +67,7 @@ def _with_settings(
 ) -> list[Violation]:
     directory = settings.directory
     found: list[Violation] = []
-    record = RunRecord.read(run_folder(settings, directory))
+    record = RunRecord.read(run_folder(directory, settings.run_id))
     trains = record is not None and record.alive
     if record is not None and trains:
         found.append(
@@ -112,11 +112,11 @@ def _bucket(
         skipped.append(Skipped(BUCKET_RULES, reason))
         return None
     try:
-        bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
+        bucket = open_bucket(settings.storage, patience_s=PATIENCE_S)
         bucket.probe()
         wrong = probe(bucket)
         if not trains:
-            wrong += review_rivals(settings, bucket)
+            wrong += review_rivals(settings.model_prefix, bucket)
     except StorageError as error:
         place = settings.source("DR_CLOUD")
         wrong = [Violation("V-50", "error", place, str(error), error.remedy)]
@@ -131,7 +131,7 @@ def _files(
     settings: Settings, bucket: Bucket | None, found: list[Violation], skipped: list[Skipped]
 ) -> dict[str, InputFile]:
     try:
-        files = find(settings, settings.directory, bucket)
+        files = find(settings.custom_files, bucket)
     except SettingsError as error:
         found += from_error(error, lambda _: "V-02")
         files = {}
@@ -159,8 +159,7 @@ def _examined(
     """The rules of the start, in a folder that no training uses."""
     with tempfile.TemporaryDirectory() as folder:
         job = Job(
-            settings=settings,
-            directory=settings.directory,
+            config=settings.run,
             session=secrets.token_hex(6),
             seed=0,
             until_laps=None,
@@ -170,12 +169,12 @@ def _examined(
         )
         plans = Plans(wiping=trains)  # a model that is being trained lies where it should
         try:
-            examined = examine(job, files, bucket, plans)
+            examined = examine(settings, job, files, bucket, plans)
         except StorageError as error:
             found.append(Violation("V-50", "error", "", str(error), error.remedy))
             skipped.append(Skipped(BUCKET_RULES[:-1], "The bucket failed meanwhile."))
-            examined = examine(job, files, None, plans)
-    to_come = {finding.where: finding for finding in fetchable(settings)}
+            examined = examine(settings, job, files, None, plans)
+    to_come = {finding.where: finding for finding in fetchable(settings.races)}
     found += [_told_without_start(item, to_come) for item in examined.violations]
     return examined
 

@@ -15,7 +15,7 @@ def bring_tracks(settings: Settings) -> None:
     """
     from drcli.config.worlds import to_fetch
 
-    names = to_fetch(settings)
+    names = to_fetch(settings.races)
     if not names or settings.tracks_fetch == "never":
         return
     from drcli.cli import console, prompts

@@ -11,7 +11,7 @@ HEAD = """\
 # Settings
 
 Every `DR_` name, as the program knows it. This page is written by `scripts/write_docs.py`; change
-the declarations in `drcli/settings/` instead.
+the declarations in `drcli/config/groups/` instead.
 
 `run.env` and `system.env` hold `NAME=value` lines. A name counts in either file; the table says in
 which it belongs, and `dr config set NAME=VALUE` puts it there. Settings win in this order: flag,

@@ -195,5 +195,5 @@ def _judge(
         settings = load_settings(directory, contents=contents, environ=environ)
     except FindingsError as error:
         return error.findings, error.warnings
-    to_come = tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
-    return tuple(missing(settings)), (*settings.warnings, *to_come)
+    to_come = tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings.races))
+    return tuple(missing(settings.races)), (*settings.warnings, *to_come)

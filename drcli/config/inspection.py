@@ -170,8 +170,8 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
         return Check(str(directory), error.findings, error.warnings)
     known = remainder(settings)  # told in full right here
     warnings = tuple(text for text in settings.warnings if text != known)
-    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings))
-    return Check(str(directory), tuple(missing(settings)), warnings, idle(settings))
+    warnings += tuple(f"{finding} {finding.remedy}" for finding in fetchable(settings.races))
+    return Check(str(directory), tuple(missing(settings.races)), warnings, idle(settings))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:

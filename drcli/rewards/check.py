@@ -164,7 +164,7 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
     path = file_of(settings, file)
     named = [(path, display_name(path, directory))]
     trials: list[Trial] = []
-    for own in each_race(settings):
+    for own in each_race(settings.races):
         trials += try_out(named, Course.of(drive(own)), directory)
     first, *others = map(report, trials)
     return _with_others(first, others)

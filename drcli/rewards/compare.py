@@ -111,7 +111,7 @@ def compare(
         SettingsError: One of them fails, there is no such track, or the picture cannot be written.
     """
     files = files_of([first, second])
-    course = Course.of(drive(settings))
+    course = Course.of(drive(settings.race))
     if out is not None:
         from drcli.rewards.canvas import refuse_replacing
 

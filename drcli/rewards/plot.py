@@ -59,7 +59,7 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
     """
     path = file_of(settings, file)
     refuse_replacing(out)
-    course = Course.of(drive(settings))
+    course = Course.of(drive(settings.race))
     [trial] = try_out([(path, display_name(path, directory))], course, directory)
     refuse_failing(trial)
     replaced = out.exists()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import ModelConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, get_json, put_json
 from drcli.store.checkpoints import CheckpointStore
@@ -47,15 +47,15 @@ class Model:
     workers: Sequence[int] = (0,)
 
     @staticmethod
-    def of(settings: Settings, bucket: Bucket, prefix: str) -> "Model":
-        """A model in the bucket; what settings say of their own one counts for it alone."""
-        own = prefix == settings.model_prefix
+    def of(config: ModelConfig, bucket: Bucket, prefix: str) -> "Model":
+        """A model in the bucket; what the settings say of theirs counts for it alone."""
+        own = prefix == config.prefix
         return Model(
             bucket,
             prefix,
-            settings.metrics_prefix if own else keys.metrics_prefix(prefix),
-            settings.train_best_model_metric,
-            range(settings.workers if own else 1),
+            config.metrics_prefix if own else keys.metrics_prefix(prefix),
+            config.metric,
+            range(config.workers if own else 1),
         )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.checks.check_report import Violation, leave_tried
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.exchange.job import Job
 from drcli.workers.build_race import load_race, load_world
 from drsim.car.car import CONTROL_HZ
@@ -64,20 +64,22 @@ FALLBACK_WORLD = "reinvent_base"
 
 
 def try_inputs(
-    settings: Settings, reward: tuple[Path, str] | None, deadline_s: float = REWARD_DEADLINE_S
+    configs: Sequence[RaceConfig],
+    reward: tuple[Path, str] | None,
+    deadline_s: float = REWARD_DEADLINE_S,
 ) -> list[Violation]:
     """Load the worlds and races of all workers and call the reward function along the laps.
 
     Args:
-        settings: Of the training.
+        configs: What the workers are going to drive.
         reward: The file, and what to call it; None tries the worlds only.
         deadline_s: How long one call may take, in seconds.
     """
     found: list[Violation] = []
     courses: list[tuple[Track, Race]] = []
-    for worker in range(len(settings.overrides) + 1):
+    for config in configs:
         try:
-            courses.append(_course(settings.for_worker(worker), found))
+            courses.append(_course(config, found))
         except SettingsError as error:
             where = str(error).partition(": ")[0]
             found.append(Violation("V-07", "error", where, str(error), error.remedy))
@@ -164,15 +166,15 @@ class _Watched:
         return value
 
 
-def _course(settings: Settings, found: list[Violation]) -> tuple[Track, Race]:
+def _course(config: RaceConfig, found: list[Violation]) -> tuple[Track, Race]:
     """The track and race of a worker; on another track where its own does not load."""
     try:
-        track = load_world(settings)
+        track = load_world(config)
     except SettingsError as error:
-        where = settings.source("DR_WORLD_NAME")
+        where = config.source("DR_WORLD_NAME")
         found.append(Violation("V-05", "error", where, str(error), error.remedy))
         return load_track(FALLBACK_WORLD), TIME_TRIAL
-    return track, load_race(settings, track)
+    return track, load_race(config, track)
 
 
 def _try(
@@ -211,7 +213,7 @@ def main(file: Path | None, name: str) -> None:
     threading.Thread(target=_end_after, args=(job.launcher_pid,), daemon=True).start()
     signal_guard.install()
     if file is None:
-        leave_tried(try_inputs(job.settings, None), job.folder)
+        leave_tried(try_inputs(job.config.races, None), job.folder)
         return
 
     def tell(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -222,7 +224,7 @@ def main(file: Path | None, name: str) -> None:
             sys.__excepthook__(kind, error, trace)
 
     sys.excepthook = tell
-    leave_tried(try_inputs(job.settings, (file, name)), job.folder)
+    leave_tried(try_inputs(job.config.races, (file, name)), job.folder)
 
 
 def _end_after(launcher_pid: int) -> None:

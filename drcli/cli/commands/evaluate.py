@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -72,7 +72,6 @@ def evaluate(
     report = evaluation.evaluate(
         loaded,
         clone=clone,
-        directory=working_folder(),
         on_progress=(lambda text: None) if quiet else console.say,
     )
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
@@ -92,9 +91,7 @@ def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
 
-    plan = prepare_evaluation(
-        loaded, clone=clone, directory=working_folder(), on_progress=console.say
-    )
+    plan = prepare_evaluation(loaded, clone=clone, on_progress=console.say)
     record = launch_evaluation(plan)
     if as_json:
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)

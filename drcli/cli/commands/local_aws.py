@@ -5,7 +5,7 @@ import shutil
 
 import typer
 
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def local_aws(context: typer.Context) -> None:
@@ -26,5 +26,5 @@ def local_aws(context: typer.Context) -> None:
             remedy="Install it in an environment of its own, as with `pipx install awscli` or "
             "`uv tool install awscli`.",
         )
-    arguments, environment = aws_command(settings(), working_folder(), context.args, os.environ)
+    arguments, environment = aws_command(settings().storage, context.args, os.environ)
     os.execve(program, ["aws", *arguments], environment)

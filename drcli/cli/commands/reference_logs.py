@@ -103,7 +103,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     found = _robomakers(False)[replica - 1 : replica]
     if not found:
         raise _absent(_Wanted.of(replica))
-    report = speed_of(found[0], settings(), working_folder())
+    report = speed_of(found[0], settings().run)
     console.emit(report, everyday.speed(report), as_json=as_json)
 
 
@@ -136,14 +136,14 @@ _TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 def _trainers() -> "list[Process]":
     from drcli.runs.status import trainers
 
-    return trainers(settings(), working_folder())
+    return trainers(working_folder(), settings().run_id)
 
 
 def _robomakers(evaluation: bool) -> "list[Process]":
     from drcli.runs.status import evaluations, simulations
 
     look = evaluations if evaluation else simulations
-    return look(settings(), working_folder())
+    return look(working_folder(), settings().run_id)
 
 
 def _follow(

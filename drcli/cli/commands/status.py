@@ -1,7 +1,7 @@
 """`dr status`."""
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def status(as_json: AsJson = False) -> None:
@@ -16,7 +16,7 @@ def status(as_json: AsJson = False) -> None:
     from drcli.cli.views import training_view
     from drcli.runs.status import inspect
 
-    report = inspect(settings(), working_folder())
+    report = inspect(settings().run)
     for sentence in report.damaged:
         console.warn(sentence)
     console.emit(report, training_view.run(report), as_json=as_json)

@@ -18,5 +18,5 @@ def stop_all(as_json: AsJson = False) -> None:
     from drcli.runs.stopping import stop_all as stop_everything
 
     with console.waiting("Stopping everything that was started in this folder ..."):
-        report = stop_everything(working_folder(), settings)
+        report = stop_everything(working_folder(), lambda: settings().storage)
     console.emit(report, everyday.stopped(report), as_json=as_json)

@@ -41,13 +41,13 @@ def stop_training(as_json: AsJson = False) -> None:
         said = f"Stopped the training of {stopped.model}, whatever the settings say now."
         console.emit(StopReport([stopped]), said, as_json=as_json)
         return
-    if not is_running(loaded, folder):
+    if not is_running(loaded.run):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
     with console.waiting("Stopping the training; its workers are leaving ..."):
-        report = stop(loaded, directory=folder)
+        report = stop(loaded.run)
     model = f"s3://{report.bucket}/{report.prefix}"
-    if is_running(loaded, folder):
+    if is_running(loaded.run):
         raise WorkerDied(
             f"The training of {model} (process {report.pid}) is still leaving.",
             remedy="Stop it at once with `dr-stop-training`, a second time.",

@@ -1,7 +1,7 @@
 """`dr summary`."""
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def summary(as_json: AsJson = False) -> None:
@@ -16,5 +16,5 @@ def summary(as_json: AsJson = False) -> None:
     from drcli.cli.views import everyday
     from drcli.runs.summary import summarize
 
-    report = summarize(settings(), working_folder())
+    report = summarize(settings())
     console.emit(report, everyday.summary(report), as_json=as_json)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.runs.addresses import PlaceName
@@ -41,7 +41,7 @@ def url(
 
     every: list[PlaceName] = ["bucket", "model", "custom-files", "metrics"]
     names = [name for name in every if what in (What.all, name)]
-    report = addresses(settings(), working_folder(), names)
+    report = addresses(settings(), names)
     console.emit(report, everyday.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

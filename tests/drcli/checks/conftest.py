@@ -92,11 +92,11 @@ def folder(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
 
     def try_inputs(job: Job, reward: InputFile | None, _given_up: Event) -> list[Violation]:
         if reward is None:
-            return inputs_process.try_inputs(job.settings, None)
+            return inputs_process.try_inputs(job.config.races, None)
         job.folder.mkdir(parents=True, exist_ok=True)
         path = job.folder / "reward_function.py"
         path.write_bytes(reward.data)
-        return inputs_process.try_inputs(job.settings, (path, reward.origin))
+        return inputs_process.try_inputs(job.config.races, (path, reward.origin))
 
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_inputs)

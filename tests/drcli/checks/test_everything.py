@@ -273,7 +273,7 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
     expected = folder.report().errors
 
     with pytest.raises(SettingsError) as refusal:
-        prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+        prepare(load_settings(folder.path, environ={}), StartOptions())
 
     said = str(refusal.value).replace(f"{folder.path}{os.sep}", "")
     assert [error.rule for error in expected] == ["V-05", "V-22", "V-41", "V-43"]
@@ -285,7 +285,7 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
     monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.reward("def reward_function(params):\n  return 1 if params['progress']==1 else 2\n")
 
-    plan = prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+    plan = prepare(load_settings(folder.path, environ={}), StartOptions())
 
     [warning] = plan.warnings
     assert "progress == 1" in warning
@@ -297,7 +297,7 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder):
     started_s = time.monotonic()
 
     [found] = inputs_process.try_inputs(
-        load_settings(folder.path, environ={}), (path, "mine.py"), 0.2
+        load_settings(folder.path, environ={}).races, (path, "mine.py"), 0.2
     )
 
     assert (found.rule, found.where) == ("V-21", "mine.py line 2")

@@ -30,7 +30,7 @@ DEAF = "import signal\nwhile True:\n    try: signal.pause()\n    except: pass\n"
 def job(folder, tmp_path):
     """A start of the working folder."""
     settings = load_settings(folder.path, environ={})
-    return Job(settings, folder.path, "abc", 0, None, None, tmp_path / "trial", os.getpid())
+    return Job(settings.run, "abc", 0, None, None, tmp_path / "trial", os.getpid())
 
 
 @pytest.fixture
@@ -99,8 +99,9 @@ def test_ctrl_c_gives_the_trial_up(job, monkeypatch):
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
 
+    settings = load_settings(job.directory, environ={})
     with pytest.raises(KeyboardInterrupt):
-        examine(job, {}, None)
+        examine(settings, job, {}, None)
 
     assert ends == [True]
 
