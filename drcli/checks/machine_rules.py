@@ -8,6 +8,7 @@ from pathlib import Path
 import psutil
 
 from drcli.base.problems import Problem
+from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -30,11 +31,11 @@ LEAST_GPU_BYTES = 1_500_000_000
 GPU_PATIENCE_S = 3.0
 
 
-def review_disk(settings: Settings, directory: Path) -> Iterator[Problem]:
+def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
     """Room for models (where this machine keeps the bucket) and for logs."""
     folders = {directory}
-    if settings.cloud == "local":
-        folders.add(directory / settings.s3_data_dir)
+    if storage.cloud == "local":
+        folders.add(storage.data_dir)
     said: set[int] = set()
     for folder in sorted(folders):
         place = next(place for place in (folder, *folder.parents) if place.exists())

@@ -18,24 +18,24 @@ LARGEST_SKEW_S = 300.0
 PROBE_FOLDER = ".validate/"
 
 
-def review_prefix(settings: Settings, bucket: Bucket) -> list[Problem]:
+def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
     """V-09: there may be nothing where the new model goes."""
-    if not is_used(bucket, settings.model_prefix):
+    if not is_used(bucket, prefix):
         return []
-    model = f"s3://{bucket.name}/{settings.model_prefix}"
-    learned = newest_checkpoint(bucket, settings.model_prefix) is not None
+    model = f"s3://{bucket.name}/{prefix}"
+    learned = newest_checkpoint(bucket, prefix) is not None
     go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
     what = f"Selected path {model} exists. Delete it, or use -w option. Exiting."
     remedy = f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env."
     return [Problem("V-09", "error", model, None, what, remedy)]
 
 
-def review_owner(settings: Settings, bucket: Bucket) -> list[Problem]:
+def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
     """V-13: nobody else may be training this model."""
     try:
-        lease.refuse_other_owner(bucket, settings.model_prefix)
+        lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:
-        model = f"s3://{bucket.name}/{settings.model_prefix}"
+        model = f"s3://{bucket.name}/{prefix}"
         return [Problem("V-13", "warning", model, None, str(error), error.remedy)]
     return []
 

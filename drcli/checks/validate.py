@@ -124,7 +124,7 @@ class _Validation:
 
     def _note_running(self, settings: Settings) -> bool:
         """Whether this run trains already, which is worth a warning."""
-        record = RunRecord.read(run_folder(settings, self.directory))
+        record = RunRecord.read(run_folder(self.directory, settings.run_id))
         if record is None or not record.alive:
             return False
         what = (
@@ -140,11 +140,11 @@ class _Validation:
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
         """The bucket, if it can be used."""
         try:
-            bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
+            bucket = open_bucket(settings.storage, patience_s=PATIENCE_S)
             bucket.probe()
             wrong = probe(bucket)
             if not trains:
-                wrong += review_owner(settings, bucket)
+                wrong += review_owner(settings.model_prefix, bucket)
         except StorageError as error:
             wrong = [_unusable(error, *settings.place("DR_CLOUD"))]
         self.found += wrong
@@ -156,7 +156,7 @@ class _Validation:
     def _files(self, settings: Settings, bucket: Bucket | None) -> dict[str, InputFile]:
         files: dict[str, InputFile] = {}
         try:
-            files = find(settings, settings.directory, bucket)
+            files = find(settings.custom_files, bucket)
         except ProblemsError as error:
             self.found += error.problems
         except StorageError as error:
@@ -178,8 +178,7 @@ class _Validation:
         """The rules of a start, in a folder that no training uses."""
         with tempfile.TemporaryDirectory() as folder:
             job = Job(
-                settings=settings,
-                directory=settings.directory,
+                config=settings.run,
                 session=secrets.token_hex(6),
                 seed=0,
                 until_laps=None,
@@ -189,12 +188,12 @@ class _Validation:
             )
             plans = Plans(wiping=trains)  # the prefix of a running training is in use rightly
             try:
-                examined = examine(job, files, bucket, plans)
+                examined = examine(settings, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
-                examined = examine(job, files, None, plans)
-        to_fetch = {track.where: track for track in fetchable(settings)}
+                examined = examine(settings, job, files, None, plans)
+        to_fetch = {track.where: track for track in fetchable(settings.races)}
         self.found += [_without_start(each, to_fetch) for each in examined.problems]
         return examined
 

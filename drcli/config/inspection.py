@@ -192,7 +192,7 @@ def warnings_of(problems: Iterable[Problem]) -> list[str]:
 
 def _all_problems(settings: Settings) -> tuple[Problem, ...]:
     """What loading did not refuse, and tracks that do not exist or have to be fetched."""
-    return (*missing(settings), *settings.problems, *fetchable(settings))
+    return (*missing(settings.races), *settings.problems, *fetchable(settings.races))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:

@@ -1,7 +1,7 @@
 """Which tracks there are, by name, without loading the simulation that drives on them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from drcli.base.problems import Problem, closest, shown
 from drcli.config.setting_problems import setting_problem
 
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
-    from drcli.config.model import Settings
+    from drcli.config.run_config import RaceConfig
 
 ROUTE_FILES = (".npy", ".csv")
 
@@ -60,24 +60,24 @@ def own(folder: Path) -> list[str]:
     return _stems(folder, ROUTE_FILES)
 
 
-def is_here(settings: "Settings") -> bool:
-    """Whether the track of some settings is here; also where that cannot be known."""
+def is_here(race: "RaceConfig") -> bool:
+    """Whether the track of a race is here; also where that cannot be known."""
     if not built_in():
         return True
-    world = settings.world_name
+    world = race.world_name
     if world.endswith(ROUTE_FILES):
-        if any(_is_file(place / world) for place in (settings.directory, settings.tracks_folder)):
+        if any(_is_file(place / world) for place in (race.directory, race.tracks_folder)):
             return True
         if "/" in world:
             return False
         world = Path(world).stem  # people write reinvent_base.npy and mean reinvent_base
-    known = _known(settings)
+    known = _known(race)
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def missing(settings: "Settings") -> Iterator[Problem]:
+def missing(races: "Sequence[RaceConfig]") -> Iterator[Problem]:
     """The tracks that are neither here nor the community's, each place that names one once."""
-    for chosen in _absent(settings):
+    for chosen in _absent(races):
         if not can_be_fetched(chosen):
             yield setting_problem(
                 "DR_WORLD_NAME",
@@ -87,9 +87,9 @@ def missing(settings: "Settings") -> Iterator[Problem]:
             )
 
 
-def fetchable(settings: "Settings") -> Iterator[Problem]:
+def fetchable(races: "Sequence[RaceConfig]") -> Iterator[Problem]:
     """The tracks of the community that are not here yet, each place that names one once."""
-    for chosen in _absent(settings):
+    for chosen in _absent(races):
         if can_be_fetched(chosen):
             yield setting_problem(
                 "DR_WORLD_NAME",
@@ -101,46 +101,43 @@ def fetchable(settings: "Settings") -> Iterator[Problem]:
             )
 
 
-def to_fetch(settings: "Settings") -> list[str]:
+def to_fetch(races: "Sequence[RaceConfig]") -> list[str]:
     """Names of the community's tracks that a start has to fetch first."""
-    return list(
-        dict.fromkeys(_name(chosen) for chosen in _absent(settings) if can_be_fetched(chosen))
-    )
+    return list(dict.fromkeys(_name(chosen) for chosen in _absent(races) if can_be_fetched(chosen)))
 
 
-def can_be_fetched(settings: "Settings") -> bool:
-    """Whether the track of some settings is the community's and not here."""
-    return _name(settings) in COMMUNITY and not is_here(settings)
+def can_be_fetched(race: "RaceConfig") -> bool:
+    """Whether the track of a race is the community's and not here."""
+    return _name(race) in COMMUNITY and not is_here(race)
 
 
-def remedy(settings: "Settings") -> str:
+def remedy(race: "RaceConfig") -> str:
     """What to do about a track that is not here."""
-    name = _name(settings)
+    name = _name(race)
     if name in COMMUNITY:
         return (
             f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. Without a network add its file with `dr-tracks add "
             f"{name}.npy`."
         )
-    likely = closest(settings.world_name, [*_known(settings), *COMMUNITY])
+    likely = closest(race.world_name, [*_known(race), *COMMUNITY])
     hint = f"Did you mean {likely}? " if likely is not None else ""
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _absent(settings: "Settings") -> Iterator["Settings"]:
-    """The settings of the workers whose track is not here, for each place that names one."""
+def _absent(races: "Sequence[RaceConfig]") -> Iterator["RaceConfig"]:
+    """The races whose track is not here, one for each place that names one."""
     places = set()
-    for worker in range(len(settings.overrides) + 1):
-        chosen = settings.for_worker(worker)
+    for chosen in races:
         place = chosen.place("DR_WORLD_NAME")
         if place not in places and not is_here(chosen):
             places.add(place)
             yield chosen
 
 
-def _name(settings: "Settings") -> str:
+def _name(race: "RaceConfig") -> str:
     """The track without the ending of a file that people write behind it."""
-    world = settings.world_name
+    world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 
 
@@ -152,8 +149,8 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _known(settings: "Settings") -> list[str]:
-    return [*built_in(), *own(settings.tracks_folder)]
+def _known(race: "RaceConfig") -> list[str]:
+    return [*built_in(), *own(race.tracks_folder)]
 
 
 def _stems(folder: Path, endings: tuple[str, ...]) -> list[str]:

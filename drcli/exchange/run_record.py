@@ -7,17 +7,12 @@ from typing import Literal
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import Misfit, built
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import Settings
+from drcli.config.run_config import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
 
 State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
 """Where a run is in its life. "lost": its supervisor ended without saying why."""
-
-_STORAGE = (
-    *("cloud", "bucket", "remote_minio_url", "profile", "aws_app_region"),
-    *("local_s3_engine", "s3_data_dir"),
-)
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
@@ -29,6 +24,52 @@ class WorkerRecord:
     name: str
     pid: int | None
     restarts: int
+
+
+@dataclass(frozen=True)
+class StorageRecord:
+    """What leads to the bucket of a run. The names are those that version 0.1.0 wrote.
+
+    Attributes:
+        s3_data_dir: Relative to the working folder where it lies in it, so that both can be moved.
+    """
+
+    cloud: Cloud
+    bucket: str
+    remote_minio_url: str
+    profile: str
+    aws_app_region: str
+    local_s3_engine: Engine
+    s3_data_dir: str
+
+    @staticmethod
+    def of(config: StorageConfig, directory: Path) -> "StorageRecord":
+        """The record of a bucket, for a run in a working folder."""
+        folder = config.data_dir
+        if folder.is_relative_to(directory):
+            folder = folder.relative_to(directory)
+        return StorageRecord(
+            cloud=config.cloud,
+            bucket=config.bucket,
+            remote_minio_url=config.endpoint_url or "",
+            profile=config.profile or "",
+            aws_app_region=config.region,
+            local_s3_engine=config.engine,
+            s3_data_dir=str(folder),
+        )
+
+    def config(self, now: StorageConfig, directory: Path) -> StorageConfig:
+        """The bucket; port and idle time of its server are those of now."""
+        return replace(
+            now,
+            cloud=self.cloud,
+            bucket=self.bucket,
+            data_dir=directory / self.s3_data_dir,
+            engine=self.local_s3_engine,
+            endpoint_url=self.remote_minio_url or None,
+            profile=self.profile or None,
+            region=self.aws_app_region,
+        )
 
 
 @dataclass(frozen=True)
@@ -51,7 +92,7 @@ class RunRecord:
         message: Why the run ended.
         remedy: What to do about it.
         workers: Its processes.
-        storage: Settings that led to its bucket, by the name of their field.
+        storage: What led to its bucket; None in the record of a version that did not keep it.
     """
 
     run_id: int
@@ -68,11 +109,16 @@ class RunRecord:
     message: str = ""
     remedy: str = ""
     workers: list[WorkerRecord] = field(default_factory=list)
-    storage: dict[str, str] = field(default_factory=dict)
+    storage: StorageRecord | None = None
 
-    def settings(self, now: Settings) -> Settings:
-        """The settings of now, with those that the model and its bucket had at the start."""
-        return now.replaced(**self.storage, model_prefix=self.prefix)
+    def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
+        """Where the bucket of the run is, whatever the settings say now.
+
+        Args:
+            now: As the settings say now.
+            directory: The racer's working folder.
+        """
+        return now if self.storage is None else self.storage.config(now, directory)
 
     @property
     def alive(self) -> bool:
@@ -105,11 +151,11 @@ class RunRecord:
         )
 
 
-def storage_of(settings: Settings) -> dict[str, str]:
-    """What leads to the bucket of some settings."""
-    return {name: str(getattr(settings, name)) for name in _STORAGE}
+def run_folder(directory: Path, run_id: int) -> Path:
+    """Where this machine keeps what it knows of a run.
 
-
-def run_folder(settings: Settings, directory: Path) -> Path:
-    """Where this machine keeps what it knows of the run."""
-    return directory / "data" / "runs" / str(settings.run_id)
+    Args:
+        directory: The racer's working folder.
+        run_id: DR_RUN_ID.
+    """
+    return directory / "data" / "runs" / str(run_id)

@@ -7,7 +7,7 @@ from pathlib import Path
 from shlex import quote
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import CustomFilesConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -43,15 +43,14 @@ class Inputs:
     metadata: InputFile
 
 
-def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str, InputFile]:
+def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFile]:
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
     The shipped examples are only used when there is no file at all: one file missing among
     others is a mistake.
 
     Args:
-        settings: Say where they are.
-        directory: The racer's working folder.
+        config: Where they are.
         bucket: None where it cannot be read.
 
     Returns:
@@ -60,10 +59,9 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
     """
-    local = custom_files_folder(settings, directory)
     found: dict[str, InputFile] = {}
-    for name, key in places(settings).items():
-        path = local / name
+    for name, key in places(config).items():
+        path = config.folder / name
         data = _content(path)
         if data is not None:
             found[name] = InputFile(name, data, str(path))
@@ -74,24 +72,24 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
                 continue
     if found or bucket is None:
         return found
-    shipped = {name: shipped_file(name) for name in places(settings)}
+    shipped = {name: shipped_file(name) for name in places(config)}
     return {name: InputFile(name, path.read_bytes(), str(path)) for name, path in shipped.items()}
 
 
-def places(settings: Settings) -> dict[str, str]:
+def places(config: CustomFilesConfig) -> dict[str, str]:
     """Where the three files lie in the bucket, by file name."""
     return {
-        keys.REWARD_FUNCTION_FILE: settings.reward_key,
-        keys.HYPERPARAMETERS_FILE: settings.hyperparameters_key,
-        keys.MODEL_METADATA_FILE: settings.model_metadata_key,
+        keys.REWARD_FUNCTION_FILE: config.reward_key,
+        keys.HYPERPARAMETERS_FILE: config.hyperparameters_key,
+        keys.MODEL_METADATA_FILE: config.metadata_key,
     }
 
 
 def missing_files(
-    found: Mapping[str, InputFile], settings: Settings, directory: Path, bucket: str
+    found: Mapping[str, InputFile], config: CustomFilesConfig, bucket: str
 ) -> list[Problem]:
     """A problem for each of the three files that does not exist."""
-    local = custom_files_folder(settings, directory)
+    local = config.folder
     return [
         Problem(
             FILE_RULES[name],
@@ -101,31 +99,21 @@ def missing_files(
             f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
             f"Put your {name} into {local}; an example is {shipped_file(name)}.",
         )
-        for name, key in places(settings).items()
+        for name, key in places(config).items()
         if name not in found
     ]
 
 
-def upload_custom_files(
-    settings: Settings, directory: Path, bucket: Bucket, inputs: Inputs
-) -> None:
+def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
     """Copy the racer's local files to where the bucket keeps them for the next start."""
-    local = custom_files_folder(settings, directory)
     places = (
-        (inputs.reward, settings.reward_key),
-        (inputs.hyperparameters, settings.hyperparameters_key),
-        (inputs.metadata, settings.model_metadata_key),
+        (inputs.reward, config.reward_key),
+        (inputs.hyperparameters, config.hyperparameters_key),
+        (inputs.metadata, config.metadata_key),
     )
     for file, key in places:
-        if Path(file.origin).parent == local:
+        if Path(file.origin).parent == config.folder:
             bucket.put(key, file.data)
-
-
-def custom_files_folder(settings: Settings, directory: Path) -> Path:
-    """Where the racer's own files lie: an experiment has its own."""
-    if settings.experiment_name:
-        return directory / "experiments" / settings.experiment_name / "custom_files"
-    return directory / "custom_files"
 
 
 def shipped_file(name: str) -> Path:

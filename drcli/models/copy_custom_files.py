@@ -12,7 +12,6 @@ from typing import NoReturn
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -131,9 +130,9 @@ def write_file(path: Path, data: bytes) -> bool:
 
 
 def _ends(settings: Settings, directory: Path) -> tuple[Path, Bucket, str]:
-    bucket = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+    bucket = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     place = f"s3://{bucket.name}/{settings.custom_files_prefix}"
-    return custom_files_folder(settings, directory), bucket, place
+    return settings.custom_files_dir, bucket, place
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.models.checkpoint_files import SHAPING
 from drcli.models.copy_custom_files import write_file
 from drcli.models.copy_objects import Fetcher, Source, check_weights, list_whole
@@ -94,7 +93,7 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, directory, options, patience_s=PLAN_PATIENCE_S)
     listed = list_whole(source)
-    here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
     refuse_nesting(here, options.prefix, settings, flag="-t")
@@ -121,7 +120,7 @@ def download(
     """
     options = planned.options
     source = _source(settings, directory, options, patience_s=COPY_PATIENCE_S)
-    here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     listed = list_whole(source)
     delivery = Delivery(here, options.prefix, lambda more: None)
     report = DownloadReport(
@@ -201,7 +200,7 @@ def _write_custom_files(
     """Give the racer the three files that the model was made of."""
     if not options.custom_files:
         return []
-    folder = custom_files_folder(settings, directory)
+    folder = settings.custom_files_dir
     origins = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(options.prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(options.prefix),

@@ -40,7 +40,7 @@ def look_after(
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
-    model = Model.of(settings, bucket, prefix)
+    model = Model.of(settings.model, bucket, prefix)
     told = repair_all(model, missing=missing) if may_write and not trained else damages(model)
     for sentence in told:
         notices.warn(sentence)

@@ -10,11 +10,11 @@ from drcli.base.problems import shown
 from drcli.config.settings import Settings
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket, open_upload_bucket, running_endpoint
+from drcli.store.connect import open_bucket, open_running_bucket, open_upload_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.model_prefix import contains
-from drcli.store.open_running import open_running_bucket
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 PLAN_PATIENCE_S = 5.0
 """How long a server may be silent while somebody waits for the first word."""
@@ -47,13 +47,13 @@ def target_bucket(
         StorageError: It cannot be reached.
     """
     if local:
-        return open_bucket(settings, directory, patience_s=patience_s)
+        return open_bucket(settings.storage, patience_s=patience_s)
     if settings.upload_s3_bucket in ("", UNDEFINED):
         raise SettingsError(
             "No upload bucket defined. Exiting.",
             remedy=f"Set DR_UPLOAD_S3_BUCKET in system.env{f', {otherwise}' if otherwise else ''}.",
         )
-    return open_upload_bucket(settings, patience_s=patience_s)
+    return open_upload_bucket(settings.upload, patience_s=patience_s)
 
 
 def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> Bucket:
@@ -64,7 +64,7 @@ def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> B
         StorageError: It cannot be reached.
     """
     if not upload:
-        found = open_running_bucket(settings, directory)
+        found = open_running_bucket(settings.storage)
         if found is not None:
             return found
     return target_bucket(
@@ -81,10 +81,13 @@ def source_bucket(
 ) -> Bucket:
     """A bucket to download from: on the server of uploads, or on our own."""
     if local:
-        own = running_endpoint(settings, directory)
+        own = server.ensure_running(settings.storage)
         return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
     return open_upload_bucket(
-        settings, name=name, names=replace(UPLOADS, bucket="-s", prefix="-s"), patience_s=patience_s
+        settings.upload,
+        name=name,
+        names=replace(UPLOADS, bucket="-s", prefix="-s"),
+        patience_s=patience_s,
     )
 
 

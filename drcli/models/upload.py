@@ -116,7 +116,7 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
         patience_s=PLAN_PATIENCE_S,
         otherwise="or upload into the local bucket with -L",
     )
-    here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     look_after(settings, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings, here, source)
     chosen = choose(here, source, options.choice)
@@ -138,7 +138,7 @@ def upload(
         DrError: It could not be finished; the target has its old checkpoint then, or none.
     """
     options = planned.options
-    here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     there = target_bucket(settings, directory, local=options.local, patience_s=COPY_PATIENCE_S)
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)

@@ -113,6 +113,6 @@ def _count(settings: Settings, directory: Path) -> int:
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
-        here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+        here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
         refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
     return len(there.list(keys.folder(prefix)))

@@ -1,14 +1,14 @@
 """Where bucket, model and files are found: as s3:// names, on the web, and on this disk."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
+from drcli.config.run_config import StorageConfig
 from drcli.config.settings import Settings
 from drcli.store import keys
-from drcli.store.connect import known_endpoint
 from drcli.store.endpoint import Endpoint
+from drcli.store.server import server
 
 PlaceName = Literal["bucket", "model", "custom-files", "metrics"]
 
@@ -49,15 +49,14 @@ class Addresses:
     places: list[Place]
 
 
-def addresses(settings: Settings, directory: Path, names: list[PlaceName]) -> Addresses:
+def addresses(settings: Settings, names: list[PlaceName]) -> Addresses:
     """Look up addresses; starts and asks no server.
 
     Args:
         settings: Say where everything is.
-        directory: The racer's working folder.
         names: What is wanted.
     """
-    endpoint = known_endpoint(settings, directory)
+    endpoint = server.last_known(settings.storage)
     prefixes: dict[PlaceName, str] = {
         "bucket": "",
         "model": keys.folder(settings.model_prefix),
@@ -76,7 +75,7 @@ def addresses(settings: Settings, directory: Path, names: list[PlaceName]) -> Ad
                 name,
                 f"s3://{settings.bucket}/{prefixes[name]}",
                 None if endpoint is None else _http(endpoint, settings.bucket, prefixes[name]),
-                _folder(settings, directory, prefixes[name]),
+                _folder(settings.storage, prefixes[name]),
             )
             for name in names
         ],
@@ -94,8 +93,8 @@ def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
     return f"{endpoint.place.rstrip('/')}/{bucket}/{quote(prefix)}"
 
 
-def _folder(settings: Settings, directory: Path, prefix: str) -> str | None:
+def _folder(storage: StorageConfig, prefix: str) -> str | None:
     """Where objects lie as plain files, as rclone keeps them; others have formats of their own."""
-    if settings.cloud != "local" or settings.local_s3_engine != "rclone":
+    if storage.cloud != "local" or storage.engine != "rclone":
         return None
-    return str(directory / settings.s3_data_dir / settings.bucket / prefix)
+    return str(storage.data_dir / storage.bucket / prefix)

@@ -42,12 +42,12 @@ class EvaluationPlan:
     @property
     def simtrace(self) -> str:
         """Key of the model's trace."""
-        return keys.evaluation_trace(self.job.settings.model_prefix, self.stamp)
+        return keys.evaluation_trace(self.job.config.model.prefix, self.stamp)
 
     @property
     def metrics(self) -> str:
         """Key of the model's metrics."""
-        return keys.evaluation_metrics(self.job.settings.metrics_prefix, self.stamp)
+        return keys.evaluation_metrics(self.job.config.model.metrics_prefix, self.stamp)
 
 
 def prepare_evaluation(
@@ -56,12 +56,11 @@ def prepare_evaluation(
     clone: bool = False,
     seed: int | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
-    directory: Path | None = None,
 ) -> EvaluationPlan:
     """Find the checkpoints and describe the evaluation in the bucket, before a process starts."""
-    directory = (directory or Path.cwd()).absolute()
+    directory = settings.directory
     refuse_unsupported(settings, "evaluation")
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     look_after(settings, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
@@ -88,8 +87,7 @@ def prepare_evaluation(
             ),
         )
     job = Job(
-        settings=settings,
-        directory=directory,
+        config=settings.run,
         session=secrets.token_hex(6),
         seed=seed if seed is not None else settings.train_seed or 0,
         until_laps=None,
@@ -112,7 +110,7 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
     """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    scores, _ = readable_scores(Model.of(settings, bucket, prefix))
+    scores, _ = readable_scores(Model.of(settings.model, bucket, prefix))
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",

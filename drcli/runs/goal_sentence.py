@@ -6,7 +6,7 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 
 def ending(job: Job, parameters: Hyperparameters) -> str:
     """Everything that ends a training by itself, and the command that ends it at any time."""
-    settings = job.settings
+    settings = job.config.train
     ways = []
     if job.until_laps is not None:
         ways.append(

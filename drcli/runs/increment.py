@@ -76,7 +76,7 @@ def plan_increment(
     Raises:
         DrError: The first thing that is wrong.
     """
-    refuse_second_run(settings, run_folder(settings, directory))
+    refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
     refuse_stronger_values(settings, (MODEL, PRETRAINED, PRETRAINED_PREFIX))
     before = settings.model_prefix
     if prefix is not None:
@@ -86,7 +86,7 @@ def plan_increment(
     _refuse_nested(before, after)
     _refuse_left_behind(settings, directory, after)
 
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     look_after(settings, bucket, before)
     checkpoint, place = settings.pretrained_checkpoint, settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
@@ -114,7 +114,7 @@ def make_increment(planned: PlannedIncrement, settings: Settings, directory: Pat
     """
     planned.edit.check()
     if planned.step.wipes:
-        wipe(open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S), planned.step.after)
+        wipe(open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S), planned.step.after)
     planned.edit.make()
 
 

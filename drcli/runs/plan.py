@@ -4,7 +4,7 @@ import os
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from drcli.base.file_lock import only_writer
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
+from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
@@ -81,7 +82,7 @@ class RunPlan:
     wiped: bool = False
 
 
-def prepare(settings: Settings, options: StartOptions, directory: Path | None = None) -> RunPlan:
+def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     """Check everything and freeze the inputs in the bucket, before a process starts.
 
     The model prefix belongs to the job's session from then on, so that a start which comes second
@@ -90,22 +91,21 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     Args:
         settings: Checked in themselves.
         options: From the command line.
-        directory: The racer's working folder; the current one if left out.
 
     Raises:
         SettingsError: Something is wrong; the message has a line for each finding.
         StorageError: The bucket cannot be used.
     """
-    directory = (directory or Path.cwd()).absolute()
+    directory = settings.directory
     if options.wipe and options.resume:
         raise SettingsError(
             "-w wipes the model and --resume continues it: both at once make no sense.",
             remedy="Choose one of them.",
         )
     refuse_unsupported(settings, "training")
-    folder = run_folder(settings, directory)
-    refuse_second_run(settings, folder)
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    folder = run_folder(directory, settings.run_id)
+    refuse_second_run(settings.run_id, folder)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe()
     lease.refuse_other_owner(bucket, settings.model_prefix)
 
@@ -117,15 +117,14 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
             remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
         )
     if options.resume:
-        for sentence in repair_all(Model.of(settings, bucket, prefix)):
+        for sentence in repair_all(Model.of(settings.model, bucket, prefix)):
             notices.warn(
                 sentence
             )  # now: what is told with the plan is lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
-        settings=settings,
-        directory=directory,
+        config=settings.run,
         session=secrets.token_hex(6),
         seed=_seed(settings, options, before),
         until_laps=options.until_laps,
@@ -133,9 +132,11 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         folder=folder,
         launcher_pid=os.getpid(),
     )
+    custom = settings.custom_files
     examined = examine(
+        settings,
         job,
-        find(_resumed(settings) if options.resume else settings, directory, bucket),
+        find(_resumed(custom, prefix) if options.resume else custom, bucket),
         bucket,
         Plans(options.wipe, Design.of_model(bucket, prefix) if options.resume else None),
     )
@@ -150,13 +151,13 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         wiping = options.wipe and is_used(bucket, prefix)
         if wiping:
             wipe(bucket, prefix, spared=[keys.lease(prefix)])
-        _freeze(settings, directory, bucket, inputs, design)
+        _freeze(settings, bucket, inputs, design)
         warnings += _forget_other_scores(settings, bucket, before)
         write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
         if not options.resume:
-            begin_logs(settings, directory)
+            begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)
     return RunPlan(job, inputs, warnings, going_on, ends, source, wiping)
 
@@ -168,12 +169,12 @@ def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"
         raise ProblemsError([problem])
 
 
-def refuse_second_run(settings: Settings, folder: Path) -> None:
+def refuse_second_run(run_id: int, folder: Path) -> None:
     """Refuse while a training of this run number is alive on this machine."""
     record = RunRecord.read(folder)
     if record is not None and record.alive:
         raise SettingsError(
-            f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} already "
+            f"Run {run_id} is training s3://{record.bucket}/{record.prefix} already "
             f"(process {record.pid}).",
             remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
             "another DR_LOCAL_S3_MODEL_PREFIX.",
@@ -191,12 +192,12 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
     Raises:
         SettingsError: Another start was faster.
     """
-    settings, prefix = job.settings, job.settings.model_prefix
+    prefix = job.config.model.prefix
     with only_writer(job.directory):
-        refuse_second_run(settings, job.folder)
+        refuse_second_run(job.config.run_id, job.folder)
         lease.refuse_other_owner(bucket, prefix, job.session)
         if not (options.wipe or options.resume):
-            refuse(review_prefix(settings, bucket))
+            refuse(review_prefix(prefix, bucket))
         lease.take(bucket, prefix, job.session)
     try:
         yield
@@ -206,17 +207,17 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
         raise
 
 
-def _resumed(settings: Settings) -> Settings:
-    """Settings under which files that are not in `custom_files/` come from the model itself.
+def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
+    """The same, but files that are not in `custom_files/` come from the model itself.
 
     A racer who changes a local file between stop and resume wants the change; a machine that has
     no local files goes on with what the model was started with.
     """
-    prefix = settings.model_prefix
-    return settings.replaced(
+    return replace(
+        places,
         reward_key=keys.reward_function(prefix),
         hyperparameters_key=keys.hyperparameters(prefix),
-        model_metadata_key=keys.model_metadata(prefix),
+        metadata_key=keys.model_metadata(prefix),
     )
 
 
@@ -240,12 +241,10 @@ def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
     return name, told
 
 
-def _freeze(
-    settings: Settings, directory: Path, bucket: Bucket, inputs: Inputs, design: Design
-) -> None:
+def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:
     """Put below the model prefix what the training is made of."""
     prefix = settings.model_prefix
-    upload_custom_files(settings, directory, bucket, inputs)
+    upload_custom_files(settings.custom_files, bucket, inputs)
     bucket.put(keys.reward_function(prefix), inputs.reward.data)
     bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
     parameters = design.parameters.canonical_json(design.metadata.training_algorithm)

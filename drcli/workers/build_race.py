@@ -6,7 +6,7 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.config.worlds import can_be_fetched, remedy
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -15,7 +15,9 @@ from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules
 from drsim.episode.reward import RewardFunction, load_reward_function
+from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
@@ -31,25 +33,25 @@ MAX_EPISODE_STEPS = 10_000
 """Longest episode. The reference has no limit; a car that never ends its lap teaches nothing."""
 
 
-def load_world(settings: Settings) -> Track:
+def load_world(race: RaceConfig) -> Track:
     """The track that DR_WORLD_NAME names."""
     try:
-        return load_track(settings.world_name, settings.tracks_folder)
+        return load_track(race.world_name, race.tracks_folder)
     except TrackError as error:
-        where = settings.source("DR_WORLD_NAME")
-        if can_be_fetched(settings):
+        where = race.source("DR_WORLD_NAME")
+        if can_be_fetched(race):
             raise SettingsError(
-                f"DR_WORLD_NAME={settings.world_name} ({where}) is a community track that is "
+                f"DR_WORLD_NAME={race.world_name} ({where}) is a community track that is "
                 "not installed yet.",
-                remedy=remedy(settings),
+                remedy=remedy(race),
             ) from None
         raise SettingsError(
-            f"DR_WORLD_NAME={settings.world_name:.80} ({where}): {error}",
-            remedy=remedy(settings),
+            f"DR_WORLD_NAME={race.world_name:.80} ({where}): {error}",
+            remedy=remedy(race),
         ) from None
 
 
-def race_of(s: Settings) -> Race:
+def race_of(s: RaceConfig) -> Race:
     """What is on the track beside the car, by DR_RACE_TYPE."""
     if s.race_type == "OBJECT_AVOIDANCE":
         return Race(
@@ -78,7 +80,7 @@ def race_of(s: Settings) -> Race:
     return Race(racers=2) if s.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
 
 
-def load_race(s: Settings, track: Track) -> Race:
+def load_race(s: RaceConfig, track: Track) -> Race:
     """The race of the settings, once it is sure that it fits on the track.
 
     Raises:
@@ -99,7 +101,7 @@ def load_race(s: Settings, track: Track) -> Race:
     return race
 
 
-def realism_of(s: Settings, job: Literal["training", "evaluation"]) -> Realism:
+def realism_of(s: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
     """The sim-to-real extras that act in this job."""
     if s.sim_extras_in not in ("both", job):
         return Realism()
@@ -116,11 +118,53 @@ def realism_of(s: Settings, job: Literal["training", "evaluation"]) -> Realism:
     )
 
 
-def randomize_of(s: Settings) -> Randomize:
+def randomize_of(s: RaceConfig) -> Randomize:
     """What DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
     if not s.enable_domain_randomization:
         return "nothing"
     return "textures" if s.randomize_textures else "lights"
+
+
+def build_simulation(
+    s: RaceConfig,
+    job: Literal["training", "evaluation"],
+    metadata: ModelMetadata,
+    track: Track,
+    *,
+    num_cars: int,
+    reward: RewardFunction | list[RewardFunction],
+    rules: EpisodeRules,
+    num_threads: int,
+    seed: int,
+) -> Simulation:
+    """The simulation of a worker.
+
+    Args:
+        s: The race.
+        job: Which sim-to-real extras count.
+        metadata: What the cars perceive.
+        track: The track as it is driven.
+        num_cars: How many drive at once.
+        reward: One for all, or one for each car.
+        rules: When episodes end.
+        num_threads: For physics and camera.
+        seed: Of everything random.
+
+    Raises:
+        SettingsError: There is no room for that many obstacles or bots.
+    """
+    return Simulation(
+        track,
+        num_cars=num_cars,
+        reward_function=reward,
+        rules=rules,
+        num_threads=num_threads,
+        seed=seed,
+        race=load_race(s, track),
+        sensors=sensors_of_model(metadata),
+        realism=realism_of(s, job),
+        randomize=randomize_of(s),
+    )
 
 
 def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[RewardFunction]:

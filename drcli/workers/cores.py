@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import TrainConfig
 
 OVERLAP_CORES = 4
 """From so many cores on, driving and learning go on at the same time."""
@@ -29,22 +29,22 @@ def cores(root: Path = _ROOT) -> int:
     return max(1, min([allowed, *(math.ceil(limit) for limit in _limits(root))]))
 
 
-def overlaps(settings: Settings) -> bool:
+def overlaps(train: TrainConfig) -> bool:
     """Whether the next iteration is driven while the last one is learned from."""
-    if settings.train_overlap == "auto":
+    if train.train_overlap == "auto":
         return cores() >= OVERLAP_CORES
-    return settings.train_overlap == "on"
+    return train.train_overlap == "on"
 
 
-def driving_threads(settings: Settings) -> int:
+def driving_threads(train: TrainConfig) -> int:
     """Threads of one simulation worker: all share the cores that learning leaves."""
-    mine = cores() - learning_threads(settings) if overlaps(settings) else cores()
-    return max(1, mine // settings.workers)
+    mine = cores() - learning_threads(train) if overlaps(train) else cores()
+    return max(1, mine // train.workers)
 
 
-def learning_threads(settings: Settings) -> int:
+def learning_threads(train: TrainConfig) -> int:
     """Threads of the trainer: all cores where it has them to itself, else half."""
-    return max(1, cores() // 2) if overlaps(settings) else cores()
+    return max(1, cores() // 2) if overlaps(train) else cores()
 
 
 def _limits(root: Path) -> Iterator[float]:

@@ -31,7 +31,7 @@ class Goals:
         Args:
             records: The iterations so far, oldest first.
         """
-        job, settings = self._job, self._job.settings
+        job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
             return "Training is complete: all evaluation laps of a checkpoint were completed."

@@ -105,7 +105,7 @@ class World:
 
     def planned(self, **options: Any) -> RunPlan:
         """A training that could start; its prefix is free again."""
-        plan = prepare(self.settings, StartOptions(**options), self.folder)
+        plan = prepare(self.settings, StartOptions(**options))
         lease.release(self.here, PREFIX, plan.job.session)
         return plan
 
@@ -191,7 +191,7 @@ def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.Monke
         started_at=time.time(),
         ended_at=time.time(),
         exit_code=0,
-    ).write(run_folder(settings, working_folder))
+    ).write(run_folder(working_folder, settings.run_id))
     return world
 
 
@@ -307,14 +307,14 @@ def no_bar(what: str, total: int) -> Iterator[Watch]:
 
 
 def status(world: World) -> list[str]:
-    report = inspect(world.settings, world.folder)
+    report = inspect(world.settings.run)
     assert len(report.history) == ITERATIONS
     assert report.last is not None
     return report.damaged
 
 
 def evaluate(world: World) -> list[str]:
-    plan = prepare_evaluation(world.settings, directory=world.folder)
+    plan = prepare_evaluation(world.settings)
     assert len(plan.checkpoints) == 1
     return []
 

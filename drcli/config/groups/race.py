@@ -69,14 +69,6 @@ class TrainSettings(Group):
         high=10,
         file="system.env",
     )
-    train_lanes: int = setting(
-        "DR_TRAIN_LANES",
-        0,
-        "Cars that each worker simulates side by side; 0 chooses by the processor.",
-        low=0,
-        high=256,
-        file="system.env",
-    )
     train_seed: int | None = setting(
         "DR_TRAIN_SEED",
         None,
@@ -103,36 +95,6 @@ class TrainSettings(Group):
         "",
         "GPUs of the learner; when empty, those that CUDA_VISIBLE_DEVICES allows.",
         file="system.env",
-    )
-    train_change_start_position: bool = setting(
-        "DR_TRAIN_CHANGE_START_POSITION",
-        True,
-        "Start each training episode further along the track.",
-        old_names=("DR_CHANGE_START_POSITION",),
-    )
-    train_round_robin_advance_dist: float = setting(
-        "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
-        0.05,
-        "Distance from one start to the next, as a fraction of the lap.",
-        low=0,
-        high=1,
-        old_names=("DR_TRAIN_ROUND_ROBIN_ADVANCE_DISTANCE",),
-    )
-    train_start_position_offset: float = setting(
-        "DR_TRAIN_START_POSITION_OFFSET",
-        0.0,
-        "Place of the first start, as a fraction of the lap.",
-        low=0,
-        high=1,
-    )
-    train_alternate_driving_direction: bool = setting(
-        "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
-        False,
-        "Turn round after every training episode.",
-        old_names=("DR_ALTERNATE_DRIVING_DIRECTION",),
-    )
-    train_reverse_direction: bool = setting(
-        "DR_TRAIN_REVERSE_DIRECTION", False, "Train against the track's own direction."
     )
     train_multi_config: bool = setting(
         "DR_TRAIN_MULTI_CONFIG",
@@ -183,6 +145,51 @@ class TrainSettings(Group):
     )
     train_rtf: float | None = setting(
         "DR_TRAIN_RTF", None, "Speed of the simulated clock.", low=0, ignored=_FULL_SPEED
+    )
+
+
+class EpisodeSettings(Group):
+    """How the training episodes of a worker begin, and how many it drives at once."""
+
+    title: ClassVar[str] = "Training"
+
+    train_lanes: int = setting(
+        "DR_TRAIN_LANES",
+        0,
+        "Cars that each worker simulates side by side; 0 chooses by the processor.",
+        low=0,
+        high=256,
+        file="system.env",
+    )
+    train_change_start_position: bool = setting(
+        "DR_TRAIN_CHANGE_START_POSITION",
+        True,
+        "Start each training episode further along the track.",
+        old_names=("DR_CHANGE_START_POSITION",),
+    )
+    train_round_robin_advance_dist: float = setting(
+        "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
+        0.05,
+        "Distance from one start to the next, as a fraction of the lap.",
+        low=0,
+        high=1,
+        old_names=("DR_TRAIN_ROUND_ROBIN_ADVANCE_DISTANCE",),
+    )
+    train_start_position_offset: float = setting(
+        "DR_TRAIN_START_POSITION_OFFSET",
+        0.0,
+        "Place of the first start, as a fraction of the lap.",
+        low=0,
+        high=1,
+    )
+    train_alternate_driving_direction: bool = setting(
+        "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
+        False,
+        "Turn round after every training episode.",
+        old_names=("DR_ALTERNATE_DRIVING_DIRECTION",),
+    )
+    train_reverse_direction: bool = setting(
+        "DR_TRAIN_REVERSE_DIRECTION", False, "Train against the track's own direction."
     )
 
 

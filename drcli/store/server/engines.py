@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import StorageError
-from drcli.store.endpoint import Engine
+from drcli.config.run_config import Engine
 
 LEFTOVERS = ".rclone_*"
 """What rclone leaves behind when it is killed while writing; never a whole object."""

@@ -15,7 +15,9 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
 from drcli.config import secret_environment
-from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.config.model import catalogue
+from drcli.config.run_config import StorageConfig
+from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import engines, idle, server_process
 from drcli.store.server.state import ServerState, own_file
@@ -23,9 +25,6 @@ from drcli.store.server.state import ServerState, own_file
 _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
 """How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
-
-_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
-"""How long an answer may stall before it is asked for again. No network holds up the local one."""
 
 _RELEASE_PATIENCE_S = 5.0
 """How long to wait for the port of a server that died: the kernel takes a killed process's command
@@ -40,35 +39,6 @@ _START_ATTEMPTS = 3
 
 _OLD = ("unknown protocol", "unknown flag")
 """What versions of rclone say that cannot serve S3."""
-
-
-def connect(
-    config: StorageConfig,
-    *,
-    patience_s: float = 60.0,
-    read_timeout_s: float | None = None,
-    hurried: Callable[[], bool] = lambda: False,
-) -> S3Bucket:
-    """Open the configured bucket, starting the local server where needed.
-
-    Args:
-        config: Where it is.
-        patience_s: As in S3Bucket.
-        read_timeout_s: The same; as befits the server if left out.
-        hurried: The same.
-
-    Raises:
-        StorageError: The server cannot be started or found.
-    """
-    endpoint = ensure_running(config)
-    usual_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
-    return S3Bucket(
-        endpoint,
-        config.bucket,
-        patience_s=patience_s,
-        read_timeout_s=read_timeout_s or usual_s,
-        hurried=hurried,
-    )
 
 
 def ensure_running(config: StorageConfig) -> Endpoint:
@@ -156,6 +126,16 @@ def stop(config: StorageConfig) -> bool:
         with suppress(OSError):  # a full disk; that no such process lives is seen anyway
             replace(state, pid=None, watcher=None).write(path)
     return was_running
+
+
+def stop_default(directory: Path) -> bool:
+    """End the server whose objects lie in data/s3, where the settings cannot be read.
+
+    Args:
+        directory: The racer's working folder.
+    """
+    folder = directory / catalogue()["DR_S3_DATA_DIR"].default
+    return stop(StorageConfig("local", "", folder))
 
 
 def _restart_local(config: StorageConfig) -> Endpoint:

@@ -10,7 +10,8 @@ from typing import Literal
 from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import Misfit, built, parsed
-from drcli.store.endpoint import Endpoint, Engine, StorageConfig
+from drcli.config.run_config import Engine, StorageConfig
+from drcli.store.endpoint import Endpoint
 
 
 @dataclass(frozen=True)

@@ -273,7 +273,7 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
     expected = folder.report().errors
 
     with pytest.raises(SettingsError) as refusal:
-        prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+        prepare(load_settings(folder.path, environ={}), StartOptions())
 
     said = str(refusal.value).replace(f"{folder.path}{os.sep}", "")
     assert [error.rule for error in expected] == ["V-05", "V-22", "V-41", "V-43"]
@@ -285,7 +285,7 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
     monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.reward("def reward_function(params):\n  return 1 if params['progress']==1 else 2\n")
 
-    plan = prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+    plan = prepare(load_settings(folder.path, environ={}), StartOptions())
 
     [warning] = plan.warnings
     assert "progress == 1" in warning

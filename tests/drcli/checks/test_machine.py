@@ -36,7 +36,7 @@ def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb,
     usage = SimpleNamespace(free=int(free_gb * GB))
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
 
-    found = list(review_disk(settings, settings.directory))
+    found = list(review_disk(settings.storage, settings.directory))
 
     assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
     assert all("only 1.9 GB of the disk are free" in item.message for item in found)
@@ -69,10 +69,10 @@ def test_two_full_disks_are_told_both_and_one_disk_once(settings, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free)))
     (settings.directory / settings.s3_data_dir).mkdir(parents=True)
 
-    same = list(review_disk(settings, settings.directory))
+    same = list(review_disk(settings.storage, settings.directory))
     monkeypatch.setattr(Path, "stat", lambda path, **_: SimpleNamespace(st_dev=hash(path)))
     monkeypatch.setattr(Path, "exists", lambda _: True)
-    different = list(review_disk(settings, settings.directory))
+    different = list(review_disk(settings.storage, settings.directory))
 
     assert (len(same), len(different)) == (1, 2)
 

@@ -106,8 +106,9 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
     job = Job(settings, folder.path, "abc", 0, None, None, tmp_path, os.getpid())
 
+    settings = load_settings(job.directory, environ={})
     with pytest.raises(KeyboardInterrupt):
-        examine(job, {}, None)
+        examine(settings, job, {}, None)
 
     assert ends == [True]
 

@@ -186,7 +186,7 @@ def test_while_the_model_trains_it_is_not_gone_on_from(trained, increment):
     record = RunRecord(
         0, "s", "bucket", "model-1", "oval", "running", os.getpid(), started, time.time()
     )
-    record.write(run_folder(trained.settings(), trained.folder))
+    record.write(run_folder(trained.folder, trained.settings().run_id))
 
     with pytest.raises(SettingsError, match="Run 0 is training s3://bucket/model-1 already"):
         increment()

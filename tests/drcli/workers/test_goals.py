@@ -45,8 +45,7 @@ def goals(tmp_path):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         job = Job(
-            settings=load_settings(tmp_path, environ={}),
-            directory=tmp_path,
+            config=load_settings(tmp_path, environ={}).run,
             session="s",
             seed=1,
             until_laps=until_laps,

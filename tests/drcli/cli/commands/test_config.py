@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 
 def test_values_are_lines_of_a_file_with_their_places(dr, working_folder, capsys):
@@ -95,7 +95,7 @@ def test_right_settings_pass_the_check(dr, working_folder, capsys):
 def served(working_folder):
     """The working folder, whose S3 server ends with the test."""
     yield working_folder
-    stop_default_storage(working_folder)
+    server.stop_default(working_folder)
 
 
 def test_right_settings_are_followed_by_all_other_rules(dr, served, capsys):

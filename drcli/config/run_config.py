@@ -1,0 +1,272 @@
+"""The narrow values that a run is made of; each process takes those that it needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NoReturn, Self
+
+from drcli.base.json_record import Misfit
+from drcli.base.problems import BadValue, Place, Problem
+from drcli.config.fields import Setting, declared
+from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
+from drcli.config.groups.race import (
+    EpisodeSettings,
+    EvaluationSettings,
+    RaceSettings,
+    TrainSettings,
+)
+from drcli.config.groups.realism import RealismSettings
+from drcli.config.setting_problems import setting_problem
+
+Cloud = Literal["local", "remote", "aws", "azure"]
+Engine = Literal["rclone", "minio", "moto"]
+
+
+class Part:
+    """Groups of settings as one frozen value, which can travel to another process as JSON.
+
+    Attributes:
+        declared: Its settings by DR_ name.
+    """
+
+    declared: ClassVar[Mapping[str, Setting]]
+
+    def __init_subclass__(cls) -> None:
+        cls.declared = declared(cls)
+
+    def __init__(self, **values: Any) -> None:
+        self.__dict__.update(values)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"{type(self).__name__} is frozen; change {name} with `replaced`.")
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and vars(self) == vars(other)
+
+    def __hash__(self) -> NoReturn:
+        raise TypeError(f"{type(self).__name__} holds dictionaries and cannot be hashed.")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({vars(self)})"
+
+    def replaced(self, **changes: Any) -> Self:
+        """The same with other values for some fields."""
+        return type(self)(**{**vars(self), **changes})
+
+    def to_json(self) -> dict[str, Any]:
+        """The texts that the settings files would hold, by field."""
+        return {item.field: item.text(getattr(self, item.field)) for item in self.declared.values()}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Self:
+        """What `to_json` made, every value checked.
+
+        Raises:
+            Misfit: A setting is missing, or has a value that it cannot have.
+        """
+        return cls(**_read(cls, value))
+
+
+class RaceConfig(
+    Part, RaceSettings, EpisodeSettings, ObstacleSettings, BotSettings, RealismSettings
+):
+    """What one simulation worker drives: track, race, starts of episodes, sim-to-real extras.
+
+    Attributes:
+        directory: The racer's working folder, absolute.
+        eval_reset_behind_dist: DR_EVAL_RESET_BEHIND_DIST, metres.
+        sources: Place at which each of these settings was given; defaults are absent.
+    """
+
+    directory: Path
+    eval_reset_behind_dist: float
+    sources: Mapping[str, Place]
+
+    @property
+    def tracks_folder(self) -> Path:
+        """Folder with the racer's own route files; it need not exist."""
+        return self.directory / (self.tracks_dir or "tracks")
+
+    @property
+    def untrainable(self) -> Problem | None:
+        """Why no model can be trained in this race; None where one can."""
+        if self.race_type != "HEAD_TO_MODEL":
+            return None
+        return setting_problem(
+            "DR_RACE_TYPE",
+            self.place("DR_RACE_TYPE"),
+            "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations only.",
+            "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
+        )
+
+    def place(self, name: str) -> Place:
+        """Where a DR_ setting was given; the file is `default` where nobody gave it."""
+        return self.sources.get(name, Place("default"))
+
+    def source(self, name: str) -> str:
+        """The place as text: `run.env line 7`, `environment`, `flag` or `default`."""
+        return str(self.place(name))
+
+    def to_json(self) -> dict[str, Any]:
+        """The texts by field, and the rest."""
+        rest = {
+            "directory": str(self.directory),
+            "eval_reset_behind_dist": self.eval_reset_behind_dist,
+            "sources": dict(self.sources),
+        }
+        return super().to_json() | rest
+
+    @classmethod
+    def from_json(cls, value: Any) -> Self:
+        """What `to_json` made, every value checked.
+
+        Raises:
+            Misfit: Something is missing, or has a value that it cannot have.
+        """
+        values = _read(cls, value)
+        try:
+            return cls(
+                **values,
+                directory=Path(value["directory"]),
+                eval_reset_behind_dist=float(value["eval_reset_behind_dist"]),
+                sources={name: _place(place) for name, place in value["sources"].items()},
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise Misfit(f"the race cannot be read ({error!r})") from error
+
+
+class TrainConfig(Part, TrainSettings):
+    """How to train: workers, goals, evaluations beside the training, the learner's processor."""
+
+
+class EvaluationConfig(Part, EvaluationSettings, OpponentSettings):
+    """How to evaluate, and against which model."""
+
+
+@dataclass(frozen=True)
+class StorageConfig:
+    """Where the bucket is.
+
+    Attributes:
+        cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
+            `aws` by Amazon.
+        bucket: DR_LOCAL_S3_BUCKET.
+        data_dir: Folder of the local server; objects lie under `<data_dir>/<bucket>/`.
+        engine: Program that serves `local`.
+        port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
+        endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
+        profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
+        region: DR_AWS_APP_REGION.
+        idle_minutes: DR_LOCAL_S3_IDLE_MINUTES.
+    """
+
+    cloud: Cloud
+    bucket: str
+    data_dir: Path
+    engine: Engine = "rclone"
+    port: int | None = None
+    endpoint_url: str | None = None
+    profile: str | None = None
+    region: str = "us-east-1"
+    idle_minutes: int = 10
+
+
+@dataclass(frozen=True)
+class UploadConfig:
+    """The second bucket, which models are copied to and from.
+
+    Attributes:
+        bucket: DR_UPLOAD_S3_BUCKET.
+        profile: DR_UPLOAD_S3_PROFILE.
+        endpoint_url: DR_UPLOAD_S3_ENDPOINT_URL; empty for what the profile says.
+        region: DR_AWS_APP_REGION, where the profile names none.
+    """
+
+    bucket: str
+    profile: str | None
+    endpoint_url: str
+    region: str
+
+
+@dataclass(frozen=True)
+class CustomFilesConfig:
+    """Where the racer's three files lie.
+
+    Attributes:
+        folder: On this machine.
+        reward_key: DR_LOCAL_S3_REWARD_KEY.
+        hyperparameters_key: DR_LOCAL_S3_HYPERPARAMETERS_KEY.
+        metadata_key: DR_LOCAL_S3_MODEL_METADATA_KEY.
+    """
+
+    folder: Path
+    reward_key: str
+    hyperparameters_key: str
+    metadata_key: str
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The model in the bucket.
+
+    Attributes:
+        prefix: DR_LOCAL_S3_MODEL_PREFIX.
+        metrics_prefix: DR_LOCAL_S3_METRICS_PREFIX.
+        metric: DR_TRAIN_BEST_MODEL_METRIC.
+        workers: How many simulation workers write metrics of it.
+    """
+
+    prefix: str
+    metrics_prefix: str
+    metric: str
+    workers: int
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that the processes of a training or an evaluation need to know.
+
+    Attributes:
+        run_id: DR_RUN_ID.
+        directory: The racer's working folder, absolute.
+        log_max_mb: DR_LOG_MAX_MB.
+        model: The model that is trained or evaluated.
+        storage: The bucket.
+        train: How to train.
+        evaluation: How to evaluate.
+        races: What the first worker drives, and all others that have a race of their own.
+    """
+
+    run_id: int
+    directory: Path
+    log_max_mb: int
+    model: ModelConfig
+    storage: StorageConfig
+    train: TrainConfig
+    evaluation: EvaluationConfig
+    races: tuple[RaceConfig, ...]
+
+    def race(self, worker: int = 0) -> RaceConfig:
+        """What a simulation worker drives, counted from 0."""
+        return self.races[worker if worker < len(self.races) else 0]
+
+
+def _place(value: Any) -> Place:
+    file, line = value
+    return Place(str(file), None if line is None else int(line))
+
+
+def _read(part: type[Part], value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise Misfit("a group of settings is not an object with keys")
+    found = {}
+    for item in part.declared.values():
+        field = item.field
+        text = value.get(field)
+        if not isinstance(text, str):
+            raise Misfit(f"'{field}' is missing")
+        try:
+            found[field] = item.read(text) if text or item.kind == "text" else item.default
+        except BadValue as error:
+            raise Misfit(f"'{field}' {error}") from error
+    return found
