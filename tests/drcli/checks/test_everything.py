@@ -296,7 +296,7 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
     started_s = time.monotonic()
 
     [found] = try_here(
-        load_settings(folder.path, environ={}),
+        load_settings(folder.path, environ={}).races,
         InputFile("reward_function.py", loop, "mine.py"),
         call_s=0.2,
     )
