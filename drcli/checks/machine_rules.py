@@ -9,7 +9,6 @@ import psutil
 
 from drcli.checks.check_report import Violation
 from drcli.config.run_config import StorageConfig
-from drcli.config.settings import Settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
@@ -55,10 +54,20 @@ def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Violation]:
 
 
 def review_memory(
-    settings: Settings, parameters: Hyperparameters | None, metadata: ModelMetadata | None
+    workers: int,
+    where: str,
+    parameters: Hyperparameters | None,
+    metadata: ModelMetadata | None,
 ) -> Iterator[Violation]:
-    """Room for all processes of the training."""
-    needed = settings.workers * WORKER_BYTES + TRAINER_BYTES
+    """Room for all processes of the training.
+
+    Args:
+        workers: DR_WORKERS.
+        where: Where it was set.
+        parameters: Hyperparameters, if they can be read.
+        metadata: model_metadata.json, if it can be read.
+    """
+    needed = workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
@@ -66,22 +75,21 @@ def review_memory(
         yield Violation(
             "V-50",
             "warning",
-            settings.source("DR_WORKERS"),
-            f"{_shown(free)} of memory are free, and a trainer with {settings.workers} simulation "
+            where,
+            f"{_shown(free)} of memory are free, and a trainer with {workers} simulation "
             f"workers may need {_shown(needed)}.",
             "End other programs, or lower DR_WORKERS (or sac_replay_steps).",
         )
 
 
-def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Violation]:
+def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Violation]:
     """Room on one of the GPUs that the trainer gets, where there are any.
 
     Args:
-        settings: None where they are wrong: then the environment alone says which GPUs it gets.
+        devices: DR_SAGEMAKER_CUDA_DEVICES; where it is empty, the environment says which.
         environ: Process environment.
     """
-    chosen = settings.sagemaker_cuda_devices if settings is not None else ""
-    allowed = chosen or environ.get("CUDA_VISIBLE_DEVICES")
+    allowed = devices or environ.get("CUDA_VISIBLE_DEVICES")
     free = _free_gpu_bytes(allowed)
     if free and max(free) < LEAST_GPU_BYTES:
         yield Violation(

@@ -7,7 +7,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import FindingsError
 from drcli.checks.check_report import Violation
 from drcli.checks.translation import from_error, from_findings, from_sentence
-from drcli.config.settings import Settings
+from drcli.config.run_config import PretrainedConfig
 from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
@@ -63,23 +63,22 @@ def review_rivals(prefix: str, bucket: Bucket) -> list[Violation]:
 
 
 def review_pretrained(
-    settings: Settings, bucket: Bucket, design: Design | None, *, wiping: bool
+    config: PretrainedConfig, bucket: Bucket, new: str, design: Design | None, *, wiping: bool
 ) -> TransferReview:
     """V-10 and V-35: the model to start from is there, whole, and fits.
 
     Args:
-        settings: Name it.
+        config: Names it.
         bucket: Holds it.
+        new: Prefix of the new model.
         design: Of the new model; without one there is nothing that it could fit.
         wiping: Whether what lies under the new model's prefix is going to be deleted.
     """
     try:
         if design is None:
-            prefix, place = settings.pretrained_prefix, "DR_LOCAL_S3_PRETRAINED_PREFIX"
-            written = f"{settings.source(place)}: {place}={prefix}"
-            pretrained.read_weights(bucket, prefix, settings.pretrained_checkpoint, written)
+            pretrained.read_weights(bucket, config.prefix, config.checkpoint, config.written)
             return TransferReview(None, [])
-        transfer = pretrained.find(settings, bucket, design, wiping=wiping)
+        transfer = pretrained.find(config, bucket, new, design, wiping=wiping)
     except SettingsError as error:
         rule = "V-35" if isinstance(error, FindingsError) else "V-10"
         return TransferReview(None, from_error(error, lambda _: rule))

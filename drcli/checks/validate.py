@@ -55,7 +55,8 @@ def validate(
         found += _files_alone(directory, skipped)
     else:
         found += _with_settings(reviewed, reviewed.settings, skipped, console_compatible)
-    found += review_gpu(reviewed.settings, os.environ if environ is None else environ)
+    devices = reviewed.settings.sagemaker_cuda_devices if reviewed.settings else ""
+    found += review_gpu(devices, os.environ if environ is None else environ)
     told = [_relative(item, directory) for item in found]
     errors, warnings = by_severity(told)
     notes = of_severity(told, "note")
@@ -94,7 +95,7 @@ def _with_settings(
         found = [as_console(item) for item in found]
     if parameters is not None:
         found += review_balance(settings, parameters, files[keys.HYPERPARAMETERS_FILE].origin)
-    found += review_memory(settings, parameters, metadata)
+    found += review_memory(settings.workers, settings.source("DR_WORKERS"), parameters, metadata)
     return found
 
 

@@ -26,10 +26,12 @@ from drcli.config.run_config import (
     EvaluationConfig,
     ModelConfig,
     Part,
+    PretrainedConfig,
     RaceConfig,
     RunConfig,
     StorageConfig,
     TrainConfig,
+    TransferConfig,
     UploadConfig,
 )
 
@@ -169,20 +171,22 @@ class Settings(
         )
 
     @property
-    def upload(self) -> UploadConfig:
-        """The bucket that models are copied to and from."""
-        return UploadConfig(
+    def transfer(self) -> TransferConfig:
+        """The bucket, and the one that models are copied to and from."""
+        upload = UploadConfig(
             self.upload_s3_bucket,
             self.upload_s3_profile or None,
             self.upload_s3_endpoint_url,
             self.aws_app_region,
         )
+        return TransferConfig(self.storage, upload)
 
     @property
     def custom_files(self) -> CustomFilesConfig:
         """The racer's own three files."""
         return CustomFilesConfig(
             self.custom_files_dir,
+            self.custom_files_prefix,
             self.reward_key,
             self.hyperparameters_key,
             self.model_metadata_key,
@@ -193,6 +197,19 @@ class Settings(
         """The model to train or evaluate."""
         return ModelConfig(
             self.model_prefix, self.metrics_prefix, self.train_best_model_metric, self.workers
+        )
+
+    @property
+    def pretrained_model(self) -> PretrainedConfig | None:
+        """The model whose weights a new model begins with; None for fresh weights."""
+        if not self.pretrained:
+            return None
+        name = "DR_LOCAL_S3_PRETRAINED_PREFIX"
+        return PretrainedConfig(
+            self.pretrained_prefix,
+            self.pretrained_checkpoint,
+            f"{self.source(name)}: {name}={self.pretrained_prefix}",
+            self.source("DR_LOCAL_S3_PRETRAINED_CHECKPOINT"),
         )
 
     @property

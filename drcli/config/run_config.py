@@ -182,17 +182,32 @@ class UploadConfig:
 
 
 @dataclass(frozen=True)
+class TransferConfig:
+    """The two buckets between which models are copied.
+
+    Attributes:
+        own: The one that trainings use.
+        upload: The other one.
+    """
+
+    own: StorageConfig
+    upload: UploadConfig
+
+
+@dataclass(frozen=True)
 class CustomFilesConfig:
     """Where the racer's three files lie.
 
     Attributes:
         folder: On this machine.
+        prefix: DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
         reward_key: DR_LOCAL_S3_REWARD_KEY.
         hyperparameters_key: DR_LOCAL_S3_HYPERPARAMETERS_KEY.
         metadata_key: DR_LOCAL_S3_MODEL_METADATA_KEY.
     """
 
     folder: Path
+    prefix: str
     reward_key: str
     hyperparameters_key: str
     metadata_key: str
@@ -213,6 +228,23 @@ class ModelConfig:
     metrics_prefix: str
     metric: str
     workers: int
+
+
+@dataclass(frozen=True)
+class PretrainedConfig:
+    """The model whose weights a new model begins with.
+
+    Attributes:
+        prefix: DR_LOCAL_S3_PRETRAINED_PREFIX.
+        checkpoint: DR_LOCAL_S3_PRETRAINED_CHECKPOINT.
+        written: Where and how the prefix was given, such as `run.env line 3: NAME=value`.
+        checkpoint_source: Where the checkpoint was chosen.
+    """
+
+    prefix: str
+    checkpoint: Literal["last", "best"]
+    written: str
+    checkpoint_source: str
 
 
 @dataclass(frozen=True)

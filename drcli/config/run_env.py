@@ -82,14 +82,14 @@ def file_name(settings: Settings) -> str:
     return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
-def written(settings: Settings, directory: Path, name: str) -> str | None:
+def written(settings: Settings, name: str) -> str | None:
     """The text that stands for a name in that file, maybe with `$NAME` in it; None without one."""
     file = file_name(settings)
-    entries = parse_env((directory / file).read_bytes(), file).entries
+    entries = parse_env((settings.directory / file).read_bytes(), file).entries
     return next((entry.value for entry in reversed(entries) if entry.name == name), None)
 
 
-def plan_edit(settings: Settings, directory: Path, values: Mapping[str, str]) -> Edit:
+def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
     """Work out an edit; nothing is changed yet.
 
     Raises:
@@ -97,6 +97,7 @@ def plan_edit(settings: Settings, directory: Path, values: Mapping[str, str]) ->
     """
     refuse_stronger_values(settings, values)
     name = file_name(settings)
+    directory = settings.directory
     old = (directory / name).read_bytes()
     return Edit(directory, name, old, with_values(old, values, name))
 

@@ -84,19 +84,19 @@ class DownloadReport(TransferReport):
     custom_files: list[str] = field(default_factory=list)
 
 
-def plan_download(settings: Settings, directory: Path, options: DownloadOptions) -> PlannedDownload:
+def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownload:
     """Check both ends; nothing is copied yet.
 
     Raises:
         DrError: The first thing that is wrong.
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
-    source = _source(settings, directory, options, patience_s=PLAN_PATIENCE_S)
+    source = _source(settings, options, patience_s=PLAN_PATIENCE_S)
     listed = list_whole(source)
     here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
-    refuse_nesting(here, options.prefix, settings, flag="-t")
+    refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")
     refuse_training(here, options.prefix)
     return PlannedDownload(
         options=options,
@@ -108,9 +108,7 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     )
 
 
-def download(
-    planned: PlannedDownload, settings: Settings, directory: Path, progress: Progress
-) -> DownloadReport:
+def download(planned: PlannedDownload, settings: Settings, progress: Progress) -> DownloadReport:
     """Make the download. While it lasts the copy has no index, so that nobody drives half of it.
 
     Nothing is touched before the source was found whole.
@@ -119,7 +117,7 @@ def download(
         DrError: It could not be finished; making it again fetches what is missing.
     """
     options = planned.options
-    source = _source(settings, directory, options, patience_s=COPY_PATIENCE_S)
+    source = _source(settings, options, patience_s=COPY_PATIENCE_S)
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     listed = list_whole(source)
     delivery = Delivery(here, options.prefix, lambda more: None)
@@ -139,7 +137,7 @@ def download(
         fetcher = Fetcher(source, here, options.prefix, watch)
         delivery.send(fetcher.fetch(delivery, listed))
         delivery.confirm((*SHAPING, *POINTERS))
-    look_after(settings, here, options.prefix)
+    look_after(settings.model, here, options.prefix)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.sweep("", kept)
@@ -147,7 +145,7 @@ def download(
         delivery.told(report),
         checkpoint=_last(here, options.prefix),
         strays=[] if options.wipe else delivery.strays("", kept),
-        custom_files=_write_custom_files(here, settings, directory, options),
+        custom_files=_write_custom_files(here, settings.custom_files_dir, options),
     )
 
 
@@ -172,16 +170,14 @@ def _rehearsed(
     )
 
 
-def _source(
-    settings: Settings, directory: Path, options: DownloadOptions, *, patience_s: float
-) -> Source:
+def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
     """The model that the address names.
 
     Raises:
         DrError: It is no address, or its server is not known.
     """
     name, prefix = parse_url(options.url)
-    bucket = source_bucket(settings, directory, name, local=options.local, patience_s=patience_s)
+    bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)
     command = "dr-list-models" if options.local else "dr-list-models --upload"
     if name != (settings.bucket if options.local else settings.upload_s3_bucket):
         names = SettingNames() if options.local else UPLOADS
@@ -194,13 +190,10 @@ def _last(bucket: Bucket, prefix: str) -> str:
     return "" if scores is None else scores.last_checkpoint.name
 
 
-def _write_custom_files(
-    bucket: Bucket, settings: Settings, directory: Path, options: DownloadOptions
-) -> list[str]:
+def _write_custom_files(bucket: Bucket, folder: Path, options: DownloadOptions) -> list[str]:
     """Give the racer the three files that the model was made of."""
     if not options.custom_files:
         return []
-    folder = settings.custom_files_dir
     origins = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(options.prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(options.prefix),

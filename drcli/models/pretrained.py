@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import PretrainedConfig
 from drcli.modelfiles.network_shape import Design, refuse_misfit
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -56,28 +56,29 @@ class Transfer:
         return CheckpointStore(bucket, prefix).save(0, 0, self.tensors, counters=counters)
 
 
-def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) -> Transfer:
+def find(
+    config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design, *, wiping: bool
+) -> Transfer:
     """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name, and check that they fit.
 
     Args:
-        settings: Of the new model.
+        config: Names the model that has the weights.
         bucket: Holds both models.
+        new: Prefix of the new model.
         wanted: The new model's own design.
         wiping: Whether what lies under the new model's prefix is going to be deleted.
 
     Raises:
         SettingsError: There is no such model, it has no whole checkpoint, or it does not fit.
     """
-    prefix = settings.pretrained_prefix
-    place = settings.source("DR_LOCAL_S3_PRETRAINED_PREFIX")
-    written = f"{place}: DR_LOCAL_S3_PRETRAINED_PREFIX={prefix}"
-    if wiping and contains(settings.model_prefix, prefix):
+    prefix, written = config.prefix, config.written
+    if wiping and contains(new, prefix):
         raise SettingsError(
             f"{written}: -w would delete that model, because it lies below "
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix}.",
+            f"DR_LOCAL_S3_MODEL_PREFIX={new}.",
             remedy="Choose a DR_LOCAL_S3_MODEL_PREFIX beside it.",
         )
-    source, tensors = read_weights(bucket, prefix, settings.pretrained_checkpoint, written)
+    source, tensors = read_weights(bucket, prefix, config.checkpoint, written)
     try:
         trained = Design.of_model(bucket, prefix)
     except ObjectMissing as e:
@@ -87,9 +88,9 @@ def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) ->
         ) from e
     model = f"s3://{bucket.name}/{prefix}"
     warnings = refuse_misfit(trained, wanted, model)
-    if settings.pretrained_checkpoint == "best" and source.metric is None:
+    if config.checkpoint == "best" and source.metric is None:
         warnings.append(
-            f"{settings.source('DR_LOCAL_S3_PRETRAINED_CHECKPOINT')}: no checkpoint of {model} was "
+            f"{config.checkpoint_source}: no checkpoint of {model} was "
             f"evaluated yet, so {source.name} only counts as its best for being the first."
         )
     return Transfer(source, tensors, warnings)

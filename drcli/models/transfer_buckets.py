@@ -3,11 +3,10 @@
 import re
 import uuid
 from dataclasses import replace
-from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
-from drcli.config.settings import Settings
+from drcli.config.run_config import TransferConfig
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket, open_running_bucket, open_upload_bucket
@@ -31,13 +30,12 @@ _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
 
 
 def target_bucket(
-    settings: Settings, directory: Path, *, local: bool, patience_s: float, otherwise: str = ""
+    ends: TransferConfig, *, local: bool, patience_s: float, otherwise: str = ""
 ) -> Bucket:
     """The bucket of uploads, or our own.
 
     Args:
-        settings: Say where both are.
-        directory: The racer's working folder.
+        ends: Where both are.
         local: Our own.
         patience_s: How long calls wait for a server that does not answer.
         otherwise: What else to do where there is no bucket of uploads, beginning with "or".
@@ -47,16 +45,16 @@ def target_bucket(
         StorageError: It cannot be reached.
     """
     if local:
-        return open_bucket(settings.storage, patience_s=patience_s)
-    if settings.upload_s3_bucket in ("", UNDEFINED):
+        return open_bucket(ends.own, patience_s=patience_s)
+    if ends.upload.bucket in ("", UNDEFINED):
         raise SettingsError(
             "No upload bucket defined. Exiting.",
             remedy=f"Set DR_UPLOAD_S3_BUCKET in system.env{f', {otherwise}' if otherwise else ''}.",
         )
-    return open_upload_bucket(settings.upload, patience_s=patience_s)
+    return open_upload_bucket(ends.upload, patience_s=patience_s)
 
 
-def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> Bucket:
+def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
     """Our own bucket, or that of uploads, for those who only read; the first without its server.
 
     Raises:
@@ -64,27 +62,24 @@ def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> B
         StorageError: It cannot be reached.
     """
     if not upload:
-        found = open_running_bucket(settings.storage)
+        found = open_running_bucket(ends.own)
         if found is not None:
             return found
     return target_bucket(
-        settings,
-        directory,
+        ends,
         local=not upload,
         patience_s=PLAN_PATIENCE_S,
         otherwise="or list the local bucket with `dr-list-models`",
     )
 
 
-def source_bucket(
-    settings: Settings, directory: Path, name: str, *, local: bool, patience_s: float
-) -> Bucket:
+def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: float) -> Bucket:
     """A bucket to download from: on the server of uploads, or on our own."""
     if local:
-        own = server.ensure_running(settings.storage)
+        own = server.ensure_running(ends.own)
         return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
     return open_upload_bucket(
-        settings.upload,
+        ends.upload,
         name=name,
         names=replace(UPLOADS, bucket="-s", prefix="-s"),
         patience_s=patience_s,
@@ -153,22 +148,21 @@ def refuse_overlap(
     )
 
 
-def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings, *, flag: str) -> None:
+def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
     """Refuse a copy in our own bucket that lies inside something else, or around it.
 
     Args:
         bucket: Our own.
         prefix: Of the copy.
-        settings: Name the racer's own files.
+        custom_files: DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
         flag: Chooses the prefix.
 
     Raises:
         SettingsError: It would share a folder with another model or with the racer's own files.
     """
-    own = settings.custom_files_prefix
-    if contains(own, prefix) or contains(prefix, own):
+    if contains(custom_files, prefix) or contains(prefix, custom_files):
         raise SettingsError(
-            f"{prefix} is not beside {own}, which holds your own files "
+            f"{prefix} is not beside {custom_files}, which holds your own files "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
             remedy=f"Choose another prefix with {flag}.",
         )

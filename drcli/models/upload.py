@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from drcli.config.settings import Settings
 from drcli.models.checkpoint_choice import (
@@ -99,7 +98,7 @@ class UploadReport(TransferReport):
     older_bytes: int = 0
 
 
-def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> PlannedUpload:
+def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     """Choose the checkpoint and check both ends; nothing is copied yet.
 
     Raises:
@@ -110,28 +109,25 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
     if options.to:
         target = checked_prefix(options.to, "--to")
     there = target_bucket(
-        settings,
-        directory,
+        settings.transfer,
         local=options.local,
         patience_s=PLAN_PATIENCE_S,
         otherwise="or upload into the local bucket with -L",
     )
     here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
-    look_after(settings, here, source, may_write=not options.dry_run)
+    look_after(settings.model, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings, here, source)
     chosen = choose(here, source, options.choice)
     there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
-        refuse_nesting(there, target, settings, flag="--to")
+        refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
     refuse_training(there, target)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
     return PlannedUpload(options, chosen, source, target, *places)
 
 
-def upload(
-    planned: PlannedUpload, settings: Settings, directory: Path, progress: Progress
-) -> UploadReport:
+def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> UploadReport:
     """Make the upload.
 
     Raises:
@@ -139,7 +135,7 @@ def upload(
     """
     options = planned.options
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
-    there = target_bucket(settings, directory, local=options.local, patience_s=COPY_PATIENCE_S)
+    there = target_bucket(settings.transfer, local=options.local, patience_s=COPY_PATIENCE_S)
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
     shared = read_companions(settings, here, planned.source, place)

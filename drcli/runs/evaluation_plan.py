@@ -61,7 +61,7 @@ def prepare_evaluation(
     directory = settings.directory
     refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings, bucket, settings.model_prefix, missing=True)
+    look_after(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     if clone:
@@ -70,7 +70,7 @@ def prepare_evaluation(
     checkpoints = [_choose(settings, bucket, settings.model_prefix)]
     if settings.race_type == "HEAD_TO_MODEL":
         rival = settings.eval_opp_s3_model_prefix
-        look_after(settings, bucket, rival, missing=True)
+        look_after(settings.model, bucket, rival, missing=True)
         _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         checkpoints.append(_choose(settings, bucket, rival))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")

@@ -168,7 +168,9 @@ def _bucket_state(settings: Settings) -> BucketState:
 
 def _newest_on_disk(settings: Settings) -> str | None:
     """Newest checkpoint in the folder of a stopped server, "" for none, None if nobody tells."""
-    [place] = addresses(settings, ["model"]).places
+    [place] = addresses(
+        settings.storage, settings.model, settings.custom_files_prefix, ["model"]
+    ).places
     if place.folder is None:
         return None
     prefix = settings.model_prefix

@@ -1,7 +1,7 @@
 """`dr upload-custom-files` and `dr download-custom-files`."""
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def upload_custom_files(as_json: AsJson = False) -> None:
@@ -15,7 +15,8 @@ def upload_custom_files(as_json: AsJson = False) -> None:
     from drcli.cli.views import models_view
     from drcli.models import copy_custom_files
 
-    report = copy_custom_files.upload_custom_files(settings(), working_folder(), console.say)
+    loaded = settings()
+    report = copy_custom_files.upload_custom_files(loaded.custom_files, loaded.storage, console.say)
     for name in report.refused:
         console.warn(f"{report.folder}/{name} is left out: its name is no UTF-8.")
     console.emit(report, models_view.custom_files(report, up=True), as_json=as_json)
@@ -32,7 +33,10 @@ def download_custom_files(as_json: AsJson = False) -> None:
     from drcli.cli.views import models_view
     from drcli.models import copy_custom_files
 
-    report = copy_custom_files.download_custom_files(settings(), working_folder(), console.say)
+    loaded = settings()
+    report = copy_custom_files.download_custom_files(
+        loaded.custom_files, loaded.storage, console.say
+    )
     for name in report.refused:
         console.warn(f"{report.place}/{name} would lie outside {report.folder} and is left out.")
     if not report.copied and not report.unchanged:

@@ -6,7 +6,7 @@ import typer
 
 from drcli.cli.increment_dialog import announce, finish
 from drcli.cli.options import AsJson, Delimiter, Force
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def increment_training(
@@ -31,13 +31,13 @@ def increment_training(
     from drcli.cli.views import training_view
     from drcli.runs.increment import make_increment, plan_increment
 
-    loaded, folder = settings(), working_folder()
-    planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
+    loaded = settings()
+    planned = plan_increment(loaded, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
     announce(step.file, step.before, step.after)
     prompts.agree("Are you sure?", yes=force)
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
-    make_increment(planned, loaded, folder)
+    make_increment(planned, loaded.storage)
     console.emit(step, training_view.increment(step), as_json=as_json)
     finish(step.file, step.backup, ("dr-start-training", "train the new model"))

@@ -6,7 +6,7 @@ import typer
 
 from drcli.cli.increment_dialog import announce, finish
 from drcli.cli.options import AsJson, Delimiter, Force
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def increment_upload_model(
@@ -30,16 +30,13 @@ def increment_upload_model(
     from drcli.cli.views import models_view
     from drcli.models.upload_prefix import make_upload_increment, plan_upload_increment
 
-    folder = working_folder()
-    planned = plan_upload_increment(
-        settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
-    )
+    planned = plan_upload_increment(settings(), prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
     announce(step.file, step.before, step.after)
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
         console.warn(f"{models_view.files(step.wiped)} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
-    make_upload_increment(planned, folder)
+    make_upload_increment(planned)
     console.emit(step, models_view.upload_increment(step), as_json=as_json)
     finish(step.file, step.backup, ("dr-upload-model", "upload the model there"))

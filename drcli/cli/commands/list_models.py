@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli.options import AsJson
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 _Pattern = Annotated[
     str, typer.Argument(metavar="[PATTERN]", help="Part of a name, or all of it with * and ?.")
@@ -42,7 +42,7 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     from drcli.models.model_list import list_models as find
     from drcli.models.transfer_buckets import bucket_to_look_at
 
-    bucket = bucket_to_look_at(settings(), working_folder(), upload=upload)
+    bucket = bucket_to_look_at(settings().transfer, upload=upload)
     with console.waiting(f"Looking through s3://{bucket.name} ..."):
         found = find(bucket, pattern)
     for sentence in (sentence for model in found.models for sentence in model.damaged):

@@ -41,7 +41,8 @@ def url(
 
     every: list[PlaceName] = ["bucket", "model", "custom-files", "metrics"]
     names = [name for name in every if what in (What.all, name)]
-    report = addresses(settings(), names)
+    loaded = settings()
+    report = addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
     console.emit(report, everyday.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

@@ -48,7 +48,7 @@ def test_the_target_holds_one_checkpoint_and_all_that_belongs_to_it(mover, names
 def test_the_chosen_checkpoint_is_the_one_that_drives(mover, choice, line, weights):
     from drcli.models.upload import UploadOptions, plan_upload
 
-    planned = plan_upload(mover.settings(), mover.folder, UploadOptions(choice))
+    planned = plan_upload(mover.settings(), UploadOptions(choice))
     report = mover.upload(choice=choice)
 
     assert planned.chosen.line == line

@@ -50,7 +50,7 @@ def opened(files):
         text = "\n".join(("DR_UPLOAD_S3_BUCKET=uploads", *lines))
         (folder / "system.env").write_text(text)
         (folder / "run.env").write_text("DR_WORLD_NAME=reinvent_base\n")
-        return open_upload_bucket(load_settings(folder, environ={}).upload, patience_s=0)
+        return open_upload_bucket(load_settings(folder, environ={}).transfer.upload, patience_s=0)
 
     return run
 

@@ -162,7 +162,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = {"source_url": URL, "target_url": URL, "used": 0, "chosen": SimpleNamespace(line="c")}
     answer("models.upload.plan_upload", SimpleNamespace(**plan))
     answer(
-        "transfer.upload.upload",
+        "models.upload.upload",
         UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
     )
     options = SimpleNamespace(prefix="model")
