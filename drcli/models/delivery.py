@@ -6,19 +6,16 @@ interrupted delivery is finished by making it once more.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from drcli.base.errors import StorageError
 from drcli.models.checkpoint_choice import Item, missing_parts
 from drcli.models.checkpoint_files import SHAPING
-from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.store.scores import Score, read_scores, single_score
 from drcli.store.verify import Proof
-
-Report = TypeVar("Report", bound=TransferReport)
 
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 """Names of the two objects that say which checkpoint counts, in the order of writing."""
@@ -31,6 +28,34 @@ _BATCH_BYTES = 64 << 20
 
 _LOOKS = 5
 """How often two deliveries to one place may cross each other before the later one gives up."""
+
+
+@dataclass(frozen=True)
+class TransferReport:
+    """What was done.
+
+    Attributes:
+        source: The model, as an s3:// address.
+        target: The copy, the same.
+        checkpoint: Name of the checkpoint that counts; the last one of a whole model.
+        copied: Names of the objects that travelled, below the target.
+        copied_bytes: Their size.
+        unchanged: Names of those that were there already.
+        deleted: Names of those that -w deleted.
+        dry_run: Whether nothing of this was really done.
+    """
+
+    source: str
+    target: str
+    checkpoint: str
+    copied: list[str] = field(default_factory=list)
+    copied_bytes: int = 0
+    unchanged: list[str] = field(default_factory=list)
+    deleted: list[str] = field(default_factory=list)
+    dry_run: bool = False
+
+
+Report = TypeVar("Report", bound=TransferReport)
 
 
 class Delivery:

@@ -8,7 +8,7 @@ from drcli.config.settings import Settings
 from drcli.models.checkpoint_files import SHAPING
 from drcli.models.copy_custom_files import write_file
 from drcli.models.copy_objects import Fetcher, Source, check_weights, list_whole
-from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.delivery import POINTERS, Delivery, TransferReport
 from drcli.models.repair_model import look_after
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -20,7 +20,6 @@ from drcli.models.transfer_buckets import (
     refuse_training,
     source_bucket,
 )
-from drcli.models.transfer_report import TransferReport
 from drcli.models.upload import Progress
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing

@@ -14,7 +14,7 @@ from drcli.models.checkpoint_choice import (
     read_checkpoint,
 )
 from drcli.models.checkpoint_files import SHAPING, read_companions, refuse_incomplete
-from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.delivery import POINTERS, Delivery, TransferReport
 from drcli.models.repair_model import look_after
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -25,7 +25,6 @@ from drcli.models.transfer_buckets import (
     refuse_training,
     target_bucket,
 )
-from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
 from drcli.store.connect import open_bucket

@@ -24,7 +24,6 @@ from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.pretrained import Pretrained
 from drcli.models.repair_model import mend_all
 from drcli.models.run_metadata import read_note, take_note, write_note
-from drcli.runs.goal_sentence import ending
 from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
@@ -32,6 +31,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
+from drcli.workers.goals import ending
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
