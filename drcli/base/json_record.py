@@ -100,7 +100,7 @@ def _fitted(name: str, hint: Any, value: Any, nan: Collection[str]) -> Any:
         return value
     if hint is Path:
         return Path(_plain(name, str, value, nan))
-    if hasattr(hint, "from_json"):
+    if not dataclasses.is_dataclass(hint) and hasattr(hint, "from_json"):
         return hint.from_json(value)
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:

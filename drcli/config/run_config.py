@@ -284,7 +284,7 @@ def _read(part: type[Part], value: Any) -> dict[str, Any]:
         field = item.field
         text = value.get(field)
         if not isinstance(text, str):
-            raise Misfit(f"'{field}' is missing")
+            raise Misfit(f"'{field}' is {'not a text' if field in value else 'missing'}")
         try:
             found[field] = item.read(text) if text or item.kind == "text" else item.default
         except UnfitError as error:
