@@ -45,7 +45,7 @@ class Edit:
         return self.path.with_name(f"{self.path.name}.bak")
 
     def check(self) -> None:
-        """Refuse when somebody else has changed the file since it was looked at.
+        """Refuse if the file has been changed since it was read.
 
         Raises:
             SettingsError: They have.

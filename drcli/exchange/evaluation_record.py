@@ -1,4 +1,4 @@
-"""The notes that running evaluations leave on this machine, so that another shell can end them."""
+"""Records of running evaluations on this machine, so that another shell can stop them."""
 
 import shutil
 from dataclasses import asdict, dataclass
@@ -46,12 +46,12 @@ class EvaluationRecord:
         return is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Put the note down in one step, so that a reader never sees half of it."""
+        """Write the record in one step, so that a reader never sees half of it."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
-        """The note in the folder of an evaluation; None where there is none, or it is damaged."""
+        """The record in the folder of an evaluation; None if there is none or it is damaged."""
         try:
             return built(EvaluationRecord, read_json(folder / _FILE))
         except Misfit:  # there is no such file (yet, or any more), or something else in it
@@ -89,7 +89,7 @@ def running_evaluations(directory: Path, run_id: int | None = None) -> list[Eval
 
 
 def sweep(directory: Path, run_id: int) -> None:
-    """Remove what evaluations left behind that were killed."""
+    """Remove the folders of evaluations that were killed."""
     for folder in _runs(directory).glob(f"{run_id}/evaluations/*"):
         record = EvaluationRecord.read(folder)
         if record is not None and not record.alive:

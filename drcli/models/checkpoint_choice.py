@@ -1,4 +1,4 @@
-"""Which checkpoint of a model is meant, and the files it is made of."""
+"""Chooses a checkpoint of a model and reads its files."""
 
 import json
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What a checkpoint needs beside its own files: reward function, parameters, metrics."""
+"""The files that belong to a checkpoint: reward function, parameters, metrics."""
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError

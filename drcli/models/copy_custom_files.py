@@ -57,7 +57,7 @@ def upload_custom_files(
     place = f"s3://{bucket.name}/{config.prefix}"
     if not folder.is_dir():
         raise SettingsError(
-            f"{folder}: there is no such folder.",
+            f"{folder}: this folder does not exist.",
             remedy="Make it and put reward_function.py, hyperparameters.json and "
             "model_metadata.json there, or let `dr init` do so.",
         )

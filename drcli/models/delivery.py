@@ -1,8 +1,8 @@
-"""Puts objects under a prefix so that whoever reads there never takes half a model for a whole.
+"""Writes a model to a prefix so that readers never see an incomplete one.
 
-What has a name of its own goes first, what is shared by all checkpoints next, the pointers last.
-Every object is proved after it was written, and one that is there already is not sent again, so an
-interrupted delivery is finished by making it once more.
+The files of the checkpoint go first, then what all checkpoints share, the pointers last. Every
+object is verified after it was written. One that is there already is not sent again, so repeating
+an interrupted delivery completes it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,13 +21,13 @@ POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 """Names of the two objects that say which checkpoint counts, in the order of writing."""
 
 _SENDINGS = 3
-"""How often an object is sent before a server that alters it is given up."""
+"""How often an object is sent to a server that alters it."""
 
 _BATCH_BYTES = 64 << 20
-"""How much is sent before it is proved, and kept in memory until then."""
+"""How much is sent before it is verified, and kept in memory until then."""
 
 _LOOKS = 5
-"""How often two deliveries to one place may cross each other before the later one gives up."""
+"""How often a delivery tries again when another one writes to the same prefix."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Delivery:
         return same
 
     def send(self, items: Iterable[Item]) -> None:
-        """Bring objects there, and prove that they are.
+        """Send objects and verify that they arrived.
 
         Raises:
             StorageError: They cannot be written, or do not arrive as they are.
@@ -155,7 +155,7 @@ class Delivery:
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
     def settle(self, score: Score, needed: Sequence[Item]) -> None:
-        """Look whether somebody else has delivered here meanwhile, and mend what that broke.
+        """Check whether another delivery to this prefix interfered, and repair what it broke.
 
         Two deliveries may cross: the index of one, the pointer of the other, and files that one
         has deleted while the other relied on them. The later index counts, as long as what it
@@ -215,7 +215,7 @@ class Delivery:
         self.copied_bytes += len(item.data)
 
     def _prove(self, sent: dict[str, bytes]) -> None:
-        """Compare what lies there with what was sent, and send again what differs."""
+        """Compare the objects there with what was sent, and send those again that differ."""
         wrong = dict(sent)
         for attempt in range(_SENDINGS + 1):
             there = self._look() if wrong else {}
@@ -250,8 +250,8 @@ class Delivery:
 
     def _crossed(self) -> StorageError:
         return StorageError(
-            f"Others keep changing s3://{self._bucket.name}/{self._prefix}.",
-            remedy="Run the command again when they are done.",
+            f"Another program keeps changing s3://{self._bucket.name}/{self._prefix}.",
+            remedy="Run the command again when that program is done.",
         )
 
     def _lacks(self, needed: Sequence[Item]) -> bool:

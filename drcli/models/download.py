@@ -36,7 +36,7 @@ class DownloadOptions:
         url: The model, as an s3:// address.
         prefix: What to call it in our bucket.
         local: The address is one on our own server.
-        wipe: Delete what lies at the prefix and is no part of the model.
+        wipe: Delete what is at the prefix and does not belong to the model.
         dry_run: Write nothing.
         custom_files: Copy the racer's three files into the folder for them as well.
     """
@@ -75,7 +75,7 @@ class DownloadReport(TransferReport):
     """What was done.
 
     Attributes:
-        strays: Names of what lies at the target and is no part of the model.
+        strays: Names of objects at the target that do not belong to the model.
         custom_files: The racer's own files that were written, by path.
     """
 
@@ -108,12 +108,12 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
 
 
 def download(planned: PlannedDownload, settings: Settings, progress: Progress) -> DownloadReport:
-    """Make the download. While it lasts the copy has no index, so that nobody drives half of it.
+    """Make the download. Until it is complete the copy has no index, so that it cannot be used.
 
     Nothing is touched before the source was found whole.
 
     Raises:
-        DrError: It could not be finished; making it again fetches what is missing.
+        DrError: It failed; the next download fetches only what is missing.
     """
     options = planned.options
     source = _source(settings, options, patience_s=COPY_PATIENCE_S)
@@ -173,7 +173,7 @@ def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) 
     """The model that the address names.
 
     Raises:
-        DrError: It is no address, or its server is not known.
+        DrError: It is not an address, or its server is unknown.
     """
     name, prefix = parse_url(options.url)
     bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)

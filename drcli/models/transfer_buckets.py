@@ -1,4 +1,4 @@
-"""The two ends of a transfer: the bucket of the settings, and the one that models are copied to."""
+"""The two buckets of a transfer, and what is refused before it starts."""
 
 import re
 import uuid
@@ -16,13 +16,13 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 PLAN_PATIENCE_S = 5.0
-"""How long a server may be silent while somebody waits for the first word."""
+"""How long a command waits for a server that does not answer, before it copies anything."""
 
 COPY_PATIENCE_S = 120.0
-"""How long it may be silent while a model travels: a bad network is given time."""
+"""How long it waits while a model is copied, which gives a bad network time to recover."""
 
 UNDEFINED = "not-defined"
-"""DR_UPLOAD_S3_BUCKET of somebody who has not chosen one. Source: the reference's template."""
+"""Value of DR_UPLOAD_S3_BUCKET for no bucket. Source: the reference's template."""
 
 _ADDRESS = SettingNames(bucket="-s", prefix="-s")
 
@@ -38,7 +38,7 @@ def target_bucket(
         ends: Where both are.
         local: Our own.
         patience_s: How long calls wait for a server that does not answer.
-        otherwise: What else to do where there is no bucket of uploads, beginning with "or".
+        otherwise: What else to do if there is no upload bucket, beginning with "or".
 
     Raises:
         SettingsError: There is none.
@@ -55,10 +55,10 @@ def target_bucket(
 
 
 def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
-    """Our own bucket, or that of uploads, for those who only read; the first without its server.
+    """Our own bucket or the upload bucket, for reading; the first without starting its server.
 
     Raises:
-        SettingsError: There is no bucket of uploads.
+        SettingsError: There is no upload bucket.
         StorageError: It cannot be reached.
     """
     if not upload:
@@ -90,13 +90,13 @@ def parse_url(url: str) -> tuple[str, str]:
     """Bucket and prefix of an address such as `s3://bucket/team/model-1`.
 
     Raises:
-        SettingsError: It is none.
+        SettingsError: It is not one.
     """
     found = _URL.fullmatch(url.strip())
     prefix = found[2].strip("/") if found else ""
     if found is None or not keys.is_valid_prefix(prefix):
         raise SettingsError(
-            f"-s '{shown(url)}' is no address of a model.",
+            f"-s '{shown(url)}' is not the address of a model.",
             remedy="Write it as s3://bucket/team/model-1.",
         )
     return found[1], prefix
@@ -106,7 +106,7 @@ def checked_prefix(prefix: str, flag: str) -> str:
     """A prefix from the command line.
 
     Raises:
-        SettingsError: No model can be called so.
+        SettingsError: It is not a valid name.
     """
     plain = prefix.rstrip("/")
     if not keys.is_valid_prefix(plain):
@@ -143,13 +143,13 @@ def refuse_overlap(
             remedy=f"Choose another prefix with {flag}.",
         )
     raise SettingsError(
-        f"{after} is not beside {before}, and wiping one would delete the other.",
+        f"{after} overlaps with {before}; wiping one would delete the other.",
         remedy=f"Choose another prefix with {flag}.",
     )
 
 
 def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
-    """Refuse a copy in our own bucket that lies inside something else, or around it.
+    """Refuse a copy in our own bucket that overlaps with something else.
 
     Args:
         bucket: Our own.
@@ -162,7 +162,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str)
     """
     if contains(custom_files, prefix) or contains(prefix, custom_files):
         raise SettingsError(
-            f"{prefix} is not beside {custom_files}, which holds your own files "
+            f"{prefix} overlaps with {custom_files}, the folder of your own files "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
             remedy=f"Choose another prefix with {flag}.",
         )
@@ -177,7 +177,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str)
     ]
     if models:
         raise SettingsError(
-            f"{prefix} is not beside the model {models[0]}, and wiping one would delete the other.",
+            f"{prefix} overlaps with the model {models[0]}; wiping one would delete the other.",
             remedy=f"Choose another prefix with {flag}.",
         )
 

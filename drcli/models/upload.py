@@ -35,7 +35,7 @@ Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a bar while its context lasts: takes what is done and how many bytes there are."""
 
 _PICKS = 5
-"""How often a checkpoint is chosen anew that a running training pruned under our hands."""
+"""How often another checkpoint is chosen because a running training has deleted the last one."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     """Make the upload.
 
     Raises:
-        DrError: It could not be finished; the target has its old checkpoint then, or none.
+        DrError: It failed; the target then has its old checkpoint, or none.
     """
     options = planned.options
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
@@ -164,7 +164,7 @@ def _deliver(
     checkpoint: list[Item],
     shared: list[Item],
 ) -> None:
-    """Data first, pointers last; what is there stays usable as long as it can."""
+    """Send data first and pointers last, so that the target stays usable as long as possible."""
     if chosen.name in _named(there, planned.target) and any(map(delivery.differs, checkpoint)):
         delivery.withdraw()  # another model's checkpoint of the same name: one of them must go
     shaping = [item for item in shared if item.name in SHAPING]
@@ -179,7 +179,7 @@ def _deliver(
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
-    """The checkpoint, which a running training may prune while it is read."""
+    """The checkpoint; a running training may delete it while it is read."""
     chosen = planned.chosen
     for attempt in range(_PICKS):
         try:

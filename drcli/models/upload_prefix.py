@@ -1,4 +1,4 @@
-"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in the run.env that counts."""
+"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in run.env."""
 
 from dataclasses import dataclass
 
@@ -109,7 +109,7 @@ def make_upload_increment(planned: PlannedUploadIncrement) -> None:
 
 
 def _count(settings: Settings) -> int:
-    """How many objects lie where the next upload goes, which must be no model of ours."""
+    """How many objects the next upload would overwrite; none may belong to our own model."""
     there = target_bucket(settings.transfer, local=False, patience_s=PLAN_PATIENCE_S)
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)

@@ -1,4 +1,4 @@
-"""Where bucket, model and files are found: as s3:// names, on the web, and on this disk."""
+"""Addresses of bucket, model and files: as s3:// names, on the web, and on this disk."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -36,7 +36,7 @@ class Addresses:
     Attributes:
         cloud: DR_CLOUD.
         endpoint: Address of the server, None where the local one was never started.
-        running: Whether the local server's process lives; None for others, which nobody asked.
+        running: Whether the local server's process runs; None for other servers.
         region: Region to sign for.
         places: What was asked for.
     """

@@ -1,4 +1,4 @@
-"""Goes on from a model under a new name: edits run.env so that the next start clones it."""
+"""Prepares training a model further under a new name: edits run.env."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Increment:
         file: The run.env that is edited.
         backup: Copy of it as it was before.
         bucket: Name of the bucket.
-        before: Prefix of the model to go on from.
+        before: Prefix of the model to continue from.
         after: Prefix of the new model.
         pretrained: The weights that the new model will begin with, as they are now.
         wipes: Whether there is something at the new prefix, to be deleted.
@@ -118,9 +118,9 @@ def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> None:
 
 def _refuse_nested(before: str, after: str) -> None:
     if contains(before, after) or contains(after, before):
-        how = "the same model as" if before == after else "not beside"
+        how = "the same model as" if before == after else "nested with"
         raise SettingsError(
-            f"{after} would be {how} {before}, and wiping one would delete the other.",
+            f"{after} would be {how} {before}; wiping one would delete the other.",
             remedy="Choose another name with -p.",
         )
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # what a start needs is loaded by a start: a stop shall be qu
     from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 5.0
-"""How long a supervisor waits for a bucket that does not answer: it is the one that mends it."""
+"""How long a supervisor waits for a bucket that does not answer, before it restarts the server."""
 
 READ_TIMEOUT_S = 5.0
 """How long it lets an answer stall."""
@@ -32,7 +32,7 @@ LOG_PATIENCE_S = 5.0
 """How long the upload of logs waits for a bucket that does not answer; it tries again later."""
 
 LEAVE_S = 15.0
-"""How long a supervisor may take to leave that was not ready in time: it may have workers by then,
+"""How long a supervisor that was not ready in time may take to exit: it may have started workers,
 and gives those ten seconds."""
 
 
@@ -44,7 +44,7 @@ def launch(plan: "RunPlan") -> int:
 
     Raises:
         SettingsError: Another start was faster.
-        WorkerDied: It ended at once, or gave no sign of life.
+        WorkerDied: It exited at once, or was not ready in time.
     """
     from drcli.runs.plan import refuse_second_run
 
@@ -56,7 +56,7 @@ def launch(plan: "RunPlan") -> int:
         time.sleep(0.05)
     if process.poll() is not None and _is_ready(plan.job):  # it was, and has ended since
         return process.pid
-    end_process(process, LEAVE_S)  # or it would train after all, when nobody expects it any more
+    end_process(process, LEAVE_S)  # or it would start to train later
     refuse_second_run(plan.job.config.run_id, plan.job.folder)
     path = log_file(plan.job.directory, plan.job.config.model.prefix, "supervisor")
     raise WorkerDied(
@@ -123,7 +123,7 @@ def supervise_job(job: "Job") -> int:
 def stop(config: RunConfig, *, wait_s: float = 30.0) -> RunReport:
     """Ask the supervisor to end the training, and wait until it has.
 
-    A second request while it is leaving kills the workers at once.
+    A second request meanwhile kills the workers at once.
     """
     record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is not None and record.alive:
@@ -141,6 +141,6 @@ def is_running(config: RunConfig) -> bool:
 
 
 def _is_ready(job: "Job") -> bool:
-    """Whether the supervisor of a job has said on this machine that it is there."""
+    """Whether the supervisor of a job has written its run record."""
     record = RunRecord.read(job.folder)
     return record is not None and record.session == job.session

@@ -1,4 +1,4 @@
-"""Profiles of the AWS files: whose keys to use, and which server and region they name."""
+"""Profiles in the AWS files: access keys, server and region."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from boto3.session import Session
 
 DEFAULT = "default"
-"""A profile that need not exist: without it the AWS library searches on, down to the role of the
-machine, which is all that a rented one has."""
+"""A profile that need not exist: without it the AWS library goes on searching, up to the role of
+the machine, which is all that a rented machine has."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,12 @@ def session_of(profile: str | None, setting: str) -> "Session":
 
 
 def lend_to_refreshes(credentials: object) -> None:
-    """Have the secrets that this process withholds at hand whenever keys that expire are renewed.
+    """Put the withheld secrets into the environment whenever temporary keys are renewed.
 
-    A container's token, a proxy with a password, a program that prints keys: they are asked again
-    from time to time, for as long as the process runs.
+    boto3 then asks again whatever issued the keys, such as a container's token or a program.
 
     Args:
-        credentials: Of boto3, which the keys of a file or of a variable never ask again.
+        credentials: Of boto3; fixed keys from a file or variable are never renewed.
     """
     fetch = getattr(credentials, "_refresh_using", None)
     if fetch is None:
@@ -107,11 +106,11 @@ def read_profile(profile: str | None, setting: str) -> Profile:
 def _no_profile(profile: str | None, setting: str) -> StorageError:
     if profile is None:
         return StorageError(
-            "There is no such profile in the AWS files as AWS_PROFILE says.",
+            "The profile named in AWS_PROFILE does not exist in the AWS files.",
             remedy=f"Correct AWS_PROFILE, or set {setting}.",
         )
     return StorageError(
-        f"There is no profile '{profile}' in the AWS files ({setting}).",
+        f"The profile '{profile}' does not exist in the AWS files ({setting}).",
         remedy=f"Create it with `aws configure --profile {profile}`, or set {setting} to "
         "another one.",
     )

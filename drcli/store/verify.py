@@ -1,4 +1,4 @@
-"""Proves that an object in a bucket is the one that was sent, with as few bytes as possible."""
+"""Checks that an object in a bucket is what was sent, without reading it where possible."""
 
 import hashlib
 from collections.abc import Sequence

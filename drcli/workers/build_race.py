@@ -1,4 +1,4 @@
-"""The track, the race and the reward function of a run, made for a worker. Needs no torch."""
+"""Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,8 @@ SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: a car may wind its way."""
 
 MAX_EPISODE_STEPS = 10_000
-"""Longest episode. The reference has no limit; a car that never ends its lap teaches nothing."""
+"""Longest episode. The reference has no limit, but a car that never completes its lap teaches
+nothing."""
 
 
 def load_world(race: RaceConfig) -> Track:
@@ -190,7 +191,7 @@ def reward_failure(error: RewardError) -> SettingsError:
         text = text.replace(str(error.file), error.file.name)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, "
+        remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
         "or start over with `-w`.",
     )
 

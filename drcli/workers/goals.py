@@ -26,7 +26,7 @@ class Goals:
         self._began_s = clock()
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is over, as one sentence; None while it goes on.
+        """Why the training is over, as one sentence; None if it is not.
 
         Args:
             records: The iterations so far, oldest first.
@@ -37,7 +37,7 @@ class Goals:
             return "Training is complete: all evaluation laps of a checkpoint were completed."
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
-            return f"Training is complete: {minutes:g} minutes are over."
+            return f"Training is complete: the time limit of {minutes:g} minutes was reached."
         for name, most in (
             ("DR_TRAIN_MAX_ITERATIONS", settings.train_max_iterations),
             ("term_cond_max_episodes", self._parameters.term_cond_max_episodes),

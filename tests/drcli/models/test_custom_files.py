@@ -144,7 +144,7 @@ def test_a_file_whose_name_is_no_text_is_refused_in_printable_words(mover, custo
 
 
 def test_without_a_folder_there_is_nothing_to_upload(mover, said):
-    with pytest.raises(SettingsError, match="custom_files: there is no such folder"):
+    with pytest.raises(SettingsError, match="custom_files: this folder does not exist"):
         upload_custom_files(mover.settings().custom_files, mover.settings().storage, said.append)
 
 

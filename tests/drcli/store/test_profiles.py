@@ -77,7 +77,7 @@ def test_the_default_profile_need_not_exist(files):
 
 def test_another_profile_must_exist(files):
     with pytest.raises(
-        StorageError, match=r"no profile 'nobody' in the AWS files \(DR_UPLOAD_S3_P"
+        StorageError, match=r"The profile 'nobody' does not exist in the AWS files \(DR_UPLOAD_S3_P"
     ):
         read_profile("nobody", "DR_UPLOAD_S3_PROFILE")
 
