@@ -22,11 +22,7 @@ Engine = Literal["rclone", "minio", "moto"]
 
 
 class Part:
-    """Groups of settings as one frozen value, which can travel to another process as JSON.
-
-    Attributes:
-        declared: Its settings by DR_ name.
-    """
+    """Groups of settings as one frozen value, which can travel to another process as JSON."""
 
     declared: ClassVar[Mapping[str, Setting]]
 
@@ -143,14 +139,10 @@ class StorageConfig:
     Attributes:
         cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
             `aws` by Amazon.
-        bucket: DR_LOCAL_S3_BUCKET.
         data_dir: Folder of the local server; objects lie under `<data_dir>/<bucket>/`.
-        engine: Program that serves `local`.
         port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
         endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
         profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
-        region: DR_AWS_APP_REGION.
-        idle_minutes: DR_LOCAL_S3_IDLE_MINUTES.
     """
 
     cloud: Cloud
@@ -169,8 +161,6 @@ class UploadConfig:
     """The second bucket, which models are copied to and from.
 
     Attributes:
-        bucket: DR_UPLOAD_S3_BUCKET.
-        profile: DR_UPLOAD_S3_PROFILE.
         endpoint_url: DR_UPLOAD_S3_ENDPOINT_URL; empty for what the profile says.
         region: DR_AWS_APP_REGION, where the profile names none.
     """
@@ -183,12 +173,7 @@ class UploadConfig:
 
 @dataclass(frozen=True)
 class TransferConfig:
-    """The two buckets between which models are copied.
-
-    Attributes:
-        own: The one that trainings use.
-        upload: The other one.
-    """
+    """The two buckets between which models are copied."""
 
     own: StorageConfig
     upload: UploadConfig
@@ -196,15 +181,7 @@ class TransferConfig:
 
 @dataclass(frozen=True)
 class CustomFilesConfig:
-    """Where the racer's three files lie.
-
-    Attributes:
-        folder: On this machine.
-        prefix: DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
-        reward_key: DR_LOCAL_S3_REWARD_KEY.
-        hyperparameters_key: DR_LOCAL_S3_HYPERPARAMETERS_KEY.
-        metadata_key: DR_LOCAL_S3_MODEL_METADATA_KEY.
-    """
+    """Where the racer's three files lie."""
 
     folder: Path
     prefix: str
@@ -215,14 +192,7 @@ class CustomFilesConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """The model in the bucket.
-
-    Attributes:
-        prefix: DR_LOCAL_S3_MODEL_PREFIX.
-        metrics_prefix: DR_LOCAL_S3_METRICS_PREFIX.
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
-        workers: How many simulation workers write metrics of it.
-    """
+    """The model in the bucket."""
 
     prefix: str
     metrics_prefix: str
@@ -252,13 +222,6 @@ class RunConfig:
     """Everything that the processes of a training or an evaluation need to know.
 
     Attributes:
-        run_id: DR_RUN_ID.
-        directory: The racer's working folder, absolute.
-        log_max_mb: DR_LOG_MAX_MB.
-        model: The model that is trained or evaluated.
-        storage: The bucket.
-        train: How to train.
-        evaluation: How to evaluate.
         races: What the first worker drives, and all others that have a race of their own.
     """
 

@@ -23,8 +23,6 @@ class Edit:
     """A file and what it will hold.
 
     Attributes:
-        directory: The racer's working folder.
-        name: The file, by its name in there.
         old: Its content when it was looked at.
         new: Its content afterwards.
     """

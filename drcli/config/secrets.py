@@ -12,12 +12,7 @@ _SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?
 
 
 def hidden(name: str, value: str) -> str:
-    """A value as it may be shown: no secret, and no password or signature in an address.
-
-    Args:
-        name: Whose value it is.
-        value: As it is set.
-    """
+    """A value as it may be shown: no secret, and no password or signature in an address."""
     if name not in catalogue() and _SECRET.search(name):
         return HIDDEN if value else ""
     if "://" not in value:

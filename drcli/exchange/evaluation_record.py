@@ -16,17 +16,11 @@ class EvaluationRecord:
     """One evaluation while it runs, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
-        run_id: DR_RUN_ID.
         stamp: Fourteen digits that name it.
-        bucket: Name of the bucket.
-        prefix: Model prefix.
-        world: DR_WORLD_NAME.
-        checkpoint: What drives.
         pid: The process that waits for its end and is to be told to stop.
         pid_started: When that process began, as `process_identity.started_s` gives it: process
             numbers are used again.
         worker_pid: The process that drives.
-        started_at: Unix seconds.
     """
 
     run_id: int
@@ -73,12 +67,7 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    """Evaluations that run in a working folder, oldest first.
-
-    Args:
-        directory: The racer's working folder.
-        run_id: Only those of one DR_RUN_ID.
-    """
+    """Evaluations that run in a working folder, oldest first."""
     of_run = "*" if run_id is None else str(run_id)
     folders = _runs(directory).glob(f"{of_run}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)

@@ -132,8 +132,6 @@ class LastWords:
     """Why a worker process ended.
 
     Attributes:
-        message: One sentence.
-        remedy: What to do about it.
         code: The exit code that the command should end with.
         final: Whether another process would end the same way.
         silent: Whether the bucket's server did not answer.

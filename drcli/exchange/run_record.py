@@ -77,21 +77,10 @@ class RunRecord:
     """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
-        run_id: DR_RUN_ID.
-        session: Unique name of the start.
-        bucket: Name of the bucket.
-        prefix: Model prefix.
-        world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
-        pid: The supervisor.
         pid_started: When that process began, as `process_identity.started_s` gives it: process
             numbers are used again.
-        started_at: Unix seconds.
-        ended_at: Unix seconds, or None.
         exit_code: Of the supervisor, when it has ended.
-        message: Why the run ended.
-        remedy: What to do about it.
-        workers: Its processes.
         storage: What led to its bucket; None in the record of a version that did not keep it.
     """
 
@@ -152,10 +141,5 @@ class RunRecord:
 
 
 def run_folder(directory: Path, run_id: int) -> Path:
-    """Where this machine keeps what it knows of a run.
-
-    Args:
-        directory: The racer's working folder.
-        run_id: DR_RUN_ID.
-    """
+    """Where this machine keeps what it knows of a run."""
     return directory / "data" / "runs" / str(run_id)

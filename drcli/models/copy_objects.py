@@ -43,8 +43,6 @@ class Source:
     """A model to be fetched.
 
     Attributes:
-        bucket: Holds it.
-        prefix: Its folder there.
         listing: The command that lists the models of that bucket.
     """
 

@@ -62,8 +62,6 @@ class Delivery:
     """One delivery to one prefix.
 
     Args:
-        bucket: Where to.
-        prefix: The model there.
         watch: Told how many bytes have travelled.
 
     Attributes:

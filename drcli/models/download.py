@@ -54,11 +54,6 @@ class PlannedDownload:
     """A download that can be made.
 
     Attributes:
-        options: As they were given, the prefix without a slash at its end.
-        source_url: Bucket and prefix of the model.
-        target_url: Bucket and prefix of the copy.
-        objects: How many there are to copy.
-        size_bytes: Of all of them.
         used: How many objects lie at the target.
     """
 

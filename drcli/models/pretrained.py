@@ -38,7 +38,6 @@ class Transfer:
     """Everything a start from another model's weights needs, read and checked.
 
     Attributes:
-        source: Where the weights are from.
         tensors: The weights, a safetensors file.
         warnings: Sentences about what is allowed and may surprise.
     """
@@ -100,12 +99,6 @@ def read_weights(
     bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], written: str
 ) -> tuple[Pretrained, bytes]:
     """The weights of a model's last or best checkpoint, whole.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        checkpoint: Which of its checkpoints.
-        written: Where and how somebody named the model, such as `run.env line 3: NAME=value`.
 
     Raises:
         SettingsError: There are none; the sentence says what is missing.

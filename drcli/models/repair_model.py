@@ -49,10 +49,6 @@ def look_after(
 def mend_all(model: Model, *, missing: bool = True) -> list[str]:
     """Put every damaged object of a model aside and rebuild it; only while nobody trains it.
 
-    Args:
-        model: Which.
-        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
-
     Returns:
         What was damaged and what became of it, a sentence each.
     """

@@ -151,12 +151,6 @@ def refuse_overlap(
 def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
     """Refuse a copy in our own bucket that overlaps with something else.
 
-    Args:
-        bucket: Our own.
-        prefix: Of the copy.
-        custom_files: DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
-        flag: Chooses the prefix.
-
     Raises:
         SettingsError: It would share a folder with another model or with the racer's own files.
     """

@@ -64,12 +64,7 @@ class PlannedUpload:
     """An upload that can be made.
 
     Attributes:
-        options: As they were given.
         chosen: The checkpoint as it was found.
-        source: Prefix of the model.
-        target: Prefix of the copy.
-        source_url: Bucket and prefix of the model.
-        target_url: The same of the copy.
     """
 
     options: UploadOptions

@@ -43,8 +43,6 @@ class PlannedUploadIncrement:
     """An increment that can be made.
 
     Attributes:
-        step: What it changes.
-        edit: The change of run.env.
         settings: As they will be.
     """
 

@@ -51,14 +51,7 @@ class Addresses:
 def addresses(
     storage: StorageConfig, model: ModelConfig, custom_files: str, names: list[PlaceName]
 ) -> Addresses:
-    """Look up addresses; starts and asks no server.
-
-    Args:
-        storage: The bucket.
-        model: The model in it.
-        custom_files: DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
-        names: What is wanted.
-    """
+    """Look up addresses; starts and asks no server."""
     endpoint = server.last_known(storage)
     prefixes: dict[PlaceName, str] = {
         "bucket": "",

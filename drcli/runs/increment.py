@@ -45,12 +45,7 @@ class Increment:
 
 @dataclass(frozen=True)
 class PlannedIncrement:
-    """An increment that can be made.
-
-    Attributes:
-        step: What it changes.
-        edit: The change of run.env.
-    """
+    """An increment that can be made."""
 
     step: Increment
     edit: Edit

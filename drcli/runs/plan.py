@@ -65,12 +65,10 @@ class RunPlan:
 
     Attributes:
         job: For the processes.
-        inputs: The racer's three files.
         warnings: Sentences about what is allowed and may surprise.
         resumes: The checkpoint to continue from, None for a new model.
         ends: What ends it, as one sentence.
         pretrained: Whose weights a new model begins with, None where they are fresh.
-        wiped: Whether a model was deleted first.
     """
 
     job: Job
@@ -87,10 +85,6 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
 
     The model prefix belongs to the job's session from then on, so that a start which comes second
     changes nothing there.
-
-    Args:
-        settings: Checked in themselves.
-        options: From the command line.
 
     Raises:
         SettingsError: Something is wrong; the message has a line for each finding.

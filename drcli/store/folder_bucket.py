@@ -18,11 +18,7 @@ from drcli.store.server.engines import LEFTOVERS
 
 
 class FolderBucket:
-    """Reads objects; refuses to write any.
-
-    Args:
-        folder: Where the server keeps the objects of the bucket.
-    """
+    """Reads objects; refuses to write any."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

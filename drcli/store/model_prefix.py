@@ -23,12 +23,6 @@ def contains(outer: str, inner: str) -> bool:
 
 
 def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
-    """Delete the model, its rollouts and the records of its runs.
-
-    Args:
-        bucket: Holds it.
-        prefix: Of the model.
-        spared: Keys of objects that stay.
-    """
+    """Delete the model, its rollouts and the records of its runs."""
     for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
         bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])

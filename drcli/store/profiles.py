@@ -17,12 +17,7 @@ the machine, which is all that a rented machine has."""
 
 @dataclass(frozen=True)
 class Profile:
-    """What the AWS files say beside the keys.
-
-    Args:
-        endpoint_url: Address of the server where it is not Amazon's.
-        region: Region to sign for.
-    """
+    """What the AWS files say beside the keys."""
 
     endpoint_url: str | None
     region: str | None
@@ -31,10 +26,6 @@ class Profile:
 @cache
 def session_of(profile: str | None, setting: str) -> "Session":
     """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse.
-
-    Args:
-        profile: None leaves the search for keys to boto3.
-        setting: Name of the setting that chose the profile.
 
     Raises:
         StorageError: The profile does not exist.
@@ -73,10 +64,6 @@ def lend_to_refreshes(credentials: object) -> None:
 
 def read_profile(profile: str | None, setting: str) -> Profile:
     """Server and region of a profile, from the environment and the AWS files.
-
-    Args:
-        profile: None for whatever the AWS library takes by itself.
-        setting: Name of the setting that chose the profile.
 
     Raises:
         StorageError: The profile does not exist, or the files cannot be read.

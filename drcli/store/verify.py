@@ -37,10 +37,6 @@ class Proof:
 
         The server's word is taken where its listing has the right etag. An encrypted object, or
         one of a server without etags, is read.
-
-        Args:
-            bucket: Holds the object.
-            info: From a listing of it, None where it is not listed.
         """
         if info is None or info.size_bytes != self.fingerprint.size_bytes:
             return False

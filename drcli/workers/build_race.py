@@ -140,17 +140,6 @@ def build_simulation(
 ) -> Simulation:
     """The simulation of a worker.
 
-    Args:
-        s: The race.
-        job: Which sim-to-real extras count.
-        metadata: What the cars perceive.
-        track: The track as it is driven.
-        num_cars: How many drive at once.
-        reward: One for all, or one for each car.
-        rules: When episodes end.
-        num_threads: For physics and camera.
-        seed: Of everything random.
-
     Raises:
         SettingsError: There is no room for that many obstacles or bots.
     """

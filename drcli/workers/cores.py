@@ -18,9 +18,6 @@ def cores(root: Path = _ROOT) -> int:
 
     Those that it may run on (`taskset`), or fewer if a container or service has a limit
     (`docker run --cpus`), which is rounded up.
-
-    Args:
-        root: The folder with `proc` and `sys`, for tests.
     """
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))

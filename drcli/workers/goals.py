@@ -26,11 +26,7 @@ class Goals:
         self._began_s = clock()
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is over, as one sentence; None if it is not.
-
-        Args:
-            records: The iterations so far, oldest first.
-        """
+        """Why the training is over, as one sentence; None if it is not."""
         job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):

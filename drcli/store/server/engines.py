@@ -18,10 +18,8 @@ class Launch:
     """How to start a server.
 
     Args:
-        command: Program and arguments.
         variables: Additions to the environment; keys travel here, not in the command, which every
             user of the machine can read.
-        folder: Where the server keeps objects.
         start_s: How long a start may take on a busy machine.
     """
 

@@ -75,9 +75,6 @@ class Watch:
     """Watches one server.
 
     Args:
-        folder: Where it keeps its buckets.
-        port: Where it listens.
-        pid: Its process.
         clock: Monotonic seconds, for tests.
     """
 

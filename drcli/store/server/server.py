@@ -129,11 +129,7 @@ def stop(config: StorageConfig) -> bool:
 
 
 def stop_default(directory: Path) -> bool:
-    """End the server whose objects lie in data/s3, where the settings cannot be read.
-
-    Args:
-        directory: The racer's working folder.
-    """
+    """End the server whose objects lie in data/s3, where the settings cannot be read."""
     folder = directory / catalogue()["DR_S3_DATA_DIR"].default
     return stop(StorageConfig("local", "", folder))
 

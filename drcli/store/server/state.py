@@ -19,10 +19,7 @@ class ServerState:
     """A server that was started here; kept in a file that its owner alone can read.
 
     Attributes:
-        engine: The program.
-        port: Where it listens.
         access_key: Made for this bucket; they stay the same from start to start.
-        secret_key: Belongs to `access_key`.
         pid: Its process; None where it was not started yet, or was stopped.
         watcher: The process that stops it when it is not used; None where none was started.
         idle_minutes: After how many minutes without use; 0 for never.
