@@ -218,7 +218,6 @@ class Settings(
         return RaceConfig(
             **self._of(RaceConfig),
             directory=self.directory,
-            eval_reset_behind_dist=self.eval_reset_behind_dist,
             sources={n: place for n, place in self.sources.items() if n in RaceConfig.declared},
         )
 

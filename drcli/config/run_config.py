@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NoReturn, Self
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import Misfit, built
 from drcli.base.problems import UnfitError
 from drcli.config.fields import Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
@@ -69,12 +69,10 @@ class RaceConfig(
 
     Attributes:
         directory: The racer's working folder, absolute.
-        eval_reset_behind_dist: DR_EVAL_RESET_BEHIND_DIST, metres.
         sources: Place at which each of these settings was given; defaults are absent.
     """
 
     directory: Path
-    eval_reset_behind_dist: float
     sources: Mapping[str, str]
 
     @property
@@ -97,13 +95,9 @@ class RaceConfig(
         return self.sources.get(name, "default")
 
     def to_json(self) -> dict[str, Any]:
-        """The texts by field, and the rest."""
-        rest = {
-            "directory": str(self.directory),
-            "eval_reset_behind_dist": self.eval_reset_behind_dist,
-            "sources": dict(self.sources),
-        }
-        return super().to_json() | rest
+        """The texts by field, the folder and the sources."""
+        folder = str(self.directory)
+        return super().to_json() | {"directory": folder, "sources": dict(self.sources)}
 
     @classmethod
     def from_json(cls, value: Any) -> Self:
@@ -112,16 +106,16 @@ class RaceConfig(
         Raises:
             Misfit: Something is missing, or has a value that it cannot have.
         """
-        values = _read(cls, value)
-        try:
-            return cls(
-                **values,
-                directory=Path(value["directory"]),
-                eval_reset_behind_dist=float(value["eval_reset_behind_dist"]),
-                sources={str(name): str(place) for name, place in value["sources"].items()},
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise Misfit(f"the race cannot be read ({error!r})") from error
+        values, rest = _read(cls, value), built(_Rest, value)
+        return cls(**values, directory=rest.directory, sources=rest.sources)
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """What a race is made of beside settings."""
+
+    directory: Path
+    sources: Mapping[str, str]
 
 
 class TrainConfig(Part, TrainSettings):

@@ -38,6 +38,12 @@ class ObstacleSettings(Group):
         (),
         "Fixed positions as progress,lane pairs; they override number and randomization.",
     )
+    eval_reset_behind_dist: float = setting(
+        "DR_EVAL_RESET_BEHIND_DIST",
+        1.0,
+        "How far behind an obstacle the car continues after a collision, metres.",
+        low=0,
+    )
 
 
 class BotSettings(Group):

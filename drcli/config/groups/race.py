@@ -236,12 +236,6 @@ class EvaluationSettings(Group):
         low=0,
         old_names=("DR_COLLISION_PENALTY",),
     )
-    eval_reset_behind_dist: float = setting(
-        "DR_EVAL_RESET_BEHIND_DIST",
-        1.0,
-        "How far behind an obstacle the car continues after a collision, metres.",
-        low=0,
-    )
     eval_checkpoint: Literal["last", "best"] = setting(
         "DR_EVAL_CHECKPOINT", "last", "Checkpoint to evaluate."
     )
