@@ -196,7 +196,12 @@ class Settings(
     def model(self) -> ModelConfig:
         """The model to train or evaluate."""
         return ModelConfig(
-            self.model_prefix, self.metrics_prefix, self.train_best_model_metric, self.workers
+            prefix=self.model_prefix,
+            metrics_prefix=self.metrics_prefix,
+            metric=self.train_best_model_metric,
+            workers=self.workers,
+            reward_key=self.reward_key,
+            parameters_file=self.training_params_file,
         )
 
     @property

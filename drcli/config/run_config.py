@@ -192,6 +192,8 @@ class ModelConfig:
     metrics_prefix: str
     metric: str
     workers: int
+    reward_key: str
+    parameters_file: str
 
 
 @dataclass(frozen=True)

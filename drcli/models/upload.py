@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 
 from drcli.config.settings import Settings
+from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.checkpoint_choice import (
     CheckpointGone,
     Choice,
@@ -13,7 +14,7 @@ from drcli.models.checkpoint_choice import (
     choose,
     read_checkpoint,
 )
-from drcli.models.checkpoint_files import SHAPING, read_companions, refuse_incomplete
+from drcli.models.checkpoint_files import SHAPING, read_model_files, refuse_incomplete
 from drcli.models.delivery import POINTERS, Delivery, TransferReport
 from drcli.models.repair_model import look_after
 from drcli.models.transfer_buckets import (
@@ -110,7 +111,7 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     )
     here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     look_after(settings.model, here, source, may_write=not options.dry_run)
-    refuse_incomplete(settings, here, source)
+    refuse_incomplete(settings.model, here, source)
     chosen = choose(here, source, options.choice)
     there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
@@ -132,7 +133,8 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     there = target_bucket(settings.transfer, local=options.local, patience_s=COPY_PATIENCE_S)
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
-    shared = read_companions(settings, here, planned.source, place)
+    described = training_parameters(settings)
+    shared = read_model_files(settings.model, here, planned.source, place, described)
     report = UploadReport(
         source=planned.source_url,
         target=planned.target_url,
