@@ -159,6 +159,11 @@ def _fitted(name: str, hint: Any, value: Any) -> Any:
             _refuse(name, value)
         items = [_fitted(name, inner[0], item) for item in value]
         return items if origin is list else tuple(items)
+    if isinstance(hint, type) and issubclass(hint, tuple):  # with names
+        kinds = _hints(hint).values()
+        if not isinstance(value, list) or len(value) != len(kinds):
+            _refuse(name, value)
+        return hint(*(_fitted(name, of, item) for of, item in zip(kinds, value, strict=True)))
     if hint is dict or (origin is not None and issubclass(origin, Mapping)):
         if not isinstance(value, dict):
             _refuse(name, value)

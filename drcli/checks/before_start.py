@@ -127,7 +127,9 @@ def _of_bucket(
         model = f"s3://{bucket.name}/{settings.model_prefix}"
         return None, [] if design is None else misfits(plans.resumed, design, model)
     found = [] if plans.wiping else review_prefix(settings.model_prefix, bucket)
-    if not settings.pretrained:
+    if settings.pretrained_model is None:
         return None, found
-    transfer, problems = review_pretrained(settings, bucket, design, wiping=plans.wiping)
+    transfer, problems = review_pretrained(
+        settings.pretrained_model, bucket, settings.model_prefix, design, wiping=plans.wiping
+    )
     return transfer, found + problems

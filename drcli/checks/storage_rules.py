@@ -4,7 +4,7 @@ import time
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import PretrainedConfig
 from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
@@ -41,13 +41,14 @@ def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
 
 
 def review_pretrained(
-    settings: Settings, bucket: Bucket, design: Design | None, *, wiping: bool
+    config: PretrainedConfig, bucket: Bucket, new: str, design: Design | None, *, wiping: bool
 ) -> tuple[Transfer | None, list[Problem]]:
     """V-10 and V-35: the model to start from exists, is whole, and fits.
 
     Args:
-        settings: Name it.
+        config: Names it.
         bucket: Holds it.
+        new: Prefix of the new model.
         design: Of the new model; None where its files are wrong.
         wiping: Whether the model under the new model's prefix is going to be deleted.
 
@@ -56,9 +57,9 @@ def review_pretrained(
     """
     try:
         if design is None:
-            pretrained.named_weights(settings, bucket)
+            pretrained.named_weights(config, bucket)
             return None, []
-        transfer = pretrained.find(settings, bucket, design, wiping=wiping)
+        transfer = pretrained.find(config, bucket, new, design, wiping=wiping)
     except ProblemsError as error:
         return None, list(error.problems)
     return transfer, transfer.warnings

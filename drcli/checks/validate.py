@@ -61,7 +61,8 @@ def validate(
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
     told = [_relative(each, directory) for each in validation.found]
-    told += review_gpu(reviewed.settings, environ)
+    devices = reviewed.settings.sagemaker_cuda_devices if reviewed.settings else ""
+    told += review_gpu(devices, environ)
     return Report(
         str(directory),
         console_compatible,
@@ -103,7 +104,9 @@ class _Validation:
         if parameters is not None:
             origin = files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin)
-        self.found += review_memory(settings, parameters, metadata)
+        self.found += review_memory(
+            settings.workers, settings.place("DR_WORKERS"), parameters, metadata
+        )
 
     def try_files_alone(self) -> None:
         """What can be said about the three files where no settings say which bucket and track."""

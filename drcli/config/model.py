@@ -27,10 +27,12 @@ from drcli.config.run_config import (
     EvaluationConfig,
     ModelConfig,
     Part,
+    PretrainedConfig,
     RaceConfig,
     RunConfig,
     StorageConfig,
     TrainConfig,
+    TransferConfig,
     UploadConfig,
 )
 
@@ -179,20 +181,22 @@ class Settings(
         )
 
     @property
-    def upload(self) -> UploadConfig:
-        """The bucket that models are copied to and from."""
-        return UploadConfig(
+    def transfer(self) -> TransferConfig:
+        """The bucket, and the one that models are copied to and from."""
+        upload = UploadConfig(
             self.upload_s3_bucket,
             self.upload_s3_profile or None,
             self.upload_s3_endpoint_url,
             self.aws_app_region,
         )
+        return TransferConfig(self.storage, upload)
 
     @property
     def custom_files(self) -> CustomFilesConfig:
         """The racer's own three files."""
         return CustomFilesConfig(
             self.custom_files_dir,
+            self.custom_files_prefix,
             self.reward_key,
             self.hyperparameters_key,
             self.model_metadata_key,
@@ -202,7 +206,24 @@ class Settings(
     def model(self) -> ModelConfig:
         """The model to train or evaluate."""
         return ModelConfig(
-            self.model_prefix, self.metrics_prefix, self.train_best_model_metric, self.workers
+            prefix=self.model_prefix,
+            metrics_prefix=self.metrics_prefix,
+            metric=self.train_best_model_metric,
+            workers=self.workers,
+            reward_key=self.reward_key,
+            parameters_file=self.training_params_file,
+        )
+
+    @property
+    def pretrained_model(self) -> PretrainedConfig | None:
+        """The model whose weights a new model begins with; None for fresh weights."""
+        if not self.pretrained:
+            return None
+        return PretrainedConfig(
+            self.pretrained_prefix,
+            self.pretrained_checkpoint,
+            self.place("DR_LOCAL_S3_PRETRAINED_PREFIX"),
+            self.place("DR_LOCAL_S3_PRETRAINED_CHECKPOINT"),
         )
 
     @property
@@ -211,7 +232,6 @@ class Settings(
         return RaceConfig(
             **self._of(RaceConfig),
             directory=self.directory,
-            eval_reset_behind_dist=self.eval_reset_behind_dist,
             sources={n: place for n, place in self.sources.items() if n in RaceConfig.declared},
         )
 

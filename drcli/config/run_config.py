@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NoReturn, Self
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import Misfit, built
 from drcli.base.problems import BadValue, Place, Problem
 from drcli.config.fields import Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
@@ -23,11 +23,7 @@ Engine = Literal["rclone", "minio", "moto"]
 
 
 class Part:
-    """Groups of settings as one frozen value, which can travel to another process as JSON.
-
-    Attributes:
-        declared: Its settings by DR_ name.
-    """
+    """Groups of settings as one frozen value, which can travel to another process as JSON."""
 
     declared: ClassVar[Mapping[str, Setting]]
 
@@ -74,12 +70,10 @@ class RaceConfig(
 
     Attributes:
         directory: The racer's working folder, absolute.
-        eval_reset_behind_dist: DR_EVAL_RESET_BEHIND_DIST, metres.
         sources: Place at which each of these settings was given; defaults are absent.
     """
 
     directory: Path
-    eval_reset_behind_dist: float
     sources: Mapping[str, Place]
 
     @property
@@ -108,13 +102,9 @@ class RaceConfig(
         return str(self.place(name))
 
     def to_json(self) -> dict[str, Any]:
-        """The texts by field, and the rest."""
-        rest = {
-            "directory": str(self.directory),
-            "eval_reset_behind_dist": self.eval_reset_behind_dist,
-            "sources": dict(self.sources),
-        }
-        return super().to_json() | rest
+        """The texts by field, the folder and the sources."""
+        folder = str(self.directory)
+        return super().to_json() | {"directory": folder, "sources": dict(self.sources)}
 
     @classmethod
     def from_json(cls, value: Any) -> Self:
@@ -123,16 +113,16 @@ class RaceConfig(
         Raises:
             Misfit: Something is missing, or has a value that it cannot have.
         """
-        values = _read(cls, value)
-        try:
-            return cls(
-                **values,
-                directory=Path(value["directory"]),
-                eval_reset_behind_dist=float(value["eval_reset_behind_dist"]),
-                sources={name: _place(place) for name, place in value["sources"].items()},
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise Misfit(f"the race cannot be read ({error!r})") from error
+        values, rest = _read(cls, value), built(_Rest, value)
+        return cls(**values, directory=rest.directory, sources=rest.sources)
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """What a race is made of beside settings."""
+
+    directory: Path
+    sources: Mapping[str, Place]
 
 
 class TrainConfig(Part, TrainSettings):
@@ -150,14 +140,10 @@ class StorageConfig:
     Attributes:
         cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
             `aws` by Amazon.
-        bucket: DR_LOCAL_S3_BUCKET.
         data_dir: Folder of the local server; objects lie under `<data_dir>/<bucket>/`.
-        engine: Program that serves `local`.
         port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
         endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
         profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
-        region: DR_AWS_APP_REGION.
-        idle_minutes: DR_LOCAL_S3_IDLE_MINUTES.
     """
 
     cloud: Cloud
@@ -176,8 +162,6 @@ class UploadConfig:
     """The second bucket, which models are copied to and from.
 
     Attributes:
-        bucket: DR_UPLOAD_S3_BUCKET.
-        profile: DR_UPLOAD_S3_PROFILE.
         endpoint_url: DR_UPLOAD_S3_ENDPOINT_URL; empty for what the profile says.
         region: DR_AWS_APP_REGION, where the profile names none.
     """
@@ -189,17 +173,19 @@ class UploadConfig:
 
 
 @dataclass(frozen=True)
-class CustomFilesConfig:
-    """Where the racer's three files lie.
+class TransferConfig:
+    """The two buckets between which models are copied."""
 
-    Attributes:
-        folder: On this machine.
-        reward_key: DR_LOCAL_S3_REWARD_KEY.
-        hyperparameters_key: DR_LOCAL_S3_HYPERPARAMETERS_KEY.
-        metadata_key: DR_LOCAL_S3_MODEL_METADATA_KEY.
-    """
+    own: StorageConfig
+    upload: UploadConfig
+
+
+@dataclass(frozen=True)
+class CustomFilesConfig:
+    """Where the racer's three files lie."""
 
     folder: Path
+    prefix: str
     reward_key: str
     hyperparameters_key: str
     metadata_key: str
@@ -207,19 +193,31 @@ class CustomFilesConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """The model in the bucket.
-
-    Attributes:
-        prefix: DR_LOCAL_S3_MODEL_PREFIX.
-        metrics_prefix: DR_LOCAL_S3_METRICS_PREFIX.
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
-        workers: How many simulation workers write metrics of it.
-    """
+    """The model in the bucket."""
 
     prefix: str
     metrics_prefix: str
     metric: str
     workers: int
+    reward_key: str
+    parameters_file: str
+
+
+@dataclass(frozen=True)
+class PretrainedConfig:
+    """The model whose weights a new model begins with.
+
+    Attributes:
+        prefix: DR_LOCAL_S3_PRETRAINED_PREFIX.
+        checkpoint: DR_LOCAL_S3_PRETRAINED_CHECKPOINT.
+        place: Where the prefix was given.
+        checkpoint_place: Where the checkpoint was chosen.
+    """
+
+    prefix: str
+    checkpoint: Literal["last", "best"]
+    place: Place
+    checkpoint_place: Place
 
 
 @dataclass(frozen=True)
@@ -227,13 +225,6 @@ class RunConfig:
     """Everything that the processes of a training or an evaluation need to know.
 
     Attributes:
-        run_id: DR_RUN_ID.
-        directory: The racer's working folder, absolute.
-        log_max_mb: DR_LOG_MAX_MB.
-        model: The model that is trained or evaluated.
-        storage: The bucket.
-        train: How to train.
-        evaluation: How to evaluate.
         races: What the first worker drives, and all others that have a race of their own.
     """
 
@@ -251,11 +242,6 @@ class RunConfig:
         return self.races[worker if worker < len(self.races) else 0]
 
 
-def _place(value: Any) -> Place:
-    file, line = value
-    return Place(str(file), None if line is None else int(line))
-
-
 def _read(part: type[Part], value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise Misfit("a group of settings is not an object with keys")
@@ -264,7 +250,7 @@ def _read(part: type[Part], value: Any) -> dict[str, Any]:
         field = item.field
         text = value.get(field)
         if not isinstance(text, str):
-            raise Misfit(f"'{field}' is missing")
+            raise Misfit(f"'{field}' is {'not a text' if field in value else 'missing'}")
         try:
             found[field] = item.read(text) if text or item.kind == "text" else item.default
         except BadValue as error:

@@ -1,4 +1,4 @@
-"""What a launcher tells its worker processes, and how they tell it why they ended."""
+"""What a launcher tells its worker processes, and what they tell it when they fail."""
 
 import json
 import os
@@ -36,7 +36,7 @@ PROCESS_TUNING = {
 """Environment of the worker processes, unless the user's own says otherwise."""
 
 LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
-"""Logs are UTF-8 in every locale, and no letter that a reward function prints ends a worker."""
+"""Logs are UTF-8 in every locale; nothing that a reward function prints can end a worker."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,6 @@ class LastWords:
     """Why a worker process ended.
 
     Attributes:
-        message: One sentence.
-        remedy: What to do about it.
         code: The exit code that the command should end with.
         final: Whether another process would end the same way.
         silent: Whether the bucket's server did not answer.

@@ -1,4 +1,4 @@
-"""The note a run leaves on this machine: who supervises it and how it is going."""
+"""The record of a run on this machine: its supervisor, its workers and its state."""
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from drcli.config.run_config import Cloud, Engine, StorageConfig
 _FILE = "run.json"
 
 State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
-"""Where a run is in its life. "lost": its supervisor ended without saying why."""
+"""State of a run. "lost": its supervisor ended without writing why."""
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
@@ -77,21 +77,10 @@ class RunRecord:
     """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
-        run_id: DR_RUN_ID.
-        session: Unique name of the start.
-        bucket: Name of the bucket.
-        prefix: Model prefix.
-        world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
-        pid: The supervisor.
         pid_started: When that process began, as `process_identity.started_s` gives it: process
             numbers are used again.
-        started_at: Unix seconds.
-        ended_at: Unix seconds, or None.
         exit_code: Of the supervisor, when it has ended.
-        message: Why the run ended.
-        remedy: What to do about it.
-        workers: Its processes.
         storage: What led to its bucket; None in the record of a version that did not keep it.
     """
 
@@ -126,12 +115,12 @@ class RunRecord:
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Replace the note in one step, so that a reader never sees half of it."""
+        """Replace the record in one step, so that a reader never sees half of it."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
-        """The note of the last start; None if nothing was started yet, or it is damaged."""
+        """The record of the last start; None if there is none or it is damaged."""
         try:
             return built(RunRecord, read_json(folder / _FILE))
         except Misfit:
@@ -140,7 +129,7 @@ class RunRecord:
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float
     ) -> "RunRecord":
-        """The note once the run is over."""
+        """The record of a run that is over."""
         return replace(
             self,
             state=state,
@@ -152,10 +141,5 @@ class RunRecord:
 
 
 def run_folder(directory: Path, run_id: int) -> Path:
-    """Where this machine keeps what it knows of a run.
-
-    Args:
-        directory: The racer's working folder.
-        run_id: DR_RUN_ID.
-    """
+    """Where this machine keeps what it knows of a run."""
     return directory / "data" / "runs" / str(run_id)

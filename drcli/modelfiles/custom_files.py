@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from shlex import quote
 
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import CustomFilesConfig
+from drcli.config.shipped import model_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -72,7 +72,7 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
                 continue
     if found or bucket is None:
         return found
-    shipped = {name: shipped_file(name) for name in places(config)}
+    shipped = {name: model_file(name) for name in places(config)}
     return {name: InputFile(name, path.read_bytes(), str(path)) for name, path in shipped.items()}
 
 
@@ -97,7 +97,7 @@ def missing_files(
             str(local),
             None,
             f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
-            f"Put your {name} into {local}; an example is {shipped_file(name)}.",
+            f"Put your {name} into {local}; an example is {model_file(name)}.",
         )
         for name, key in places(config).items()
         if name not in found
@@ -114,15 +114,6 @@ def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Input
     for file, key in places:
         if Path(file.origin).parent == config.folder:
             bucket.put(key, file.data)
-
-
-def shipped_file(name: str) -> Path:
-    """An example of ours: inside the installed package, or in a checkout's `defaults` folder."""
-    package = Path(str(resources.files("drcli")))
-    for folder in (package / "_defaults", package.parent / "defaults"):
-        if (folder / name).is_file():
-            return folder / name
-    raise FileNotFoundError(name)
 
 
 def _content(path: Path) -> bytes | None:

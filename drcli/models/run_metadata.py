@@ -33,7 +33,6 @@ class GitState:
     """Which version of some files git knows.
 
     Attributes:
-        commit: The commit that is checked out.
         dirty: Whether a file that git tracks was changed since.
     """
 

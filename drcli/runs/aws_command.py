@@ -1,4 +1,4 @@
-"""What the aws command must be told to talk to the bucket."""
+"""The arguments and variables with which the aws command reaches the bucket."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,7 @@ _COMPATIBLE = {
 }
 
 _OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
-"""What would mix somebody else's identity with the keys of our own server."""
+"""Variables that would be mixed with the keys of our own server."""
 
 
 def aws_command(

@@ -1,4 +1,4 @@
-"""Plans a stand-alone evaluation: finds the checkpoints, says in the bucket what will be driven."""
+"""Plans an evaluation: chooses the checkpoints and writes its parameter file."""
 
 import os
 import secrets
@@ -22,7 +22,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.repair import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
-"""Appended to the prefix of a model that is copied before it is evaluated."""
+"""Appended to the prefix of a model that is cloned for its evaluation."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def prepare_evaluation(
     directory = settings.directory
     refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings, bucket, settings.model_prefix, missing=True)
+    look_after(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     if clone:
@@ -70,7 +70,7 @@ def prepare_evaluation(
     checkpoints = [_choose(settings, bucket, settings.model_prefix)]
     if settings.race_type == "HEAD_TO_MODEL":
         rival = settings.eval_opp_s3_model_prefix
-        look_after(settings, bucket, rival, missing=True)
+        look_after(settings.model, bucket, rival, missing=True)
         _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         checkpoints.append(_choose(settings, bucket, rival))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
@@ -103,7 +103,7 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
     for key in needed:
         if not bucket.exists(key):
             raise SettingsError(
-                f"There is no trained model at s3://{bucket.name}/{prefix}: {key} is missing.",
+                f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
                 remedy=f"Train it with `dr-start-training`, or correct {setting}.",
             )
 
@@ -136,7 +136,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
 
 
 def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
-    """A name for this evaluation that no other has, and its folder: two may start in one second."""
+    """A unique name for this evaluation, and its folder; two may start in the same second."""
     at = time.time()
     while True:
         stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))

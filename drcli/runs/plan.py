@@ -1,4 +1,4 @@
-"""Plans a training: checks everything that can be checked, then freezes what it starts from."""
+"""Plans a training: checks everything, then copies what it starts from into the bucket."""
 
 import os
 import secrets
@@ -24,7 +24,6 @@ from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.pretrained import Pretrained
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import read_note, take_note, write_note
-from drcli.runs.goal_sentence import ending
 from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
@@ -32,12 +31,13 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
+from drcli.workers.goals import ending
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
 
 UNTOLD = ("V-20",)
-"""Rules whose warnings nobody needs at a start; `dr validate` tells them."""
+"""Rules whose warnings only `dr validate` shows."""
 
 
 @dataclass(frozen=True)
@@ -61,16 +61,14 @@ class StartOptions:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """A training that can start: everything that can be known to be wrong is right.
+    """A training that can start: every check has passed.
 
     Attributes:
         job: For the processes.
-        inputs: The racer's three files.
         warnings: Sentences about what is allowed and may surprise.
-        resumes: The checkpoint to go on from, None for a new model.
+        resumes: The checkpoint to continue from, None for a new model.
         ends: What ends it, as one sentence.
         pretrained: Whose weights a new model begins with, None where they are fresh.
-        wiped: Whether a model was deleted first.
     """
 
     job: Job
@@ -88,10 +86,6 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     The model prefix belongs to the job's session from then on, so that a start which comes second
     changes nothing there.
 
-    Args:
-        settings: Checked in themselves.
-        options: From the command line.
-
     Raises:
         SettingsError: Something is wrong; the message has a line for each finding.
         StorageError: The bucket cannot be used.
@@ -99,7 +93,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     directory = settings.directory
     if options.wipe and options.resume:
         raise SettingsError(
-            "-w wipes the model and --resume continues it: both at once make no sense.",
+            "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
     refuse_unsupported(settings, "training")
@@ -113,14 +107,14 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     newest = newest_checkpoint(bucket, prefix)
     if options.resume and newest is None:
         raise SettingsError(
-            f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
-            remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
+            f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
+            remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
         )
     if options.resume:
         for sentence in repair_all(Model.of(settings.model, bucket, prefix)):
             notices.warn(
                 sentence
-            )  # now: what is told with the plan is lost if the start is refused
+            )  # now, because the plan's warnings are lost if the start is refused
     before = read_note(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
@@ -185,9 +179,9 @@ def refuse_second_run(run_id: int, folder: Path) -> None:
 def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
     """Make the model prefix this start's own, and give it back if what is inside fails.
 
-    The examination took seconds, in which another start may have been faster: of two that come
-    here together, one finds the other's lease. The folder is locked no longer than that takes,
-    because its other commands need it too.
+    The checks took seconds, in which another start may have been faster: of two that come here at
+    the same time, one finds the other's lease. The folder is locked only for this step, because
+    other commands need it too.
 
     Raises:
         SettingsError: Another start was faster.
@@ -208,10 +202,10 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
 
 
 def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
-    """The same, but files that are not in `custom_files/` come from the model itself.
+    """The same places, but the model's own files where `custom_files/` has none.
 
-    A racer who changes a local file between stop and resume wants the change; a machine that has
-    no local files goes on with what the model was started with.
+    A racer who changes a local file between stop and resume wants the change; a machine without
+    local files continues with the files of the first start.
     """
     return replace(
         places,
@@ -222,27 +216,27 @@ def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
 
 
 def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
-    """The checkpoint that a trainer goes on from, and sentences about newer ones that are damaged.
+    """The checkpoint that the trainer continues from, and sentences about damaged newer ones.
 
     Raises:
-        StorageError: None is whole.
+        StorageError: All are damaged.
     """
     found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
     if found is None:
         return None, []
     name = found.record.name
-    told = [f"Checkpoint {why} The training goes on from {name}." for why in found.damaged]
+    told = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
     if found.record.optimizer is not None and found.optimizer is None:
         key = keys.checkpoint_optimizer(prefix, name)
         told.append(
-            f"{bucket.name}/{key} is missing or damaged: the optimizer starts afresh, which costs "
-            "a few iterations."
+            f"{bucket.name}/{key} is missing or damaged. The optimizer starts with an empty state, "
+            "which costs a few iterations."
         )
     return name, told
 
 
 def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:
-    """Put below the model prefix what the training is made of."""
+    """Copy the files of the training below the model prefix."""
     prefix = settings.model_prefix
     upload_custom_files(settings.custom_files, bucket, inputs)
     bucket.put(keys.reward_function(prefix), inputs.reward.data)
@@ -266,7 +260,7 @@ def _parameter_files(settings: Settings) -> dict[str, Settings]:
 
 
 def _seed(settings: Settings, options: StartOptions, before: Mapping[str, Any] | None) -> int:
-    """The seed of a resumed training is its first one, unless the racer insists."""
+    """The seed; a resumed training keeps its first one unless another is given."""
     if options.seed is not None:
         return options.seed
     if settings.train_seed is not None:
@@ -279,10 +273,10 @@ def _seed(settings: Settings, options: StartOptions, before: Mapping[str, Any] |
 def _forget_other_scores(
     settings: Settings, bucket: Bucket, before: Mapping[str, Any] | None
 ) -> list[str]:
-    """Forget how good the best checkpoint was when scores are measured in another unit from now on.
+    """Forget the score of the best checkpoint if DR_TRAIN_BEST_MODEL_METRIC has changed.
 
     Returns:
-        A sentence about it, for those whom it may surprise.
+        A warning about it.
     """
     name = "DR_TRAIN_BEST_MODEL_METRIC"
     if before is None or "settings" not in before:

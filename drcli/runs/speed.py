@@ -1,4 +1,4 @@
-"""How fast a simulation worker drives, from the trace of its newest iteration."""
+"""Measures how fast a simulation worker drives, from the trace of its newest iteration."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""One look at a working folder: its settings, its bucket, what runs there, and the machine."""
+"""A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
 import shutil
 import subprocess
@@ -34,8 +34,8 @@ class BucketState:
         endpoint: Address of its server, None where the local one was never started.
         state: "stopped" is a local server that does not run; "silent" is any that fails to answer.
         reason: Why it is silent, empty otherwise.
-        checkpoint: The model's newest checkpoint, None where there is none or nobody tells.
-        model: Whether the model has one, None where nobody tells.
+        checkpoint: The model's newest checkpoint; None if there is none or it is unknown.
+        model: Whether the model has a checkpoint; None if that is unknown.
     """
 
     cloud: str
@@ -167,8 +167,10 @@ def _bucket_state(settings: Settings) -> BucketState:
 
 
 def _newest_on_disk(settings: Settings) -> str | None:
-    """Newest checkpoint in the folder of a stopped server, "" for none, None if nobody tells."""
-    [place] = addresses(settings, ["model"]).places
+    """Newest checkpoint in the folder of a stopped server, "" for none, None if unknown."""
+    [place] = addresses(
+        settings.storage, settings.model, settings.custom_files_prefix, ["model"]
+    ).places
     if place.folder is None:
         return None
     prefix = settings.model_prefix

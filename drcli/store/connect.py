@@ -16,8 +16,7 @@ _READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
 """How long an answer may stall before it is asked for again. No network holds up the local one."""
 
 _LOOK_TIMEOUT_S = 2.0
-"""How long it may stall for those who only look. A command that was told to end looks once more at
-the very end."""
+"""How long it may stall for readers, who also read once more when they were told to stop."""
 
 
 def open_bucket(
@@ -34,7 +33,7 @@ def open_bucket(
         patience_s: How long calls wait for a server that does not answer: a worker lets its
             supervisor bring the server back, a command's user wants to know soon.
         read_timeout_s: For how long an answer may stall; as befits the server if left out.
-        hurried: Whether this process was asked to leave, which ends its patience.
+        hurried: Whether this process was asked to stop; then calls wait no longer.
 
     Raises:
         StorageError: The server cannot be started or found.
@@ -50,9 +49,9 @@ def open_bucket(
 
 
 def open_running_bucket(config: StorageConfig) -> Bucket | None:
-    """The bucket to look at, never to write to; starts nothing.
+    """The bucket for readers, which starts no server.
 
-    Objects that the local server keeps as files are read without it, whether it runs or not.
+    Objects that the local server keeps as files are read directly, whether it runs or not.
 
     Returns:
         None where a local server that keeps them in another way does not run.
@@ -99,5 +98,5 @@ def open_upload_bucket(
 
 @lru_cache(maxsize=4)
 def _impatient(endpoint: Endpoint, name: str) -> Bucket:
-    """A bucket for those who look again and again: making a client takes longer than a look."""
+    """A cached client, because making one takes longer than reading an object."""
     return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=_LOOK_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Where the bucket is and who may use it, as far as this package needs to know."""
+"""The address of an S3 server with the access keys, and the settings that it came from."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +32,7 @@ UPLOADS = SettingNames(
     address="DR_UPLOAD_S3_ENDPOINT_URL",
     amazon="DR_UPLOAD_S3_PROFILE",
 )
-"""Of the second bucket, which models are copied to."""
+"""Those of the bucket that models are copied to."""
 
 
 @dataclass(frozen=True)

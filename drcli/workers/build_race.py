@@ -1,4 +1,4 @@
-"""The track, the race and the reward function of a run, made for a worker. Needs no torch."""
+"""Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
 from pathlib import Path
@@ -30,103 +30,107 @@ SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: a car may wind its way."""
 
 MAX_EPISODE_STEPS = 10_000
-"""Longest episode. The reference has no limit; a car that never ends its lap teaches nothing."""
+"""Longest episode. The reference has no limit, but a car that never completes its lap teaches
+nothing."""
 
 
-def load_world(race: RaceConfig) -> Track:
+def load_world(config: RaceConfig) -> Track:
     """The track that DR_WORLD_NAME names."""
     try:
-        return load_track(race.world_name, race.tracks_folder)
+        return load_track(config.world_name, config.tracks_folder)
     except TrackError as error:
-        where = race.source("DR_WORLD_NAME")
-        if can_be_fetched(race):
+        where = config.source("DR_WORLD_NAME")
+        if can_be_fetched(config):
             raise SettingsError(
-                f"DR_WORLD_NAME={race.world_name} ({where}) is a community track that is "
+                f"DR_WORLD_NAME={config.world_name} ({where}) is a community track that is "
                 "not installed yet.",
-                remedy=remedy(race),
+                remedy=remedy(config),
             ) from None
         raise SettingsError(
-            f"DR_WORLD_NAME={race.world_name:.80} ({where}): {error}",
-            remedy=remedy(race),
+            f"DR_WORLD_NAME={config.world_name:.80} ({where}): {error}",
+            remedy=remedy(config),
         ) from None
 
 
-def race_of(s: RaceConfig) -> Race:
+def race_of(config: RaceConfig) -> Race:
     """What is on the track beside the car, by DR_RACE_TYPE."""
-    if s.race_type == "OBJECT_AVOIDANCE":
+    if config.race_type == "OBJECT_AVOIDANCE":
         return Race(
             obstacles=ObstacleRules(
-                count=s.oa_number_of_obstacles,
-                kind="bot_car" if s.oa_is_obstacle_bot_car else s.oa_obstacle_type,
-                min_gap_m=s.oa_min_distance_between_obstacles,
-                randomize=s.oa_randomize_obstacle_locations,
-                positions=s.oa_object_positions,
-                reset_behind_m=s.eval_reset_behind_dist,
+                count=config.oa_number_of_obstacles,
+                kind="bot_car" if config.oa_is_obstacle_bot_car else config.oa_obstacle_type,
+                min_gap_m=config.oa_min_distance_between_obstacles,
+                randomize=config.oa_randomize_obstacle_locations,
+                positions=config.oa_object_positions,
+                reset_behind_m=config.eval_reset_behind_dist,
             )
         )
-    if s.race_type == "HEAD_TO_BOT":
+    if config.race_type == "HEAD_TO_BOT":
         return Race(
             bots=BotRules(
-                count=s.h2b_number_of_bot_cars,
-                speed_mps=s.h2b_bot_car_speed,
-                min_gap_m=s.h2b_min_distance_between_bot_cars,
-                randomize=s.h2b_randomize_bot_car_locations,
-                lane_change=s.h2b_is_lane_change,
-                lane_change_time_s=(s.h2b_lower_lane_change_time, s.h2b_upper_lane_change_time),
-                lane_change_distance_m=s.h2b_lane_change_distance,
-                penalty_s=s.h2b_bot_car_penalty,
+                count=config.h2b_number_of_bot_cars,
+                speed_mps=config.h2b_bot_car_speed,
+                min_gap_m=config.h2b_min_distance_between_bot_cars,
+                randomize=config.h2b_randomize_bot_car_locations,
+                lane_change=config.h2b_is_lane_change,
+                lane_change_time_s=(
+                    config.h2b_lower_lane_change_time,
+                    config.h2b_upper_lane_change_time,
+                ),
+                lane_change_distance_m=config.h2b_lane_change_distance,
+                penalty_s=config.h2b_bot_car_penalty,
             )
         )
-    return Race(racers=2) if s.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
+    return Race(racers=2) if config.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
 
 
-def load_race(s: RaceConfig, track: Track) -> Race:
+def load_race(config: RaceConfig, track: Track) -> Race:
     """The race of the settings, once it is sure that it fits on the track.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
     try:
-        race = race_of(s)
+        race = race_of(config)
         if race != TIME_TRIAL:
             Traffic((track, track.reversed()), race.racers, race)
     except ValueError as error:
-        if s.race_type == "OBJECT_AVOIDANCE":
+        if config.race_type == "OBJECT_AVOIDANCE":
             number, gap = "DR_OA_NUMBER_OF_OBSTACLES", "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES"
         else:
             number, gap = "DR_H2B_NUMBER_OF_BOT_CARS", "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS"
-        place, remedy = s.place(number), f"Set a smaller {number} or a smaller {gap}."
+        place, remedy = config.place(number), f"Set a smaller {number} or a smaller {gap}."
         problem = Problem("V-07", "error", *place, f"{number}: {error}", remedy, number)
         raise ProblemsError([problem]) from None
     return race
 
 
-def realism_of(s: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
+def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
     """The sim-to-real extras that act in this job."""
-    if s.sim_extras_in not in ("both", job):
+    if config.sim_extras_in not in ("both", job):
         return Realism()
     return Realism(
-        image_noise=s.sim_image_noise,
-        brightness=s.sim_brightness,
-        blur_px=s.sim_blur,
-        camera_angle_deg=s.sim_camera_angle,
-        camera_shift_m=s.sim_camera_shift,
-        latency_s=s.sim_latency,
-        latency_jitter_s=s.sim_latency_jitter,
-        friction=s.sim_friction,
-        mass=s.sim_mass,
+        image_noise=config.sim_image_noise,
+        brightness=config.sim_brightness,
+        blur_px=config.sim_blur,
+        camera_angle_deg=config.sim_camera_angle,
+        camera_shift_m=config.sim_camera_shift,
+        latency_s=config.sim_latency,
+        latency_jitter_s=config.sim_latency_jitter,
+        friction=config.sim_friction,
+        mass=config.sim_mass,
     )
 
 
-def randomize_of(s: RaceConfig) -> Randomize:
+def randomize_of(config: RaceConfig) -> Randomize:
     """What DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
-    if not s.enable_domain_randomization:
+    if not config.enable_domain_randomization:
         return "nothing"
-    return "textures" if s.randomize_textures else "lights"
+    return "textures" if config.randomize_textures else "lights"
 
 
 def build_simulation(
-    s: RaceConfig,
+    config: RaceConfig,
     job: Literal["training", "evaluation"],
     metadata: ModelMetadata,
     track: Track,
@@ -139,17 +143,6 @@ def build_simulation(
 ) -> Simulation:
     """The simulation of a worker.
 
-    Args:
-        s: The race.
-        job: Which sim-to-real extras count.
-        metadata: What the cars perceive.
-        track: The track as it is driven.
-        num_cars: How many drive at once.
-        reward: One for all, or one for each car.
-        rules: When episodes end.
-        num_threads: For physics and camera.
-        seed: Of everything random.
-
     Raises:
         SettingsError: There is no room for that many obstacles or bots.
     """
@@ -160,10 +153,10 @@ def build_simulation(
         rules=rules,
         num_threads=num_threads,
         seed=seed,
-        race=load_race(s, track),
+        race=load_race(config, track),
         sensors=sensors_of_model(metadata),
-        realism=realism_of(s, job),
-        randomize=randomize_of(s),
+        realism=realism_of(config, job),
+        randomize=randomize_of(config),
     )
 
 
@@ -190,7 +183,7 @@ def reward_failure(error: RewardError) -> SettingsError:
         text = text.replace(str(error.file), error.file.name)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, "
+        remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
         "or start over with `-w`.",
     )
 

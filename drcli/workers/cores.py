@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from drcli.config.run_config import TrainConfig
 
 OVERLAP_CORES = 4
-"""From so many cores on, driving and learning go on at the same time."""
+"""With this many cores or more, driving and learning run at the same time."""
 
 _ROOT = Path("/")
 
@@ -16,11 +16,8 @@ _ROOT = Path("/")
 def cores(root: Path = _ROOT) -> int:
     """Processor cores that this process may use.
 
-    Those that it may run on (`taskset`), or fewer where a container or a service has a limit
-    (`docker run --cpus`), of which a part counts as a whole.
-
-    Args:
-        root: Where Linux tells the limits, below `proc` and `sys`.
+    Those that it may run on (`taskset`), or fewer if a container or service has a limit
+    (`docker run --cpus`), which is rounded up.
     """
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))
@@ -37,18 +34,18 @@ def overlaps(train: TrainConfig) -> bool:
 
 
 def driving_threads(train: TrainConfig) -> int:
-    """Threads of one simulation worker: all share the cores that learning leaves."""
+    """Threads of one simulation worker; the workers share the cores that the trainer leaves."""
     mine = cores() - learning_threads(train) if overlaps(train) else cores()
     return max(1, mine // train.workers)
 
 
 def learning_threads(train: TrainConfig) -> int:
-    """Threads of the trainer: all cores where it has them to itself, else half."""
+    """Threads of the trainer: half of the cores if driving and learning overlap, else all."""
     return max(1, cores() // 2) if overlaps(train) else cores()
 
 
 def _limits(root: Path) -> Iterator[float]:
-    """Cores that each control group above this process leaves it; nothing where none limits."""
+    """The limits of this process's control groups, in cores; groups without one are skipped."""
     try:
         lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
     except OSError:  # another system than Linux

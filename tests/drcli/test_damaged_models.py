@@ -320,8 +320,8 @@ def evaluate(world: World) -> list[str]:
 
 
 def upload_model(world: World) -> list[str]:
-    planned = plan_upload(world.settings, world.folder, UploadOptions("last"))
-    upload(planned, world.settings, world.folder, no_bar)
+    planned = plan_upload(world.settings, UploadOptions("last"))
+    upload(planned, world.settings, no_bar)
     copy = CheckpointStore(world.there, "team/copy")
     assert copy.load_latest() is not None
     return []
@@ -330,8 +330,8 @@ def upload_model(world: World) -> list[str]:
 def download_model(world: World) -> list[str]:
     world.there, world.here = world.here, ProbedBucket("bucket")
     options = DownloadOptions(f"s3://uploads/{PREFIX}", "mine")
-    planned = plan_download(world.settings, world.folder, options)
-    download(planned, world.settings, world.folder, no_bar)
+    planned = plan_download(world.settings, options)
+    download(planned, world.settings, no_bar)
     assert CheckpointStore(world.here, "mine").load_latest() is not None
     assert [r.iteration for r in read_history(world.here, "mine")] == list(range(ITERATIONS))
     return []
@@ -344,7 +344,7 @@ def list_all(world: World) -> list[str]:
 
 
 def increment(world: World) -> list[str]:
-    planned = plan_increment(world.settings, world.folder, prefix="team/other")
+    planned = plan_increment(world.settings, prefix="team/other")
     assert planned.step.pretrained.sha256
     return []
 

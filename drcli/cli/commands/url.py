@@ -36,7 +36,8 @@ def url(
     Example: dr-url model
     """
     names = [name for name in get_args(addresses.PlaceName) if what in (What.all, name)]
-    report = addresses.addresses(settings(), names)
+    loaded = settings()
+    report = addresses.addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
     console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

@@ -45,7 +45,7 @@ def ensure_running(config: StorageConfig) -> Endpoint:
     """Find the server of this configuration; a local one is started when it does not answer.
 
     Safe to call from several commands at once, and again by a supervisor after the server died:
-    keys stay, and so does the port unless somebody else took it meanwhile.
+    its keys stay the same, and so does its port unless another program took it.
 
     Raises:
         StorageError: No address (DR_REMOTE_MINIO_URL), no program, or no port to serve on.
@@ -58,7 +58,7 @@ def ensure_running(config: StorageConfig) -> Endpoint:
 
 
 def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
-    """Call while nobody else starts or ends the local server."""
+    """Make a call while no other process can start or stop the local server."""
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
         with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
@@ -75,7 +75,7 @@ def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
 
 
 def restart(config: StorageConfig) -> Endpoint:
-    """Start the local server anew on its port, whatever it says, over the same files.
+    """Start the local server again, on the same port and files, even if it answers.
 
     One that keeps objects in its memory alone (moto) is left as it is.
 
@@ -96,9 +96,9 @@ def find_running(config: StorageConfig) -> Endpoint | None:
 
 
 def last_known(config: StorageConfig) -> Endpoint | None:
-    """The server as it was last started, None where the local one never was; asks nobody.
+    """The server as it was last started, None if the local one never was; sends no request.
 
-    Its `pid` is None where no such process lives any more.
+    Its `pid` is None if that process has ended.
     """
     if config.cloud != "local":
         return ensure_running(config)
@@ -123,17 +123,13 @@ def stop(config: StorageConfig) -> bool:
         server_process.end(state.pid, state.mark)
         if state.watcher is not None:
             server_process.end(state.watcher, idle.__name__)
-        with suppress(OSError):  # a full disk; that no such process lives is seen anyway
+        with suppress(OSError):  # a full disk; later commands see that the process has ended
             replace(state, pid=None, watcher=None).write(path)
     return was_running
 
 
 def stop_default(directory: Path) -> bool:
-    """End the server whose objects lie in data/s3, where the settings cannot be read.
-
-    Args:
-        directory: The racer's working folder.
-    """
+    """End the server whose objects lie in data/s3, where the settings cannot be read."""
     folder = directory / catalogue()["DR_S3_DATA_DIR"].default
     return stop(StorageConfig("local", "", folder))
 
@@ -143,7 +139,7 @@ def _restart_local(config: StorageConfig) -> Endpoint:
     if state is not None and state.pid is not None:
         server_process.end(
             state.pid, state.mark
-        )  # its id stays in the note: its port is waited for
+        )  # its id stays in the state, so that the start waits for its port
     return _ensure_local(config)
 
 
@@ -204,10 +200,10 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
 
 
 def _watched(state: ServerState, config: StorageConfig) -> ServerState:
-    """Have a server ended that nobody uses any more.
+    """Start the process that stops the server when it is not used.
 
-    Not one that keeps its objects in memory (moto): they would be lost. And MinIO, which looks
-    through its files by itself again and again, does not show whether somebody asks.
+    Not for moto, whose objects in memory would be lost, and not for MinIO, which reads and writes
+    its files all the time, so that requests cannot be told apart.
     """
     path = own_file(config, "json")
     told = replace(state, idle_minutes=config.idle_minutes)
@@ -223,7 +219,7 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
     )
     try:
         if state.engine == "rclone" and config.idle_minutes and not lives:
-            told.write(path)  # where that is impossible, nobody would find the watcher again
+            told.write(path)  # if this fails, later commands could not find the watcher
             watcher = server_process.start_detached(
                 [sys.executable, "-P", *command],
                 environment=_inherited(),
@@ -248,7 +244,7 @@ def _inherited() -> dict[str, str]:
 
 
 def _answers(state: ServerState, config: StorageConfig) -> bool:
-    """Whether the server works; one whose process lives may be slow for a moment."""
+    """Whether the server answers; if its process lives, it may be slow for a moment."""
     probe = _probe(state.endpoint(config))
     if probe.accepts_keys():
         return True
@@ -263,15 +259,15 @@ def _answers(state: ServerState, config: StorageConfig) -> bool:
 
 @lru_cache(maxsize=4)
 def _probe(endpoint: Endpoint) -> S3Bucket:
-    """Asks whether a server that knows our keys listens; anybody can take a port or an id.
+    """A client to ask whether a server with our keys listens: another program may have the port.
 
-    Kept, because a supervisor asks again and again and a new client costs 20 ms.
+    Cached, because a supervisor asks every second and a new client takes 20 ms.
     """
     return S3Bucket(endpoint, "", patience_s=0, read_timeout_s=2)
 
 
 def _check_same_server(state: ServerState, config: StorageConfig) -> None:
-    """A server that works for somebody is not replaced by another one under their feet."""
+    """Do not replace a server that may be in use."""
     if state.engine != config.engine:
         raise StorageError(
             f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
@@ -294,7 +290,7 @@ def _with_bucket(state: ServerState, config: StorageConfig) -> Endpoint:
 
 @lru_cache(maxsize=4)
 def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
-    """Kept for the same reason, and impatient: only its caller brings a silent server back."""
+    """Cached for the same reason. It hardly waits: only its caller can restart the server."""
     return S3Bucket(endpoint, name, patience_s=2, read_timeout_s=5)
 
 
@@ -332,13 +328,13 @@ def _is_free(port: int) -> bool:
 
 
 def _sweep(data_dir: Path) -> None:
-    """Remove what a killed server left half written. Only while none runs."""
+    """Remove the unfinished files of a server that was killed. Only while none runs."""
     for leftover in data_dir.rglob(engines.LEFTOVERS):
         leftover.unlink(missing_ok=True)
 
 
 def _not_started(config: StorageConfig, port: int) -> StorageError:
-    """Why the server did not come up, as far as it said so."""
+    """Why the server did not start, as far as its log says."""
     words = _last_words(config)
     if any(complaint in words for complaint in _OLD):
         return StorageError(
@@ -355,7 +351,7 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
 def _last_words(config: StorageConfig) -> str:
     log = own_file(config, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
-    return lines[-1] if lines else "it said nothing."
+    return lines[-1] if lines else "its log is empty."
 
 
 def _remote(config: StorageConfig) -> Endpoint:

@@ -7,7 +7,7 @@ import pytest
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.runs.goal_sentence import ending
+from drcli.workers.goals import ending
 
 
 @pytest.fixture
