@@ -12,6 +12,7 @@ import re
 import types
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import (
     Annotated,
     Any,
@@ -105,6 +106,11 @@ def parsed(data: bytes, *, with_nan: bool = False) -> Any:
         raise Misfit(f"it is not JSON ({e})") from e
 
 
+def written(value: Any) -> Any:
+    """What JSON has for a value inside a dataclass that it does not know, for `json.dumps`."""
+    return value.to_json() if hasattr(value, "to_json") else str(value)
+
+
 def built(kind: type[T], value: Any) -> T:
     """Make a dataclass from a JSON object.
 
@@ -139,6 +145,8 @@ def _fitted(name: str, hint: Any, value: Any) -> Any:
     if hint is MaybeNan:
         unknown = value is None or (isinstance(value, float) and not math.isfinite(value))
         return math.nan if unknown else _plain(name, float, value)
+    if hint is Path:
+        return Path(_plain(name, str, value))
     if origin in (Union, types.UnionType):
         if value is None and type(None) in inner:
             return None
@@ -151,14 +159,19 @@ def _fitted(name: str, hint: Any, value: Any) -> Any:
             _refuse(name, value)
         items = [_fitted(name, inner[0], item) for item in value]
         return items if origin is list else tuple(items)
+    if isinstance(hint, type) and issubclass(hint, tuple):  # with names
+        kinds = _hints(hint).values()
+        if not isinstance(value, list) or len(value) != len(kinds):
+            _refuse(name, value)
+        return hint(*(_fitted(name, of, item) for of, item in zip(kinds, value, strict=True)))
     if hint is dict or (origin is not None and issubclass(origin, Mapping)):
         if not isinstance(value, dict):
             _refuse(name, value)
         of = inner[1] if inner else Any
         return {key: _fitted(f"{name}.{key}", of, item) for key, item in value.items()}
-    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+    if isinstance(hint, type) and (dataclasses.is_dataclass(hint) or hasattr(hint, "from_json")):
         try:
-            return built(hint, value)
+            return built(hint, value) if dataclasses.is_dataclass(hint) else hint.from_json(value)
         except Misfit as e:
             raise Misfit(f"in '{name}': {e}") from e
     return _plain(name, hint, value)

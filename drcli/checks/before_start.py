@@ -69,7 +69,11 @@ class Examined:
 
 
 def examine(
-    job: Job, files: Mapping[str, InputFile], bucket: Bucket | None, plans: Plans = Plans()
+    settings: Settings,
+    job: Job,
+    files: Mapping[str, InputFile],
+    bucket: Bucket | None,
+    plans: Plans = Plans(),
 ) -> Examined:
     """Check every rule about the racer's files, the bucket and the disk.
 
@@ -77,19 +81,19 @@ def examine(
     that one starts, so that they cost no time.
 
     Args:
-        job: Its settings, directory and folder count.
+        settings: Of the run.
+        job: For the process that tries the reward function.
         files: What was found of the racer's three files.
         bucket: None where it cannot be used; the rules about it are left out then.
         plans: What is going to be started.
     """
-    settings = job.settings
     reward = files.get(keys.REWARD_FUNCTION_FILE)
     source, found = (None, []) if reward is None else read_source(reward)
     given_up = Event()
     with ThreadPoolExecutor(1) as pool:
         try:
             tried = reward if source is not None else None
-            trial = pool.submit(try_inputs, settings, job.directory, tried, given_up)
+            trial = pool.submit(try_inputs, job.config.races, job.directory, tried, given_up)
             if source is not None:
                 found += review_source(source)
             review = review_parameters(
@@ -98,10 +102,10 @@ def examine(
             found += review.problems
             transfer = None
             if bucket is not None:
-                found += missing_files(files, settings, job.directory, bucket.name)
+                found += missing_files(files, settings.custom_files, bucket.name)
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
-            found += review_disk(settings, job.directory)
+            found += review_disk(settings.storage, job.directory)
             found += _without_repeats(trial.result(), found)
         finally:
             given_up.set()  # else Ctrl-C, or a bucket that fails, would wait for the trial
@@ -122,8 +126,10 @@ def _of_bucket(
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
         return None, [] if design is None else misfits(plans.resumed, design, model)
-    found = [] if plans.wiping else review_prefix(settings, bucket)
-    if not settings.pretrained:
+    found = [] if plans.wiping else review_prefix(settings.model_prefix, bucket)
+    if settings.pretrained_model is None:
         return None, found
-    transfer, problems = review_pretrained(settings, bucket, design, wiping=plans.wiping)
+    transfer, problems = review_pretrained(
+        settings.pretrained_model, bucket, settings.model_prefix, design, wiping=plans.wiping
+    )
     return transfer, found + problems

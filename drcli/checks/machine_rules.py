@@ -7,8 +7,8 @@ from pathlib import Path
 
 import psutil
 
-from drcli.base.problems import Problem
-from drcli.config.settings import Settings
+from drcli.base.problems import Place, Problem
+from drcli.config.run_config import StorageConfig
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
@@ -30,11 +30,11 @@ LEAST_GPU_BYTES = 1_500_000_000
 GPU_PATIENCE_S = 3.0
 
 
-def review_disk(settings: Settings, directory: Path) -> Iterator[Problem]:
+def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
     """Room for models (where this machine keeps the bucket) and for logs."""
     folders = {directory}
-    if settings.cloud == "local":
-        folders.add(directory / settings.s3_data_dir)
+    if storage.cloud == "local":
+        folders.add(storage.data_dir)
     said: set[int] = set()
     for folder in sorted(folders):
         place = next(place for place in (folder, *folder.parents) if place.exists())
@@ -52,31 +52,37 @@ def review_disk(settings: Settings, directory: Path) -> Iterator[Problem]:
 
 
 def review_memory(
-    settings: Settings, parameters: Hyperparameters | None, metadata: ModelMetadata | None
+    workers: int, place: Place, parameters: Hyperparameters | None, metadata: ModelMetadata | None
 ) -> Iterator[Problem]:
-    """Room for all processes of the training."""
-    needed = settings.workers * WORKER_BYTES + TRAINER_BYTES
+    """Room for all processes of the training.
+
+    Args:
+        workers: DR_WORKERS.
+        place: Where it was set.
+        parameters: Hyperparameters, if they can be read.
+        metadata: model_metadata.json, if it can be read.
+    """
+    needed = workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
     if free < needed:
         what = (
-            f"{_shown(free)} of memory are free; a trainer with {settings.workers} simulation "
+            f"{_shown(free)} of memory are free; a trainer with {workers} simulation "
             f"workers may need {_shown(needed)}."
         )
         remedy = "End other programs, or lower DR_WORKERS (or sac_replay_steps)."
-        yield Problem("V-50", "warning", *settings.place("DR_WORKERS"), what, remedy, "DR_WORKERS")
+        yield Problem("V-50", "warning", *place, what, remedy, "DR_WORKERS")
 
 
-def review_gpu(settings: Settings | None, environ: Mapping[str, str]) -> Iterator[Problem]:
+def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
     """Room on one of the GPUs that the trainer may use, if there are any.
 
     Args:
-        settings: None where they are wrong: then only the environment says which GPUs it may use.
+        devices: DR_SAGEMAKER_CUDA_DEVICES; where it is empty, the environment says which.
         environ: Process environment.
     """
-    chosen = settings.sagemaker_cuda_devices if settings is not None else ""
-    free = _free_gpu_bytes(chosen or environ.get("CUDA_VISIBLE_DEVICES"))
+    free = _free_gpu_bytes(devices or environ.get("CUDA_VISIBLE_DEVICES"))
     if free and max(free) < LEAST_GPU_BYTES:
         what = (
             f"only {_shown(max(free))} of GPU memory are free; learning may need "

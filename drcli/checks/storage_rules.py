@@ -4,7 +4,7 @@ import time
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import PretrainedConfig
 from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
@@ -18,36 +18,37 @@ LARGEST_SKEW_S = 300.0
 PROBE_FOLDER = ".validate/"
 
 
-def review_prefix(settings: Settings, bucket: Bucket) -> list[Problem]:
+def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
     """V-09: there may be nothing where the new model goes."""
-    if not is_used(bucket, settings.model_prefix):
+    if not is_used(bucket, prefix):
         return []
-    model = f"s3://{bucket.name}/{settings.model_prefix}"
-    learned = newest_checkpoint(bucket, settings.model_prefix) is not None
+    model = f"s3://{bucket.name}/{prefix}"
+    learned = newest_checkpoint(bucket, prefix) is not None
     go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
     what = f"Selected path {model} exists. Delete it, or use -w option. Exiting."
     remedy = f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env."
     return [Problem("V-09", "error", model, None, what, remedy)]
 
 
-def review_owner(settings: Settings, bucket: Bucket) -> list[Problem]:
+def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
     """V-13: nobody else may be training this model."""
     try:
-        lease.refuse_other_owner(bucket, settings.model_prefix)
+        lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:
-        model = f"s3://{bucket.name}/{settings.model_prefix}"
+        model = f"s3://{bucket.name}/{prefix}"
         return [Problem("V-13", "warning", model, None, str(error), error.remedy)]
     return []
 
 
 def review_pretrained(
-    settings: Settings, bucket: Bucket, design: Design | None, *, wiping: bool
+    config: PretrainedConfig, bucket: Bucket, new: str, design: Design | None, *, wiping: bool
 ) -> tuple[Transfer | None, list[Problem]]:
     """V-10 and V-35: the model to start from exists, is whole, and fits.
 
     Args:
-        settings: Name it.
+        config: Names it.
         bucket: Holds it.
+        new: Prefix of the new model.
         design: Of the new model; None where its files are wrong.
         wiping: Whether the model under the new model's prefix is going to be deleted.
 
@@ -56,9 +57,9 @@ def review_pretrained(
     """
     try:
         if design is None:
-            pretrained.named_weights(settings, bucket)
+            pretrained.named_weights(config, bucket)
             return None, []
-        transfer = pretrained.find(settings, bucket, design, wiping=wiping)
+        transfer = pretrained.find(config, bucket, new, design, wiping=wiping)
     except ProblemsError as error:
         return None, list(error.problems)
     return transfer, transfer.warnings

@@ -1,6 +1,6 @@
 """Tries a racer's inputs before a start: do the worlds load, does the reward work on them?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from threading import Event
 
@@ -13,7 +13,7 @@ from drcli.checks.sandbox.sandbox_records import (
     SandboxRequest,
     SandboxResult,
 )
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 
 STATES = ("on the start line", "on the road", "after half a lap", "off the track", "at the finish")
@@ -31,28 +31,26 @@ _FLOATS = {"float", "numpy.float64"}
 
 
 def try_inputs(
-    settings: Settings, directory: Path, reward: InputFile | None, given_up: Event
+    races: Sequence[RaceConfig], directory: Path, reward: InputFile | None, given_up: Event
 ) -> list[Problem]:
     """Load the worlds of all workers and try the reward function on them.
 
     The launcher itself never imports a racer's code.
 
     Args:
-        settings: Those of the training.
+        races: What the workers are going to drive.
         directory: The racer's working folder.
         reward: The reward function; None loads the worlds only.
         given_up: Once set, the sandbox is ended, and nothing is found.
     """
-    request = request_of(settings, reward)
+    request = request_of(races, reward)
     with Sandbox(request, None if reward is None else reward.data, directory) as sandbox:
         return list(problems_of(sandbox.result(given_up), request.name))
 
 
-def request_of(settings: Settings, reward: InputFile | None) -> SandboxRequest:
+def request_of(races: Sequence[RaceConfig], reward: InputFile | None) -> SandboxRequest:
     """What the sandbox is asked to do before a start."""
-    # What the files name beside settings is nobody's business there.
-    plain = settings.replaced(extra={}).dump()
-    return SandboxRequest(reward.origin if reward is not None else "", settings=plain)
+    return SandboxRequest(reward.origin if reward is not None else "", races=list(races))
 
 
 def problems_of(result: SandboxResult, name: str) -> Iterator[Problem]:

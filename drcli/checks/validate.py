@@ -61,7 +61,8 @@ def validate(
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
     found = [_relative(each, directory) for each in validation.found]
-    found += review_gpu(reviewed.settings, environ)
+    devices = reviewed.settings.sagemaker_cuda_devices if reviewed.settings else ""
+    found += review_gpu(devices, environ)
     return Report(
         str(directory),
         console_compatible,
@@ -103,7 +104,9 @@ class _Validation:
         if parameters is not None:
             origin = files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin)
-        self.found += review_memory(settings, parameters, metadata)
+        self.found += review_memory(
+            settings.workers, settings.place("DR_WORKERS"), parameters, metadata
+        )
 
     def try_files_alone(self) -> None:
         """What can be said about the three files where no settings say which bucket and track."""
@@ -124,7 +127,7 @@ class _Validation:
 
     def _note_running(self, settings: Settings) -> bool:
         """Whether this run is being trained; if so, warn."""
-        record = RunRecord.read(run_folder(settings, self.directory))
+        record = RunRecord.read(run_folder(self.directory, settings.run_id))
         if record is None or not record.alive:
             return False
         what = (
@@ -140,11 +143,11 @@ class _Validation:
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
         """The bucket, if it can be used."""
         try:
-            bucket = open_bucket(settings, settings.directory, patience_s=PATIENCE_S)
+            bucket = open_bucket(settings.storage, patience_s=PATIENCE_S)
             bucket.probe()
             wrong = probe(bucket)
             if not trains:
-                wrong += review_owner(settings, bucket)
+                wrong += review_owner(settings.model_prefix, bucket)
         except StorageError as error:
             wrong = [_unusable(error, *settings.place("DR_CLOUD"))]
         self.found += wrong
@@ -156,7 +159,7 @@ class _Validation:
     def _files(self, settings: Settings, bucket: Bucket | None) -> dict[str, InputFile]:
         files: dict[str, InputFile] = {}
         try:
-            files = find(settings, settings.directory, bucket)
+            files = find(settings.custom_files, bucket)
         except ProblemsError as error:
             self.found += error.problems
         except StorageError as error:
@@ -178,8 +181,7 @@ class _Validation:
         """The rules of a start, in a folder that no training uses."""
         with tempfile.TemporaryDirectory() as folder:
             job = Job(
-                settings=settings,
-                directory=settings.directory,
+                config=settings.run,
                 session=secrets.token_hex(6),
                 seed=0,
                 until_laps=None,
@@ -189,12 +191,12 @@ class _Validation:
             )
             plans = Plans(wiping=trains)  # the prefix of a running training may be in use
             try:
-                examined = examine(job, files, bucket, plans)
+                examined = examine(settings, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
-                examined = examine(job, files, None, plans)
-        tracks = track_problems(settings)
+                examined = examine(settings, job, files, None, plans)
+        tracks = track_problems(settings.races)
         to_fetch = {each.where: each for each in tracks if each.severity == "note"}
         self.found += [_without_start(each, to_fetch) for each in examined.problems]
         return examined

@@ -15,7 +15,7 @@ def bring_tracks(settings: Settings) -> None:
         SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    names = to_fetch(settings)
+    names = to_fetch(settings.races)
     if not names or settings.tracks_fetch == "never":
         return
     asks = settings.tracks_fetch == "ask"

@@ -13,7 +13,7 @@ from drcli.cli.log_tail import Tail
 from drcli.cli.views import iterations, training_view
 
 if TYPE_CHECKING:
-    from drcli.config.settings import Settings
+    from drcli.config.run_config import RunConfig
     from drcli.exchange.iteration import IterationRecord
     from drcli.runs.status import RunReport
 
@@ -33,7 +33,7 @@ Show = Callable[["RunReport"], None]
 Display = AbstractContextManager[Show]
 
 
-def until_the_end(settings: "Settings", folder: Path, display: Display) -> "RunReport | None":
+def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
     """Watch until the training ends.
 
     Returns:
@@ -47,7 +47,7 @@ def until_the_end(settings: "Settings", folder: Path, display: Display) -> "RunR
                 if console.reader_has_left():
                     raise _ReaderLeft
 
-            return _watch(settings, folder, show_to_reader)
+            return _watch(config, show_to_reader)
     except (KeyboardInterrupt, _ReaderLeft):
         return None
 
@@ -57,13 +57,13 @@ class _ReaderLeft(Exception):
 
 
 @contextmanager
-def meanwhile(settings: "Settings", folder: Path, display: Display) -> Iterator[None]:
+def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
     """Watch from a thread while the training runs in this process."""
     stop = threading.Event()
     with display as show:
         watcher = threading.Thread(
             target=_watch,
-            args=(settings, folder, show, stop),
+            args=(config, show, stop),
             name="watcher",
             daemon=True,
         )
@@ -140,9 +140,7 @@ def is_over(report: "RunReport") -> bool:
     return report.state not in ("starting", "running")
 
 
-def _watch(
-    settings: "Settings", folder: Path, show: Show, stop: threading.Event | None = None
-) -> "RunReport":
+def _watch(config: "RunConfig", show: Show, stop: threading.Event | None = None) -> "RunReport":
     """Look and show until the training ends or, with a `stop`, once after that is set."""
     from drcli.runs.status import inspect
 
@@ -150,7 +148,7 @@ def _watch(
     last: RunReport | None = None
     while True:
         stopped = clock.is_set()
-        report = inspect(settings, folder)
+        report = inspect(config)
         if last is not None and not report.history:  # the bucket did not answer this time
             report = replace(report, history=last.history, best=last.best, last=last.last)
         show(report)

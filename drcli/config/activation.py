@@ -1,9 +1,9 @@
-"""What activating a working folder leaves in a shell, and how much of that still counts.
+"""The variables that activating a working folder sets in a shell, and which of them count.
 
-Scripts want every setting as a variable, `$DR_LOCAL_S3_BUCKET`. The commands read the files: a copy
-in the environment must not win over a line that was edited since. So activation marks its copies,
-and the commands overlook each one that still has the value it was exported with. Who exports
-another value means it, and that wins.
+Scripts need every setting as a variable, such as `$DR_LOCAL_S3_BUCKET`. The commands read the
+files, and a copy in the environment must not override a line that was edited since. So activation
+marks its copies, and the commands ignore each copy that still has the marked value. If a racer
+exports another value, that value wins.
 """
 
 import zlib
@@ -32,7 +32,7 @@ def marked(copies: Mapping[str, str]) -> str:
 
 
 def copies(environ: Mapping[str, str]) -> set[str]:
-    """Names whose values activation exported and nobody has changed since."""
+    """Names whose values activation exported and that have not been changed since."""
     pairs = (pair.rpartition(":") for pair in environ.get(MARK, "").split())
     return {
         name
@@ -42,7 +42,7 @@ def copies(environ: Mapping[str, str]) -> set[str]:
 
 
 def chosen(environ: Mapping[str, str]) -> dict[str, str]:
-    """The environment without what activation left there."""
+    """The environment without the copies that activation made."""
     left = {MARK, *copies(environ)}
     return {name: value for name, value in environ.items() if name not in left}
 

@@ -88,7 +88,7 @@ class Setting:
     @property
     def default_text(self) -> str:
         """The default as it would be written in a settings file."""
-        return "" if self.default in (None, ()) else str(self.default)
+        return self.text(self.default)
 
     @property
     def expected(self) -> str:
@@ -106,6 +106,12 @@ class Setting:
         if self.low is not None and self.high is not None:
             return f"{text} from {self.low} to {self.high}"
         return text if self.low is None else f"{text}, {self.low} or more"
+
+    def text(self, value: Any) -> str:
+        """A value as it would be written in a settings file; `read` turns it back."""
+        if self.kind == "list":
+            return ";".join(f"{progress},{lane}" for progress, lane in value)
+        return "" if value is None else str(value)
 
     def read(self, text: str) -> Any:
         """The value that a text means.
@@ -181,7 +187,7 @@ def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator
     return SchemaValidator(core_schema.float_schema(ge=low, le=high, allow_inf_nan=False))
 
 
-def declared(model: type[Group]) -> Mapping[str, Setting]:
+def declared(model: type[Any]) -> Mapping[str, Setting]:
     """Every setting of a model by its DR_ name, in the order of declaration."""
     found = {}
     groups = [base for base in reversed(model.__mro__) if issubclass(base, Group)]

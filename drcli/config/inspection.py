@@ -192,7 +192,7 @@ def warnings_of(problems: Iterable[Problem]) -> list[str]:
 
 def _all_problems(settings: Settings) -> tuple[Problem, ...]:
     """What loading did not refuse, and tracks that are unknown or have to be fetched."""
-    return (*settings.problems, *track_problems(settings))
+    return (*settings.problems, *track_problems(settings.races))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:

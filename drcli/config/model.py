@@ -1,16 +1,19 @@
-"""All settings as one frozen object that can travel to another process."""
+"""All settings as one frozen object, from which narrow values are taken."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 from drcli.base.problems import Place, Problem, few
-from drcli.config.fields import Setting, declared
+from drcli.config.fields import Setting
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
-from drcli.config.groups.race import EvaluationSettings, RaceSettings, TrainSettings
+from drcli.config.groups.race import (
+    EpisodeSettings,
+    EvaluationSettings,
+    RaceSettings,
+    TrainSettings,
+)
 from drcli.config.groups.realism import RealismSettings
 from drcli.config.groups.storage import BucketSettings, KeySettings
 from drcli.config.groups.system import (
@@ -19,7 +22,19 @@ from drcli.config.groups.system import (
     ScreenSettings,
     ServiceSettings,
 )
-from drcli.config.setting_problems import setting_problem
+from drcli.config.run_config import (
+    CustomFilesConfig,
+    EvaluationConfig,
+    ModelConfig,
+    Part,
+    PretrainedConfig,
+    RaceConfig,
+    RunConfig,
+    StorageConfig,
+    TrainConfig,
+    TransferConfig,
+    UploadConfig,
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +73,7 @@ WORKER_STEMS = ("DR_OA_", "DR_H2B_", "DR_SIM_")
 
 
 class Settings(
+    Part,
     DerivedSettings,
     ServiceSettings,
     ScreenSettings,
@@ -69,10 +85,11 @@ class Settings(
     KeySettings,
     BucketSettings,
     EvaluationSettings,
+    EpisodeSettings,
     TrainSettings,
     RaceSettings,
 ):
-    """Every DR_ setting, checked. Only `load_settings` and `Settings.restore` make one.
+    """Every DR_ setting, checked. `load_settings` makes one; planners take narrow values from it.
 
     Attributes:
         directory: Folder with run.env and system.env, absolute.
@@ -101,26 +118,14 @@ class Settings(
         fields = {setting.field: setting.default for setting in catalogue().values()}
         if unknown := values.keys() - fields.keys():
             raise TypeError(f"No setting is called {', '.join(sorted(unknown))}.")
-        self.__dict__.update(
-            fields | values,
+        super().__init__(
+            **fields | values,
             directory=directory,
             extra=extra,
             sources=sources,
             problems=problems,
             overrides=overrides,
         )
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"Settings are frozen; {name} is changed in a copy, by `replaced`.")
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Settings) and vars(self) == vars(other)
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def replaced(self, **changes: Any) -> "Settings":
-        """The same with other values for some fields."""
-        return Settings(**{**vars(self), **changes})
 
     @property
     def custom_files_dir(self) -> Path:
@@ -151,17 +156,7 @@ class Settings(
         """Why these settings cannot be run; None when they can."""
         if job == "evaluation":
             return None
-        for worker in range(len(self.overrides) + 1):
-            own = self.for_worker(worker)
-            if own.race_type == "HEAD_TO_MODEL":
-                return setting_problem(
-                    "DR_RACE_TYPE",
-                    own.place("DR_RACE_TYPE"),
-                    "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations "
-                    "only.",
-                    "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
-                )
-        return None
+        return next(filter(None, (race.untrainable for race in self.races)), None)
 
     def for_worker(self, worker: int) -> "Settings":
         """The settings of one simulation worker, counted from 0; the first one has these."""
@@ -170,42 +165,103 @@ class Settings(
         own = self.overrides[worker - 1]
         return self.replaced(sources={**self.sources, **own.sources}, **typed(own.values))
 
-    def plain(self) -> dict[str, Any]:
-        """Every field as a value that JSON knows."""
-        values = {name: _plain(value) for name, value in vars(self).items()}
-        return {
-            **values,
-            "problems": [asdict(problem) for problem in self.problems],
-            "overrides": [asdict(override) for override in self.overrides],
-        }
-
-    def dump(self) -> str:
-        """All of it as JSON text for `restore`."""
-        return json.dumps(self.plain())
-
-    @staticmethod
-    def restore(text: str) -> "Settings":
-        """The settings that `dump` wrote down, in this or another process."""
-        values = json.loads(text)
-        for setting in catalogue().values():
-            written = values[setting.field]
-            if setting.kind == "path" and written is not None:
-                values[setting.field] = Path(written)
-            elif setting.kind == "list":
-                values[setting.field] = tuple(map(tuple, written))
-        values["directory"] = Path(values["directory"])
-        values["sources"] = _places(values["sources"])
-        values["problems"] = tuple(Problem(**problem) for problem in values["problems"])
-        values["overrides"] = tuple(
-            Override(each["values"], _places(each["sources"])) for each in values["overrides"]
+    @property
+    def storage(self) -> StorageConfig:
+        """Where the bucket is."""
+        return StorageConfig(
+            cloud=self.cloud,
+            bucket=self.bucket,
+            data_dir=self.directory / self.s3_data_dir,
+            engine=self.local_s3_engine,
+            port=self.local_s3_port or None,
+            endpoint_url=self.remote_minio_url or None,
+            profile=self.profile or None,
+            region=self.aws_app_region,
+            idle_minutes=self.local_s3_idle_minutes,
         )
-        return Settings(**values)
+
+    @property
+    def transfer(self) -> TransferConfig:
+        """The bucket, and the one that models are copied to and from."""
+        upload = UploadConfig(
+            self.upload_s3_bucket,
+            self.upload_s3_profile or None,
+            self.upload_s3_endpoint_url,
+            self.aws_app_region,
+        )
+        return TransferConfig(self.storage, upload)
+
+    @property
+    def custom_files(self) -> CustomFilesConfig:
+        """The racer's own three files."""
+        return CustomFilesConfig(
+            self.custom_files_dir,
+            self.custom_files_prefix,
+            self.reward_key,
+            self.hyperparameters_key,
+            self.model_metadata_key,
+        )
+
+    @property
+    def model(self) -> ModelConfig:
+        """The model to train or evaluate."""
+        return ModelConfig(
+            prefix=self.model_prefix,
+            metrics_prefix=self.metrics_prefix,
+            metric=self.train_best_model_metric,
+            workers=self.workers,
+            reward_key=self.reward_key,
+            parameters_file=self.training_params_file,
+        )
+
+    @property
+    def pretrained_model(self) -> PretrainedConfig | None:
+        """The model whose weights a new model begins with; None for fresh weights."""
+        if not self.pretrained:
+            return None
+        return PretrainedConfig(
+            self.pretrained_prefix,
+            self.pretrained_checkpoint,
+            self.place("DR_LOCAL_S3_PRETRAINED_PREFIX"),
+            self.place("DR_LOCAL_S3_PRETRAINED_CHECKPOINT"),
+        )
+
+    @property
+    def race(self) -> RaceConfig:
+        """What the first simulation worker drives."""
+        return RaceConfig(
+            **self._of(RaceConfig),
+            directory=self.directory,
+            sources={n: place for n, place in self.sources.items() if n in RaceConfig.declared},
+        )
+
+    @property
+    def races(self) -> tuple[RaceConfig, ...]:
+        """What the first worker drives, and all others that have a file of their own."""
+        return tuple(self.for_worker(k).race for k in range(len(self.overrides) + 1))
+
+    @property
+    def run(self) -> RunConfig:
+        """What the processes of a training or an evaluation need to know."""
+        return RunConfig(
+            run_id=self.run_id,
+            directory=self.directory,
+            log_max_mb=self.log_max_mb,
+            model=self.model,
+            storage=self.storage,
+            train=TrainConfig(**self._of(TrainConfig)),
+            evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
+            races=self.races,
+        )
+
+    def _of(self, part: type[Part]) -> dict[str, Any]:
+        """The values of the groups that a narrow value has."""
+        return {item.field: getattr(self, item.field) for item in part.declared.values()}
 
 
-@cache
 def catalogue() -> Mapping[str, Setting]:
     """What is known about every setting, by DR_ name, in the order of the documentation."""
-    return declared(Settings)
+    return Settings.declared
 
 
 def typed(texts: Mapping[str, str]) -> dict[str, Any]:
@@ -216,12 +272,3 @@ def typed(texts: Mapping[str, str]) -> dict[str, Any]:
     """
     by_field = {setting.field: setting for setting in catalogue().values()}
     return {field: by_field[field].read(text) for field, text in texts.items()}
-
-
-def _places(written: Mapping[str, Any]) -> dict[str, Place]:
-    """Places as JSON wrote them, by name."""
-    return {name: Place(*place) for name, place in written.items()}
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value

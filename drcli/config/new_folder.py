@@ -203,7 +203,7 @@ def _gitignore(path: Path) -> bytes:
 def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
     """The track where it is still to be fetched, and a sentence about that."""
     world = settings.world_name
-    if is_installed(settings) or world.endswith(ROUTE_FILES):
+    if is_installed(settings.race) or world.endswith(ROUTE_FILES):
         return None, ()
     known = sorted({*built_in(), *own(settings.tracks_folder)})
     warning = (

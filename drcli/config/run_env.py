@@ -24,8 +24,6 @@ class Edit:
     """A file and what it will hold.
 
     Attributes:
-        directory: The racer's working folder.
-        name: The file, by its name in there.
         old: Its content when it was looked at.
         new: Its content afterwards.
     """
@@ -46,7 +44,7 @@ class Edit:
         return self.path.with_name(f"{self.path.name}.bak")
 
     def check(self) -> None:
-        """Refuse when somebody else has changed the file since it was looked at.
+        """Refuse if the file has been changed since it was read.
 
         Raises:
             SettingsError: They have.
@@ -83,14 +81,14 @@ def file_name(settings: Settings) -> str:
     return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
-def written(settings: Settings, directory: Path, name: str) -> str | None:
+def written(settings: Settings, name: str) -> str | None:
     """The text that stands for a name in that file, maybe with `$NAME` in it; None without one."""
     file = file_name(settings)
-    entries = parse_env((directory / file).read_bytes(), file).entries
+    entries = parse_env((settings.directory / file).read_bytes(), file).entries
     return next((entry.value for entry in reversed(entries) if entry.name == name), None)
 
 
-def plan_edit(settings: Settings, directory: Path, values: Mapping[str, str]) -> Edit:
+def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
     """Work out an edit; nothing is changed yet.
 
     Raises:
@@ -98,6 +96,7 @@ def plan_edit(settings: Settings, directory: Path, values: Mapping[str, str]) ->
     """
     refuse_stronger_values(settings, values)
     name = file_name(settings)
+    directory = settings.directory
     old = (directory / name).read_bytes()
     return Edit(directory, name, old, with_values(old, values, name))
 

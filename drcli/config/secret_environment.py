@@ -26,9 +26,9 @@ _lendings = 0
 
 
 def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """What anybody may read of an environment, and what not.
+    """The harmless variables of an environment, and the secret ones.
 
-    The path of a file with secrets is none: the file is protected, or it is not.
+    The path of a file with secrets is not a secret.
     """
     with _lock:  # another thread may just be lending
         everything = dict(environment)
@@ -43,14 +43,14 @@ def all_secrets() -> dict[str, str]:
 
 
 def keep(secrets: Mapping[str, str]) -> None:
-    """Take up the secrets that this process was handed."""
+    """Keep the secrets that this process was given."""
     with _lock:
         _kept.update(secrets)
 
 
 @contextmanager
 def lent() -> Iterator[None]:
-    """Have the secrets in the environment, for the AWS library to find."""
+    """Put the secrets into the environment for a moment, for the AWS library to find."""
     global _lendings
     with _lock:
         _lendings += 1

@@ -1,4 +1,4 @@
-"""Keeps passwords and keys out of what is printed."""
+"""Hides passwords and keys in what is printed."""
 
 import re
 from urllib.parse import urlsplit
@@ -8,16 +8,11 @@ from drcli.config.model import catalogue
 HIDDEN = "(hidden)"
 
 _SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY", re.IGNORECASE)
-"""Names that are no settings of ours and hold what nobody else may read, such as the AWS keys."""
+"""Names of other variables with secrets, such as the AWS keys."""
 
 
 def hidden(name: str, value: str) -> str:
-    """A value as it may be shown: no secret, and no password or signature in an address.
-
-    Args:
-        name: Whose value it is.
-        value: As it is set.
-    """
+    """A value as it may be shown: no secret, and no password or signature in an address."""
     if name not in catalogue() and _SECRET.search(name):
         return HIDDEN if value else ""
     if "://" not in value:

@@ -1,4 +1,4 @@
-"""Files of ours that a working folder begins with: in the installed package, or in a checkout."""
+"""The example files for new working folders, in the installed package or in a checkout."""
 
 from importlib import resources
 from pathlib import Path

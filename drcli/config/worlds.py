@@ -1,6 +1,7 @@
 """Knows the names of all tracks, without loading the simulation."""
 
 import re
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from drcli.base.problems import Problem, closest, shown
 from drcli.config.setting_problems import setting_problem
 
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
-    from drcli.config.model import Settings
+    from drcli.config.run_config import RaceConfig
 
 ROUTE_FILES = (".npy", ".csv")
 
@@ -55,68 +56,66 @@ def own(folder: Path) -> list[str]:
     return _stems(folder, ROUTE_FILES)
 
 
-def is_installed(settings: "Settings") -> bool:
-    """Whether the track of some settings is installed; also where that cannot be known."""
+def is_installed(race: "RaceConfig") -> bool:
+    """Whether the track of a race is installed; also where that cannot be known."""
     if not built_in():
         return True
-    world = settings.world_name
+    world = race.world_name
     if world.endswith(ROUTE_FILES):
-        if any(_is_file(place / world) for place in (settings.directory, settings.tracks_folder)):
+        if any(_is_file(place / world) for place in (race.directory, race.tracks_folder)):
             return True
         if "/" in world:
             return False
         world = Path(world).stem  # people write reinvent_base.npy and mean reinvent_base
-    known = _known(settings)
+    known = _known(race)
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def track_problem(settings: "Settings") -> Problem | None:
-    """What is wrong with the track of some settings; a note where it can be fetched."""
-    place, name = settings.place("DR_WORLD_NAME"), settings.world_name
-    if is_installed(settings):
+def track_problem(race: "RaceConfig") -> Problem | None:
+    """What is wrong with the track of a race; a note where it can be fetched."""
+    place, name = race.place("DR_WORLD_NAME"), race.world_name
+    if is_installed(race):
         return None
-    if _name(settings) in COMMUNITY:
+    if _name(race) in COMMUNITY:
         what = f"DR_WORLD_NAME={name} is a community track that is not installed yet."
-        return setting_problem("DR_WORLD_NAME", place, what, remedy(settings), severity="note")
+        return setting_problem("DR_WORLD_NAME", place, what, remedy(race), severity="note")
     what = f"DR_WORLD_NAME={shown(name)} is not a known track."
-    return setting_problem("DR_WORLD_NAME", place, what, remedy(settings))
+    return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
 
 
-def track_problems(settings: "Settings") -> list[Problem]:
+def track_problems(races: "Sequence[RaceConfig]") -> list[Problem]:
     """The same for the tracks of all workers, each place once."""
-    workers = (settings.for_worker(worker) for worker in range(len(settings.overrides) + 1))
-    problems = map(track_problem, workers)
+    problems = map(track_problem, races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
-def to_fetch(settings: "Settings") -> list[str]:
+def to_fetch(races: "Sequence[RaceConfig]") -> list[str]:
     """Names of the community's tracks that a start has to fetch first."""
-    workers = [settings.for_worker(worker) for worker in range(len(settings.overrides) + 1)]
-    return list(dict.fromkeys(_name(own) for own in workers if can_be_fetched(own)))
+    return list(dict.fromkeys(_name(race) for race in races if can_be_fetched(race)))
 
 
-def can_be_fetched(settings: "Settings") -> bool:
-    """Whether the track of some settings is a community track that is not installed."""
-    return _name(settings) in COMMUNITY and not is_installed(settings)
+def can_be_fetched(race: "RaceConfig") -> bool:
+    """Whether the track of a race is a community track that is not installed."""
+    return _name(race) in COMMUNITY and not is_installed(race)
 
 
-def remedy(settings: "Settings") -> str:
+def remedy(race: "RaceConfig") -> str:
     """What to do about a track that is not installed."""
-    name = _name(settings)
+    name = _name(race)
     if name in COMMUNITY:
         return (
             f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. Without a network add its file with `dr-tracks add "
             f"{name}.npy`."
         )
-    likely = closest(settings.world_name, [*_known(settings), *COMMUNITY])
+    likely = closest(race.world_name, [*_known(race), *COMMUNITY])
     hint = f"Did you mean {likely}? " if likely is not None else ""
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _name(settings: "Settings") -> str:
+def _name(race: "RaceConfig") -> str:
     """The track without the ending of a file, which people may write."""
-    world = settings.world_name
+    world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 
 
@@ -128,8 +127,8 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _known(settings: "Settings") -> list[str]:
-    return [*built_in(), *own(settings.tracks_folder)]
+def _known(race: "RaceConfig") -> list[str]:
+    return [*built_in(), *own(race.tracks_folder)]
 
 
 def _stems(folder: Path, endings: tuple[str, ...]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The notes that running evaluations leave on this machine, so that another shell can end them."""
+"""Records of running evaluations on this machine, so that another shell can stop them."""
 
 import shutil
 from dataclasses import asdict, dataclass
@@ -16,17 +16,11 @@ class EvaluationRecord:
     """One evaluation while it runs, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
-        run_id: DR_RUN_ID.
         stamp: Fourteen digits that name it.
-        bucket: Name of the bucket.
-        prefix: Model prefix.
-        world: DR_WORLD_NAME.
-        checkpoint: What drives.
         pid: The process that waits for its end and is to be told to stop.
         pid_started: When that process began, as `process_identity.started_s` gives it: process
             numbers are used again.
         worker_pid: The process that drives.
-        started_at: Unix seconds.
     """
 
     run_id: int
@@ -46,12 +40,12 @@ class EvaluationRecord:
         return is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Put the note down in one step, so that a reader never sees half of it."""
+        """Write the record in one step, so that a reader never sees half of it."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
-        """The note in the folder of an evaluation; None where there is none, or it is damaged."""
+        """The record in the folder of an evaluation; None if there is none or it is damaged."""
         try:
             return built(EvaluationRecord, read_json(folder / _FILE))
         except Misfit:  # there is no such file (yet, or any more), or something else in it
@@ -73,12 +67,7 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    """Evaluations that run in a working folder, oldest first.
-
-    Args:
-        directory: The racer's working folder.
-        run_id: Only those of one DR_RUN_ID.
-    """
+    """Evaluations that run in a working folder, oldest first."""
     of_run = "*" if run_id is None else str(run_id)
     folders = _runs(directory).glob(f"{of_run}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
@@ -89,7 +78,7 @@ def running_evaluations(directory: Path, run_id: int | None = None) -> list[Eval
 
 
 def sweep(directory: Path, run_id: int) -> None:
-    """Remove what evaluations left behind that were killed."""
+    """Remove the folders of evaluations that were killed."""
     for folder in _runs(directory).glob(f"{run_id}/evaluations/*"):
         record = EvaluationRecord.read(folder)
         if record is not None and not record.alive:

@@ -1,4 +1,4 @@
-"""What a launcher tells its worker processes, and how they tell it why they ended."""
+"""What a launcher tells its worker processes, and what they tell it when they fail."""
 
 import json
 import os
@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.atomic_file import read_json, write_json
-from drcli.base.errors import DrError, NoAnswer
-from drcli.base.json_record import Misfit, built
+from drcli.base.errors import DrError, NoAnswer, SettingsError
+from drcli.base.json_record import Misfit, built, parsed, written
 from drcli.config import secret_environment
-from drcli.config.settings import Settings
+from drcli.config.run_config import RunConfig
+
+VERSION = 1
+"""Of the form in which a job travels; another one comes from another version of this program."""
 
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
@@ -33,7 +36,7 @@ PROCESS_TUNING = {
 """Environment of the worker processes, unless the user's own says otherwise."""
 
 LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
-"""Logs are UTF-8 in every locale, and no letter that a reward function prints ends a worker."""
+"""Logs are UTF-8 in every locale; nothing that a reward function prints can end a worker."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,7 @@ class Job:
     """One start of a training or an evaluation.
 
     Attributes:
-        settings: What the racer wrote, checked.
-        directory: The racer's working folder.
+        config: What the racer's settings say of it.
         session: Unique name of this start; rollouts of an earlier start never carry it.
         seed: What all random numbers of the run are derived from.
         until_laps: Finish once an evaluation completes all its laps, at least so many.
@@ -52,8 +54,7 @@ class Job:
         term: Of the lease that its supervisor has taken; 0 before.
     """
 
-    settings: Settings
-    directory: Path
+    config: RunConfig
     session: str
     seed: int
     until_laps: int | None
@@ -61,6 +62,11 @@ class Job:
     folder: Path
     launcher_pid: int
     term: int = 0
+
+    @property
+    def directory(self) -> Path:
+        """The racer's working folder."""
+        return self.config.directory
 
     def spawn(
         self, command: Sequence[str], *, with_secrets: bool = False, **options: Any
@@ -87,39 +93,38 @@ class Job:
                 "env": {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})},
             },
         )
-        handed = {"job": self._fields(), "secrets": secrets if with_secrets else {}}
+        handed = {
+            "version": VERSION,
+            "job": asdict(self),
+            "secrets": secrets if with_secrets else {},
+        }
         assert process.stdin is not None
         with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already
-            pipe.write(json.dumps(handed).encode())
+            pipe.write(json.dumps(handed, default=written).encode())
         process.stdin = None
         return process
 
-    def _fields(self) -> dict[str, Any]:
-        return {
-            # What the files name beside settings is nobody's business there.
-            "settings": self.settings.replaced(extra={}).dump(),
-            "directory": str(self.directory),
-            "session": self.session,
-            "seed": self.seed,
-            "until_laps": self.until_laps,
-            "max_minutes": self.max_minutes,
-            "folder": str(self.folder),
-            "launcher_pid": self.launcher_pid,
-            "term": self.term,
-        }
-
     @staticmethod
     def received() -> "Job":
-        """The job that the launcher of this process gave it; read once."""
-        handed = json.loads(sys.stdin.buffer.read())
+        """The job that the launcher of this process gave it; read once.
+
+        Raises:
+            SettingsError: The launcher is another version of this program.
+        """
+        data = sys.stdin.buffer.read()
         with Path(os.devnull).open("rb") as nothing:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
-        secret_environment.keep(handed["secrets"])
-        fields = handed["job"]
-        fields["settings"] = Settings.restore(fields["settings"])
-        fields["directory"] = Path(fields["directory"])
-        fields["folder"] = Path(fields["folder"])
-        return Job(**fields)
+        try:
+            handed = parsed(data)
+            if not isinstance(handed, dict) or handed.get("version") != VERSION:
+                raise Misfit(f"it is not written in version {VERSION}")
+            secret_environment.keep(handed["secrets"])
+            return built(Job, handed["job"])
+        except (Misfit, KeyError) as error:
+            raise SettingsError(
+                f"This process cannot read the job that its launcher gave it: {error}.",
+                remedy="Stop the run and start it again; drcli may have been updated meanwhile.",
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -127,8 +132,6 @@ class LastWords:
     """Why a worker process ended.
 
     Attributes:
-        message: One sentence.
-        remedy: What to do about it.
         code: The exit code that the command should end with.
         final: Whether another process would end the same way.
         silent: Whether the bucket's server did not answer.

@@ -1,4 +1,4 @@
-"""The note a run leaves on this machine: who supervises it and how it is going."""
+"""The record of a run on this machine: its supervisor, its workers and its state."""
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -7,17 +7,12 @@ from typing import Literal
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import Misfit, built
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import Settings
+from drcli.config.run_config import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
 
 State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
-"""Where a run is in its life. "lost": its supervisor ended without saying why."""
-
-_STORAGE = (
-    *("cloud", "bucket", "remote_minio_url", "profile", "aws_app_region"),
-    *("local_s3_engine", "s3_data_dir"),
-)
+"""State of a run. "lost": its supervisor ended without writing why."""
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
@@ -32,26 +27,61 @@ class WorkerRecord:
 
 
 @dataclass(frozen=True)
+class StorageRecord:
+    """What leads to the bucket of a run. The names are those that version 0.1.0 wrote.
+
+    Attributes:
+        s3_data_dir: Relative to the working folder where it lies in it, so that both can be moved.
+    """
+
+    cloud: Cloud
+    bucket: str
+    remote_minio_url: str
+    profile: str
+    aws_app_region: str
+    local_s3_engine: Engine
+    s3_data_dir: str
+
+    @staticmethod
+    def of(config: StorageConfig, directory: Path) -> "StorageRecord":
+        """The record of a bucket, for a run in a working folder."""
+        folder = config.data_dir
+        if folder.is_relative_to(directory):
+            folder = folder.relative_to(directory)
+        return StorageRecord(
+            cloud=config.cloud,
+            bucket=config.bucket,
+            remote_minio_url=config.endpoint_url or "",
+            profile=config.profile or "",
+            aws_app_region=config.region,
+            local_s3_engine=config.engine,
+            s3_data_dir=str(folder),
+        )
+
+    def config(self, now: StorageConfig, directory: Path) -> StorageConfig:
+        """The bucket; port and idle time of its server are those of now."""
+        return replace(
+            now,
+            cloud=self.cloud,
+            bucket=self.bucket,
+            data_dir=directory / self.s3_data_dir,
+            engine=self.local_s3_engine,
+            endpoint_url=self.remote_minio_url or None,
+            profile=self.profile or None,
+            region=self.aws_app_region,
+        )
+
+
+@dataclass(frozen=True)
 class RunRecord:
     """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
-        run_id: DR_RUN_ID.
-        session: Unique name of the start.
-        bucket: Name of the bucket.
-        prefix: Model prefix.
-        world: DR_WORLD_NAME.
         state: As the supervisor last wrote it.
-        pid: The supervisor.
         pid_started: When that process began, as `process_identity.started_s` gives it: process
             numbers are used again.
-        started_at: Unix seconds.
-        ended_at: Unix seconds, or None.
         exit_code: Of the supervisor, when it has ended.
-        message: Why the run ended.
-        remedy: What to do about it.
-        workers: Its processes.
-        storage: Settings that led to its bucket, by the name of their field.
+        storage: What led to its bucket; None in the record of a version that did not keep it.
     """
 
     run_id: int
@@ -68,11 +98,16 @@ class RunRecord:
     message: str = ""
     remedy: str = ""
     workers: list[WorkerRecord] = field(default_factory=list)
-    storage: dict[str, str] = field(default_factory=dict)
+    storage: StorageRecord | None = None
 
-    def settings(self, now: Settings) -> Settings:
-        """The settings of now, with those that the model and its bucket had at the start."""
-        return now.replaced(**self.storage, model_prefix=self.prefix)
+    def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
+        """Where the bucket of the run is, whatever the settings say now.
+
+        Args:
+            now: As the settings say now.
+            directory: The racer's working folder.
+        """
+        return now if self.storage is None else self.storage.config(now, directory)
 
     @property
     def alive(self) -> bool:
@@ -80,12 +115,12 @@ class RunRecord:
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Replace the note in one step, so that a reader never sees half of it."""
+        """Replace the record in one step, so that a reader never sees half of it."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
-        """The note of the last start; None if nothing was started yet, or it is damaged."""
+        """The record of the last start; None if there is none or it is damaged."""
         try:
             return built(RunRecord, read_json(folder / _FILE))
         except Misfit:
@@ -94,7 +129,7 @@ class RunRecord:
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float
     ) -> "RunRecord":
-        """The note once the run is over."""
+        """The record of a run that is over."""
         return replace(
             self,
             state=state,
@@ -105,11 +140,6 @@ class RunRecord:
         )
 
 
-def storage_of(settings: Settings) -> dict[str, str]:
-    """What leads to the bucket of some settings."""
-    return {name: str(getattr(settings, name)) for name in _STORAGE}
-
-
-def run_folder(settings: Settings, directory: Path) -> Path:
-    """Where this machine keeps what it knows of the run."""
-    return directory / "data" / "runs" / str(settings.run_id)
+def run_folder(directory: Path, run_id: int) -> Path:
+    """Where this machine keeps what it knows of a run."""
+    return directory / "data" / "runs" / str(run_id)

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from shlex import quote
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import CustomFilesConfig
+from drcli.config.shipped import model_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -38,7 +38,7 @@ class Inputs:
     metadata: InputFile
 
 
-def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str, InputFile]:
+def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFile]:
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
     The shipped examples are only used when there is no file at all: one file missing among
@@ -47,10 +47,9 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
     """
-    local = custom_files_folder(settings, directory)
     found: dict[str, InputFile] = {}
-    for name, key in places(settings).items():
-        path = local / name
+    for name, key in places(config).items():
+        path = config.folder / name
         data = _content(path)
         if data is not None:
             found[name] = InputFile(name, data, str(path))
@@ -61,24 +60,24 @@ def find(settings: Settings, directory: Path, bucket: Bucket | None) -> dict[str
                 continue
     if found or bucket is None:
         return found
-    shipped = {name: shipped_file(name) for name in places(settings)}
+    shipped = {name: model_file(name) for name in places(config)}
     return {name: InputFile(name, path.read_bytes(), str(path)) for name, path in shipped.items()}
 
 
-def places(settings: Settings) -> dict[str, str]:
+def places(config: CustomFilesConfig) -> dict[str, str]:
     """Keys of the three files in the bucket, by file name."""
     return {
-        keys.REWARD_FUNCTION_FILE: settings.reward_key,
-        keys.HYPERPARAMETERS_FILE: settings.hyperparameters_key,
-        keys.MODEL_METADATA_FILE: settings.model_metadata_key,
+        keys.REWARD_FUNCTION_FILE: config.reward_key,
+        keys.HYPERPARAMETERS_FILE: config.hyperparameters_key,
+        keys.MODEL_METADATA_FILE: config.metadata_key,
     }
 
 
 def missing_files(
-    found: Mapping[str, InputFile], settings: Settings, directory: Path, bucket: str
+    found: Mapping[str, InputFile], config: CustomFilesConfig, bucket: str
 ) -> list[Problem]:
     """A problem for each of the three files that does not exist."""
-    local = custom_files_folder(settings, directory)
+    local = config.folder
     return [
         Problem(
             FILE_RULES[name],
@@ -86,37 +85,18 @@ def missing_files(
             str(local),
             None,
             f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
-            f"Put your {name} into {local}; an example is {shipped_file(name)}.",
+            f"Put your {name} into {local}; an example is {model_file(name)}.",
         )
-        for name, key in places(settings).items()
+        for name, key in places(config).items()
         if name not in found
     ]
 
 
-def upload_custom_files(
-    settings: Settings, directory: Path, bucket: Bucket, inputs: Inputs
-) -> None:
+def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
     """Copy the racer's local files to where the bucket keeps them for the next start."""
-    local = custom_files_folder(settings, directory)
     for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
-        if Path(file.origin).parent == local:
-            bucket.put(places(settings)[file.name], file.data)
-
-
-def custom_files_folder(settings: Settings, directory: Path) -> Path:
-    """The folder of the racer's own files: an experiment has its own."""
-    if settings.experiment_name:
-        return directory / "experiments" / settings.experiment_name / "custom_files"
-    return directory / "custom_files"
-
-
-def shipped_file(name: str) -> Path:
-    """An example of ours: inside the installed package, or in a checkout's `defaults` folder."""
-    package = Path(str(resources.files("drcli")))
-    for folder in (package / "_defaults", package.parent / "defaults"):
-        if (folder / name).is_file():
-            return folder / name
-    raise FileNotFoundError(name)
+        if Path(file.origin).parent == config.folder:
+            bucket.put(places(config)[file.name], file.data)
 
 
 def _content(path: Path) -> bytes | None:

@@ -1,4 +1,4 @@
-"""Which checkpoint of a model is meant, and the files it is made of."""
+"""Chooses a checkpoint of a model and reads its files."""
 
 import json
 from collections.abc import Iterable
@@ -30,7 +30,6 @@ class Item:
 
     Attributes:
         name: Its key below the model prefix.
-        data: Its content.
     """
 
     name: str
@@ -42,10 +41,7 @@ class Chosen:
     """A checkpoint whose files are all there.
 
     Attributes:
-        choice: How it was chosen.
-        score: Its name and how it was evaluated.
         parts: What follows its name in the keys of its files.
-        size_bytes: Of all of them.
     """
 
     choice: Choice
@@ -104,13 +100,7 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
-    """Keys that a checkpoint needs and does not have; those of our kind where it has none at all.
-
-    Args:
-        listed: The model's folder.
-        prefix: The model.
-        name: The checkpoint.
-    """
+    """Keys of the files that a checkpoint lacks; those of our own format if it has no file."""
     there = {info.key for info in listed}
     lacks = [
         [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]

@@ -1,9 +1,9 @@
-"""What a checkpoint needs beside its own files: reward function, parameters, metrics."""
+"""The files that belong to a checkpoint: reward function, parameters, metrics."""
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
-from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
+from drcli.config.run_config import ModelConfig
+from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import Item
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged
@@ -20,13 +20,13 @@ PARAMETERS_FILE = "training_params.yaml"
 """What import tools look for, whatever the training called it."""
 
 
-def refuse_incomplete(settings: Settings, bucket: Bucket, prefix: str) -> None:
+def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
     """Check that a model has everything that belongs to it.
 
     Raises:
         SettingsError: It has not.
     """
-    missing = [name for name, found in _places(settings, bucket, prefix).items() if not found]
+    missing = [name for name, found in _places(model, bucket, prefix).items() if not found]
     if missing and not bucket.list(keys.folder(prefix)):
         raise SettingsError(
             "Meta-data files are not found. Exiting. There is no model at "
@@ -43,26 +43,27 @@ def refuse_incomplete(settings: Settings, bucket: Bucket, prefix: str) -> None:
         )
 
 
-def read_companions(
-    settings: Settings, bucket: Bucket, prefix: str, target: tuple[str, str]
+def read_model_files(
+    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
 ) -> list[Item]:
-    """Read everything that goes with a checkpoint.
+    """Read everything that belongs to a checkpoint.
 
     Args:
-        settings: For files that lie elsewhere than below the prefix.
+        model: The model of the settings, for files that are elsewhere than below the prefix.
         bucket: Holds the model.
         prefix: The model.
         target: Bucket and prefix of the copy, which its parameter file names.
+        described: The parameter file to copy if the model has none.
 
     Raises:
         StorageError: Something cannot be read.
     """
     items: dict[str, Item] = {}
-    for kind, found in _places(settings, bucket, prefix).items():
+    for kind, found in _places(model, bucket, prefix).items():
         for key in found:
             name = kind
             if kind == METRICS:
-                name += key.removeprefix(_metrics_folder(settings, prefix, key))
+                name += key.removeprefix(_metrics_folder(model, prefix, key))
             items[name] = Item(name, bucket.get(key))
             if kind != METRICS and not items[name].data:
                 raise ObjectDamaged(
@@ -73,24 +74,22 @@ def read_companions(
     items[root] = Item(root, items[METADATA].data)
     if bucket.exists(keys.training_start(prefix)):
         items[NOTE] = Item(NOTE, bucket.get(keys.training_start(prefix)))
-    parameters = _parameters(settings, bucket, prefix, target)
+    parameters = _parameters(model, bucket, prefix, target, described)
     items[PARAMETERS_FILE] = Item(PARAMETERS_FILE, parameters)
     return list(items.values())
 
 
-def _places(settings: Settings, bucket: Bucket, prefix: str) -> dict[str, list[str]]:
+def _places(model: ModelConfig, bucket: Bucket, prefix: str) -> dict[str, list[str]]:
     """Keys of each kind of file that must be there; empty where it is missing."""
     rewards = [keys.reward_function(prefix)]
-    if prefix == settings.model_prefix:
-        rewards.append(settings.reward_key)
+    if prefix == model.prefix:
+        rewards.append(model.reward_key)
     return {
         keys.REWARD_FUNCTION_FILE: _existing(bucket, rewards)[:1],
         METADATA: _existing(bucket, [keys.model_metadata(prefix)]),
         HYPERPARAMETERS: _existing(bucket, [keys.hyperparameters(prefix)]),
         METRICS: [
-            info.key
-            for folder in _metrics_folders(settings, prefix)
-            for info in bucket.list(folder)
+            info.key for folder in _metrics_folders(model, prefix) for info in bucket.list(folder)
         ],
     }
 
@@ -99,24 +98,26 @@ def _existing(bucket: Bucket, wanted: list[str]) -> list[str]:
     return [key for key in wanted if bucket.exists(key)]
 
 
-def _metrics_folders(settings: Settings, prefix: str) -> list[str]:
+def _metrics_folders(model: ModelConfig, prefix: str) -> list[str]:
     """The usual place, and the one of the settings if these are of this model."""
     folders = [keys.folder(keys.metrics_prefix(prefix))]
-    if prefix == settings.model_prefix:
-        folders.append(keys.folder(settings.metrics_prefix))
+    if prefix == model.prefix:
+        folders.append(keys.folder(model.metrics_prefix))
     return list(dict.fromkeys(folders))
 
 
-def _metrics_folder(settings: Settings, prefix: str, key: str) -> str:
-    return next(f for f in _metrics_folders(settings, prefix) if key.startswith(f))
+def _metrics_folder(model: ModelConfig, prefix: str, key: str) -> str:
+    return next(f for f in _metrics_folders(model, prefix) if key.startswith(f))
 
 
-def _parameters(settings: Settings, bucket: Bucket, prefix: str, target: tuple[str, str]) -> bytes:
+def _parameters(
+    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
+) -> bytes:
     """What the model was trained with, for its new place; from the settings where it is unknown."""
-    key = keys.parameter_file(prefix, settings.training_params_file)
-    written = bucket.get(key) if bucket.exists(key) else training_parameters(settings)
+    key = keys.parameter_file(prefix, model.parameters_file)
+    written = bucket.get(key) if bucket.exists(key) else described
     try:
         return moved_training_parameters(written, *target)
     except ValueError as e:
         notices.warn(f"{bucket.name}/{key} is damaged: {e}. The copy is made from the settings.")
-        return moved_training_parameters(training_parameters(settings), *target)
+        return moved_training_parameters(described, *target)

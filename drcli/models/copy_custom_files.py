@@ -11,11 +11,9 @@ from typing import NoReturn
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import custom_files_folder
+from drcli.config.run_config import CustomFilesConfig, StorageConfig
 from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
-from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.verify import Proof
 
@@ -47,7 +45,7 @@ class CustomFilesReport:
 
 
 def upload_custom_files(
-    settings: Settings, directory: Path, say: Callable[[str], None]
+    config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
     """Copy what lies in `custom_files/` of the working folder, or of the experiment.
 
@@ -55,15 +53,16 @@ def upload_custom_files(
         SettingsError: There is no such folder, or something in it cannot be read.
         StorageError: The bucket cannot be written.
     """
-    folder, bucket, place = _ends(settings, directory)
+    folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
+    place = f"s3://{bucket.name}/{config.prefix}"
     if not folder.is_dir():
         raise SettingsError(
-            f"{folder}: there is no such folder.",
+            f"{folder}: this folder does not exist.",
             remedy="Make it and put reward_function.py, hyperparameters.json and "
             "model_metadata.json there, or let `dr init` do so.",
         )
     say(f"Uploading files to {place}")
-    start = keys.folder(settings.custom_files_prefix)
+    start = keys.folder(config.prefix)
     there = {info.key: info for info in bucket.list(start)}
     copied, unchanged, refused = [], [], []
     for path in sorted(_files(folder)):
@@ -81,7 +80,7 @@ def upload_custom_files(
 
 
 def download_custom_files(
-    settings: Settings, directory: Path, say: Callable[[str], None]
+    config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
     """Copy everything back; a file that was different stays beside the new one as `NAME.bak`.
 
@@ -89,9 +88,10 @@ def download_custom_files(
         SettingsError: A file cannot be written.
         StorageError: The bucket cannot be read.
     """
-    folder, bucket, place = _ends(settings, directory)
+    folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
+    place = f"s3://{bucket.name}/{config.prefix}"
     say(f"Downloading files from {place}")
-    start = keys.folder(settings.custom_files_prefix)
+    start = keys.folder(config.prefix)
     copied, unchanged, refused = [], [], []
     for info in bucket.list(start):
         name = info.key.removeprefix(start)
@@ -128,12 +128,6 @@ def write_file(path: Path, data: bytes) -> bool:
         ) from e
     rewrite(path, data)
     return True
-
-
-def _ends(settings: Settings, directory: Path) -> tuple[Path, Bucket, str]:
-    bucket = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
-    place = f"s3://{bucket.name}/{settings.custom_files_prefix}"
-    return custom_files_folder(settings, directory), bucket, place
 
 
 def _files(folder: Path) -> Iterator[Path]:

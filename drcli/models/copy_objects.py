@@ -1,4 +1,4 @@
-"""Brings the objects of a model from one bucket to another, though it may be changing there."""
+"""Copies the objects of a model to another bucket, even while a training changes them."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -35,7 +35,7 @@ TRANSIENT = (
 """Signals of a training that runs elsewhere; a copy of them would mislead the next one here."""
 
 _SNAPSHOTS = 5
-"""How often a model is listed anew that a running training changed under our hands."""
+"""How often a model is listed again because a running training has changed it."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ class Source:
     """A model to be fetched.
 
     Attributes:
-        bucket: Holds it.
-        prefix: Its folder there.
         listing: The command that lists the models of that bucket.
     """
 

@@ -1,45 +1,68 @@
-"""Puts objects under a prefix so that whoever reads there never takes half a model for a whole.
+"""Writes a model to a prefix so that readers never see an incomplete one.
 
-What has a name of its own goes first, what is shared by all checkpoints next, the pointers last.
-Every object is proved after it was written, and one that is there already is not sent again, so an
-interrupted delivery is finished by making it once more.
+The files of the checkpoint go first, then what all checkpoints share, the pointers last. Every
+object is verified after it was written. One that is there already is not sent again, so repeating
+an interrupted delivery completes it.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from drcli.base.errors import StorageError
 from drcli.exchange.scores import Score, encode_single
 from drcli.models.checkpoint_choice import Item, missing_parts
 from drcli.models.checkpoint_files import SHAPING
-from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
 from drcli.store.verify import Proof
 
-Report = TypeVar("Report", bound=TransferReport)
-
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 """Names of the two objects that say which checkpoint counts, in the order of writing."""
 
 _SENDINGS = 3
-"""How often an object is sent before a server that alters it is given up."""
+"""How often an object is sent to a server that alters it."""
 
 _BATCH_BYTES = 64 << 20
-"""How much is sent before it is proved, and kept in memory until then."""
+"""How much is sent before it is verified, and kept in memory until then."""
 
 _LOOKS = 5
-"""How often two deliveries to one place may cross each other before the later one gives up."""
+"""How often a delivery tries again when another one writes to the same prefix."""
+
+
+@dataclass(frozen=True)
+class TransferReport:
+    """What was done.
+
+    Attributes:
+        source: The model, as an s3:// address.
+        target: The copy, the same.
+        checkpoint: Name of the checkpoint that counts; the last one of a whole model.
+        copied: Names of the objects that travelled, below the target.
+        copied_bytes: Their size.
+        unchanged: Names of those that were there already.
+        deleted: Names of those that -w deleted.
+        dry_run: Whether nothing of this was really done.
+    """
+
+    source: str
+    target: str
+    checkpoint: str
+    copied: list[str] = field(default_factory=list)
+    copied_bytes: int = 0
+    unchanged: list[str] = field(default_factory=list)
+    deleted: list[str] = field(default_factory=list)
+    dry_run: bool = False
+
+
+Report = TypeVar("Report", bound=TransferReport)
 
 
 class Delivery:
     """One delivery to one prefix.
 
     Args:
-        bucket: Where to.
-        prefix: The model there.
         watch: Told how many bytes have travelled.
 
     Attributes:
@@ -83,7 +106,7 @@ class Delivery:
         return same
 
     def send(self, items: Iterable[Item]) -> None:
-        """Bring objects there, and prove that they are.
+        """Send objects and verify that they arrived.
 
         Raises:
             StorageError: They cannot be written, or do not arrive as they are.
@@ -131,7 +154,7 @@ class Delivery:
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
     def settle(self, score: Score, needed: Sequence[Item]) -> None:
-        """Look whether somebody else has delivered here meanwhile, and repair what that broke.
+        """Check whether another delivery to this prefix interfered, and repair what it broke.
 
         Two deliveries may cross: the index of one, the pointer of the other, and files that one
         has deleted while the other relied on them. The later index counts, as long as what it
@@ -191,7 +214,7 @@ class Delivery:
         self.copied_bytes += len(item.data)
 
     def _prove(self, sent: dict[str, bytes]) -> None:
-        """Compare what lies there with what was sent, and send again what differs."""
+        """Compare the objects there with what was sent, and send those again that differ."""
         wrong = dict(sent)
         for attempt in range(_SENDINGS + 1):
             there = self._look() if wrong else {}
@@ -226,8 +249,8 @@ class Delivery:
 
     def _crossed(self) -> StorageError:
         return StorageError(
-            f"Others keep changing s3://{self._bucket.name}/{self._prefix}.",
-            remedy="Run the command again when they are done.",
+            f"Another program keeps changing s3://{self._bucket.name}/{self._prefix}.",
+            remedy="Run the command again when that program is done.",
         )
 
     def _lacks(self, needed: Sequence[Item]) -> bool:

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import custom_files_folder
 from drcli.models.checkpoint_files import SHAPING
 from drcli.models.copy_custom_files import write_file
 from drcli.models.copy_objects import Fetcher, Source, check_weights, list_whole
-from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.delivery import POINTERS, Delivery, TransferReport
 from drcli.models.repair_model import look_after
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -21,7 +20,6 @@ from drcli.models.transfer_buckets import (
     refuse_training,
     source_bucket,
 )
-from drcli.models.transfer_report import TransferReport
 from drcli.models.upload import Progress
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing
@@ -38,7 +36,7 @@ class DownloadOptions:
         url: The model, as an s3:// address.
         prefix: What to call it in our bucket.
         local: The address is one on our own server.
-        wipe: Delete what lies at the prefix and is no part of the model.
+        wipe: Delete what is at the prefix and does not belong to the model.
         dry_run: Write nothing.
         custom_files: Copy the racer's three files into the folder for them as well.
     """
@@ -56,11 +54,6 @@ class PlannedDownload:
     """A download that can be made.
 
     Attributes:
-        options: As they were given, the prefix without a slash at its end.
-        source_url: Bucket and prefix of the model.
-        target_url: Bucket and prefix of the copy.
-        objects: How many there are to copy.
-        size_bytes: Of all of them.
         used: How many objects lie at the target.
     """
 
@@ -77,7 +70,7 @@ class DownloadReport(TransferReport):
     """What was done.
 
     Attributes:
-        strays: Names of what lies at the target and is no part of the model.
+        strays: Names of objects at the target that do not belong to the model.
         custom_files: The racer's own files that were written, by path.
     """
 
@@ -85,19 +78,19 @@ class DownloadReport(TransferReport):
     custom_files: list[str] = field(default_factory=list)
 
 
-def plan_download(settings: Settings, directory: Path, options: DownloadOptions) -> PlannedDownload:
+def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownload:
     """Check both ends; nothing is copied yet.
 
     Raises:
         DrError: The first thing that is wrong.
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
-    source = _source(settings, directory, options, patience_s=PLAN_PATIENCE_S)
+    source = _source(settings, options, patience_s=PLAN_PATIENCE_S)
     listed = list_whole(source)
-    here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
-    refuse_nesting(here, options.prefix, settings, flag="-t")
+    refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")
     refuse_training(here, options.prefix)
     return PlannedDownload(
         options=options,
@@ -109,19 +102,17 @@ def plan_download(settings: Settings, directory: Path, options: DownloadOptions)
     )
 
 
-def download(
-    planned: PlannedDownload, settings: Settings, directory: Path, progress: Progress
-) -> DownloadReport:
-    """Make the download. While it lasts the copy has no index, so that nobody drives half of it.
+def download(planned: PlannedDownload, settings: Settings, progress: Progress) -> DownloadReport:
+    """Make the download. Until it is complete the copy has no index, so that it cannot be used.
 
     Nothing is touched before the source was found whole.
 
     Raises:
-        DrError: It could not be finished; making it again fetches what is missing.
+        DrError: It failed; the next download fetches only what is missing.
     """
     options = planned.options
-    source = _source(settings, directory, options, patience_s=COPY_PATIENCE_S)
-    here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
+    source = _source(settings, options, patience_s=COPY_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     listed = list_whole(source)
     delivery = Delivery(here, options.prefix, lambda more: None)
     report = DownloadReport(
@@ -140,7 +131,7 @@ def download(
         fetcher = Fetcher(source, here, options.prefix, watch)
         delivery.send(fetcher.fetch(delivery, listed))
         delivery.confirm((*SHAPING, *POINTERS))
-    look_after(settings, here, options.prefix)
+    look_after(settings.model, here, options.prefix)
     kept = [*delivery.copied, *delivery.unchanged]
     if options.wipe:
         delivery.sweep("", kept)
@@ -148,7 +139,7 @@ def download(
         delivery.told(report),
         checkpoint=_last(here, options.prefix),
         strays=[] if options.wipe else delivery.strays("", kept),
-        custom_files=_write_custom_files(here, settings, directory, options),
+        custom_files=_write_custom_files(here, settings.custom_files_dir, options),
     )
 
 
@@ -173,16 +164,14 @@ def _rehearsed(
     )
 
 
-def _source(
-    settings: Settings, directory: Path, options: DownloadOptions, *, patience_s: float
-) -> Source:
+def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
     """The model that the address names.
 
     Raises:
-        DrError: It is no address, or its server is not known.
+        DrError: It is not an address, or its server is unknown.
     """
     name, prefix = parse_url(options.url)
-    bucket = source_bucket(settings, directory, name, local=options.local, patience_s=patience_s)
+    bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)
     command = "dr-list-models" if options.local else "dr-list-models --upload"
     if name != (settings.bucket if options.local else settings.upload_s3_bucket):
         names = SettingNames() if options.local else UPLOADS
@@ -195,13 +184,10 @@ def _last(bucket: Bucket, prefix: str) -> str:
     return "" if scores is None else scores.last_checkpoint.name
 
 
-def _write_custom_files(
-    bucket: Bucket, settings: Settings, directory: Path, options: DownloadOptions
-) -> list[str]:
+def _write_custom_files(bucket: Bucket, folder: Path, options: DownloadOptions) -> list[str]:
     """Give the racer the three files that the model was made of."""
     if not options.custom_files:
         return []
-    folder = custom_files_folder(settings, directory)
     origins = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(options.prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(options.prefix),

@@ -1,4 +1,4 @@
-"""Which models lie in a bucket, and how far each has come."""
+"""Lists the models in a bucket with their checkpoints."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
 
 @dataclass(frozen=True)
 class CheckpointEntry:
-    """A checkpoint that somebody may want.
+    """A checkpoint in the list.
 
     Attributes:
         name: Such as `12_Step-7824.ckpt`.

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
+from drcli.config.run_config import PretrainedConfig
 from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, misfits
@@ -23,7 +23,6 @@ class Transfer:
     """Everything a start from another model's weights needs, read and checked.
 
     Attributes:
-        source: Where the weights are from.
         tensors: The weights, a safetensors file.
         warnings: What is allowed and may surprise.
     """
@@ -40,28 +39,27 @@ class Transfer:
         return CheckpointStore(bucket, prefix).save(0, 0, self.tensors)
 
 
-def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) -> Transfer:
+def find(
+    config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design, *, wiping: bool
+) -> Transfer:
     """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name, and check that they fit.
 
     Args:
-        settings: Of the new model.
+        config: Names the model that has the weights.
         bucket: Holds both models.
+        new: Prefix of the new model.
         wanted: The new model's own design.
         wiping: Whether what lies under the new model's prefix is going to be deleted.
 
     Raises:
         ProblemsError: There is no such model, it has no whole checkpoint, or it does not fit.
     """
-    prefix = settings.pretrained_prefix
-    place = settings.place(PREFIX)
-    if wiping and contains(settings.model_prefix, prefix):
-        what = (
-            f"-w would delete that model, because it is inside "
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix}."
-        )
+    prefix, place = config.prefix, config.place
+    if wiping and contains(new, prefix):
+        what = f"-w would delete that model, because it is inside DR_LOCAL_S3_MODEL_PREFIX={new}."
         remedy = "Choose a DR_LOCAL_S3_MODEL_PREFIX beside it."
         raise _wrong(PREFIX, place, prefix, what, remedy)
-    source, tensors = named_weights(settings, bucket)
+    source, tensors = named_weights(config, bucket)
     try:
         trained = Design.of_model(bucket, prefix)
     except ObjectMissing as e:
@@ -70,7 +68,7 @@ def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) ->
     model = f"s3://{bucket.name}/{prefix}"
     warnings = misfits(trained, wanted, model)
     refuse(warnings)
-    if settings.pretrained_checkpoint == "best" and source.metric is None:
+    if config.checkpoint == "best" and source.metric is None:
         name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
         what = (
             f"no checkpoint of {model} has been evaluated yet, so its first one, {source.name}, "
@@ -78,15 +76,14 @@ def find(settings: Settings, bucket: Bucket, wanted: Design, *, wiping: bool) ->
         )
         remedy = "Go on if you mean it."
         warnings.append(
-            setting_problem(name, settings.place(name), what, remedy, severity="warning")
+            setting_problem(name, config.checkpoint_place, what, remedy, severity="warning")
         )
     return Transfer(source, tensors, warnings)
 
 
-def named_weights(settings: Settings, bucket: Bucket) -> tuple[Pretrained, bytes]:
+def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, bytes]:
     """The weights that the DR_LOCAL_S3_PRETRAINED settings name, as `read_weights` reads them."""
-    prefix, checkpoint = settings.pretrained_prefix, settings.pretrained_checkpoint
-    return read_weights(bucket, prefix, checkpoint, PREFIX, settings.place(PREFIX))
+    return read_weights(bucket, config.prefix, config.checkpoint, PREFIX, config.place)
 
 
 def read_weights(

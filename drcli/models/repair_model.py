@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import ModelConfig
 from drcli.exchange.training_start import TrainingStart
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -22,7 +22,7 @@ _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
 
 def look_after(
-    settings: Settings,
+    config: ModelConfig,
     bucket: Bucket,
     prefix: str,
     *,
@@ -32,7 +32,7 @@ def look_after(
     """Tell what is damaged of a model, and repair it where nobody trains it.
 
     Args:
-        settings: Of the command.
+        config: The model of the settings, whose metrics may lie elsewhere.
         bucket: Holds the model.
         prefix: The model.
         may_write: Whether the command may change something.
@@ -40,7 +40,7 @@ def look_after(
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
-    model = Model.of(settings, bucket, prefix)
+    model = Model.of(config, bucket, prefix)
     told = repair_all(model, missing=missing) if may_write and not trained else damages(model)
     for sentence in told:
         notices.warn(sentence)

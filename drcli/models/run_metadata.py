@@ -84,9 +84,8 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
 
     Settings that do nothing here are left out, and what nobody may read is hidden.
     """
-    values = settings.plain()
     chosen = {
-        name: values[setting.field]
+        name: _plain(getattr(settings, setting.field))
         for name, setting in catalogue().items()
         if name in settings.sources
         and setting.effect != "accepted"
@@ -96,6 +95,10 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
         name: hidden(name, value) if isinstance(value, str) else value
         for name, value in chosen.items()
     }
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value
 
 
 def _processor() -> str:

@@ -1,29 +1,28 @@
-"""The two ends of a transfer: the bucket of the settings, and the one that models are copied to."""
+"""The two buckets of a transfer, and what is refused before it starts."""
 
 import re
 import uuid
 from dataclasses import replace
-from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
-from drcli.config.settings import Settings
+from drcli.config.run_config import TransferConfig
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket, open_upload_bucket, running_endpoint
+from drcli.store.connect import open_bucket, open_running_bucket, open_upload_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.model_prefix import contains
-from drcli.store.open_running import open_running_bucket
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 PLAN_PATIENCE_S = 5.0
-"""How long a server may be silent while somebody waits for the first word."""
+"""How long a command waits for a server that does not answer, before it copies anything."""
 
 COPY_PATIENCE_S = 120.0
-"""How long it may be silent while a model travels: a bad network is given time."""
+"""How long it waits while a model is copied, which gives a bad network time to recover."""
 
 UNDEFINED = "not-defined"
-"""DR_UPLOAD_S3_BUCKET of somebody who has not chosen one. Source: the reference's template."""
+"""Value of DR_UPLOAD_S3_BUCKET for no bucket. Source: the reference's template."""
 
 _ADDRESS = SettingNames(bucket="-s", prefix="-s")
 
@@ -31,60 +30,59 @@ _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
 
 
 def target_bucket(
-    settings: Settings, directory: Path, *, local: bool, patience_s: float, otherwise: str = ""
+    ends: TransferConfig, *, local: bool, patience_s: float, otherwise: str = ""
 ) -> Bucket:
     """The bucket of uploads, or our own.
 
     Args:
-        settings: Say where both are.
-        directory: The racer's working folder.
+        ends: Where both are.
         local: Our own.
         patience_s: How long calls wait for a server that does not answer.
-        otherwise: What else to do where there is no bucket of uploads, beginning with "or".
+        otherwise: What else to do if there is no upload bucket, beginning with "or".
 
     Raises:
         SettingsError: There is none.
         StorageError: It cannot be reached.
     """
     if local:
-        return open_bucket(settings, directory, patience_s=patience_s)
-    if settings.upload_s3_bucket in ("", UNDEFINED):
+        return open_bucket(ends.own, patience_s=patience_s)
+    if ends.upload.bucket in ("", UNDEFINED):
         raise SettingsError(
             "No upload bucket defined. Exiting.",
             remedy=f"Set DR_UPLOAD_S3_BUCKET in system.env{f', {otherwise}' if otherwise else ''}.",
         )
-    return open_upload_bucket(settings, patience_s=patience_s)
+    return open_upload_bucket(ends.upload, patience_s=patience_s)
 
 
-def bucket_to_look_at(settings: Settings, directory: Path, *, upload: bool) -> Bucket:
-    """Our own bucket, or that of uploads, for those who only read; the first without its server.
+def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
+    """Our own bucket or the upload bucket, for reading; the first without starting its server.
 
     Raises:
-        SettingsError: There is no bucket of uploads.
+        SettingsError: There is no upload bucket.
         StorageError: It cannot be reached.
     """
     if not upload:
-        found = open_running_bucket(settings, directory)
+        found = open_running_bucket(ends.own)
         if found is not None:
             return found
     return target_bucket(
-        settings,
-        directory,
+        ends,
         local=not upload,
         patience_s=PLAN_PATIENCE_S,
         otherwise="or list the local bucket with `dr-list-models`",
     )
 
 
-def source_bucket(
-    settings: Settings, directory: Path, name: str, *, local: bool, patience_s: float
-) -> Bucket:
+def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: float) -> Bucket:
     """A bucket to download from: on the server of uploads, or on our own."""
     if local:
-        own = running_endpoint(settings, directory)
+        own = server.ensure_running(ends.own)
         return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
     return open_upload_bucket(
-        settings, name=name, names=replace(UPLOADS, bucket="-s", prefix="-s"), patience_s=patience_s
+        ends.upload,
+        name=name,
+        names=replace(UPLOADS, bucket="-s", prefix="-s"),
+        patience_s=patience_s,
     )
 
 
@@ -92,13 +90,13 @@ def parse_url(url: str) -> tuple[str, str]:
     """Bucket and prefix of an address such as `s3://bucket/team/model-1`.
 
     Raises:
-        SettingsError: It is none.
+        SettingsError: It is not one.
     """
     found = _URL.fullmatch(url.strip())
     prefix = found[2].strip("/") if found else ""
     if found is None or not keys.is_valid_prefix(prefix):
         raise SettingsError(
-            f"-s '{shown(url)}' is no address of a model.",
+            f"-s '{shown(url)}' is not the address of a model.",
             remedy="Write it as s3://bucket/team/model-1.",
         )
     return found[1], prefix
@@ -108,7 +106,7 @@ def checked_prefix(prefix: str, flag: str) -> str:
     """A prefix from the command line.
 
     Raises:
-        SettingsError: No model can be called so.
+        SettingsError: It is not a valid name.
     """
     plain = prefix.rstrip("/")
     if not keys.is_valid_prefix(plain):
@@ -145,27 +143,20 @@ def refuse_overlap(
             remedy=f"Choose another prefix with {flag}.",
         )
     raise SettingsError(
-        f"{after} is not beside {before}, and wiping one would delete the other.",
+        f"{after} overlaps with {before}; wiping one would delete the other.",
         remedy=f"Choose another prefix with {flag}.",
     )
 
 
-def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings, *, flag: str) -> None:
-    """Refuse a copy in our own bucket that lies inside something else, or around it.
-
-    Args:
-        bucket: Our own.
-        prefix: Of the copy.
-        settings: Name the racer's own files.
-        flag: Chooses the prefix.
+def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
+    """Refuse a copy in our own bucket that overlaps with something else.
 
     Raises:
         SettingsError: It would share a folder with another model or with the racer's own files.
     """
-    own = settings.custom_files_prefix
-    if contains(own, prefix) or contains(prefix, own):
+    if contains(custom_files, prefix) or contains(prefix, custom_files):
         raise SettingsError(
-            f"{prefix} is not beside {own}, which holds your own files "
+            f"{prefix} overlaps with {custom_files}, the folder of your own files "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX).",
             remedy=f"Choose another prefix with {flag}.",
         )
@@ -180,7 +171,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, settings: Settings, *, flag: str
     ]
     if models:
         raise SettingsError(
-            f"{prefix} is not beside the model {models[0]}, and wiping one would delete the other.",
+            f"{prefix} overlaps with the model {models[0]}; wiping one would delete the other.",
             remedy=f"Choose another prefix with {flag}.",
         )
 

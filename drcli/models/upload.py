@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
+from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.checkpoint_choice import (
     CheckpointGone,
     Choice,
@@ -15,8 +15,8 @@ from drcli.models.checkpoint_choice import (
     choose,
     read_checkpoint,
 )
-from drcli.models.checkpoint_files import SHAPING, read_companions, refuse_incomplete
-from drcli.models.delivery import POINTERS, Delivery
+from drcli.models.checkpoint_files import SHAPING, read_model_files, refuse_incomplete
+from drcli.models.delivery import POINTERS, Delivery, TransferReport
 from drcli.models.repair_model import look_after
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -27,7 +27,6 @@ from drcli.models.transfer_buckets import (
     refuse_training,
     target_bucket,
 )
-from drcli.models.transfer_report import TransferReport
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
@@ -37,7 +36,7 @@ Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a bar while its context lasts: takes what is done and how many bytes there are."""
 
 _PICKS = 5
-"""How often a checkpoint is chosen anew that a running training pruned under our hands."""
+"""How often another checkpoint is chosen because a running training has deleted the last one."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +65,7 @@ class PlannedUpload:
     """An upload that can be made.
 
     Attributes:
-        options: As they were given.
         chosen: The checkpoint as it was found.
-        source: Prefix of the model.
-        target: Prefix of the copy.
-        source_url: Bucket and prefix of the model.
-        target_url: The same of the copy.
     """
 
     options: UploadOptions
@@ -99,7 +93,7 @@ class UploadReport(TransferReport):
     older_bytes: int = 0
 
 
-def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> PlannedUpload:
+def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     """Choose the checkpoint and check both ends; nothing is copied yet.
 
     Raises:
@@ -110,39 +104,37 @@ def plan_upload(settings: Settings, directory: Path, options: UploadOptions) -> 
     if options.to:
         target = checked_prefix(options.to, "--to")
     there = target_bucket(
-        settings,
-        directory,
+        settings.transfer,
         local=options.local,
         patience_s=PLAN_PATIENCE_S,
         otherwise="or upload into the local bucket with -L",
     )
-    here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
-    look_after(settings, here, source, may_write=not options.dry_run)
-    refuse_incomplete(settings, here, source)
+    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
+    look_after(settings.model, here, source, may_write=not options.dry_run)
+    refuse_incomplete(settings.model, here, source)
     chosen = choose(here, source, options.choice)
     there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
-        refuse_nesting(there, target, settings, flag="--to")
+        refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
     refuse_training(there, target)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
     return PlannedUpload(options, chosen, source, target, *places)
 
 
-def upload(
-    planned: PlannedUpload, settings: Settings, directory: Path, progress: Progress
-) -> UploadReport:
+def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> UploadReport:
     """Make the upload.
 
     Raises:
-        DrError: It could not be finished; the target has its old checkpoint then, or none.
+        DrError: It failed; the target then has its old checkpoint, or none.
     """
     options = planned.options
-    here = open_bucket(settings, directory, patience_s=COPY_PATIENCE_S)
-    there = target_bucket(settings, directory, local=options.local, patience_s=COPY_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
+    there = target_bucket(settings.transfer, local=options.local, patience_s=COPY_PATIENCE_S)
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
-    shared = read_companions(settings, here, planned.source, place)
+    described = training_parameters(settings)
+    shared = read_model_files(settings.model, here, planned.source, place, described)
     report = UploadReport(
         source=planned.source_url,
         target=planned.target_url,
@@ -169,7 +161,7 @@ def _deliver(
     checkpoint: list[Item],
     shared: list[Item],
 ) -> None:
-    """Data first, pointers last; what is there stays usable as long as it can."""
+    """Send data first and pointers last, so that the target stays usable as long as possible."""
     if chosen.name in _named(there, planned.target) and any(map(delivery.differs, checkpoint)):
         delivery.withdraw()  # another model's checkpoint of the same name: one of them must go
     shaping = [item for item in shared if item.name in SHAPING]
@@ -184,7 +176,7 @@ def _deliver(
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
-    """The checkpoint, which a running training may prune while it is read."""
+    """The checkpoint; a running training may delete it while it is read."""
     chosen = planned.chosen
     for attempt in range(_PICKS):
         try:

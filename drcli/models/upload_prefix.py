@@ -1,7 +1,6 @@
-"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in the run.env that counts."""
+"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in run.env."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.config.run_env import Edit, plan_edit, raised, written
@@ -44,8 +43,6 @@ class PlannedUploadIncrement:
     """An increment that can be made.
 
     Attributes:
-        step: What it changes.
-        edit: The change of run.env.
         settings: As they will be.
     """
 
@@ -56,7 +53,6 @@ class PlannedUploadIncrement:
 
 def plan_upload_increment(
     settings: Settings,
-    directory: Path,
     *,
     prefix: str | None = None,
     delimiter: str | None = None,
@@ -66,7 +62,6 @@ def plan_upload_increment(
 
     Args:
         settings: As they are before.
-        directory: The racer's working folder.
         prefix: The next name; the present one with its number raised if left out.
         delimiter: What must stand before that number; anything but a digit if left out.
         wiping: Whether what lies at the new prefix is to be deleted.
@@ -76,7 +71,7 @@ def plan_upload_increment(
     """
     before = settings.upload_s3_prefix
     default = catalogue()[PREFIX].default_text
-    text = written(settings, directory, PREFIX) or (
+    text = written(settings, PREFIX) or (
         default if settings.source(PREFIX) == "default" else before
     )
     if prefix is not None:
@@ -85,14 +80,14 @@ def plan_upload_increment(
         text, after = raised(text, before, delimiter)
     if before == after:
         raise SettingsError(f"{PREFIX} is {after} already.", remedy="Name another one with -p.")
-    edit = plan_edit(settings, directory, {PREFIX: text})
-    changed = load_settings(directory, flags={PREFIX: after})
-    wiped = _count(changed, directory) if wiping else 0
+    edit = plan_edit(settings, {PREFIX: text})
+    changed = load_settings(settings.directory, flags={PREFIX: after})
+    wiped = _count(changed) if wiping else 0
     step = UploadIncrement(str(edit.path), str(edit.backup), before, after, wiped)
     return PlannedUploadIncrement(step, edit, changed)
 
 
-def make_upload_increment(planned: PlannedUploadIncrement, directory: Path) -> None:
+def make_upload_increment(planned: PlannedUploadIncrement) -> None:
     """Delete what is to be wiped, then edit the file.
 
     Raises:
@@ -101,18 +96,22 @@ def make_upload_increment(planned: PlannedUploadIncrement, directory: Path) -> N
     """
     planned.edit.check()
     if planned.step.wiped:
-        bucket = target_bucket(planned.settings, directory, local=False, patience_s=COPY_PATIENCE_S)
+        bucket = target_bucket(
+            planned.settings.transfer,
+            local=False,
+            patience_s=COPY_PATIENCE_S,
+        )
         folder = keys.folder(planned.step.after)
         bucket.delete([info.key for info in bucket.list(folder)])
     planned.edit.make()
 
 
-def _count(settings: Settings, directory: Path) -> int:
-    """How many objects lie where the next upload goes, which must be no model of ours."""
-    there = target_bucket(settings, directory, local=False, patience_s=PLAN_PATIENCE_S)
+def _count(settings: Settings) -> int:
+    """How many objects the next upload would overwrite; none may belong to our own model."""
+    there = target_bucket(settings.transfer, local=False, patience_s=PLAN_PATIENCE_S)
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
-        here = open_bucket(settings, directory, patience_s=PLAN_PATIENCE_S)
+        here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
         refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
     return len(there.list(keys.folder(prefix)))

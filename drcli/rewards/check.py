@@ -164,7 +164,7 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
     """
     path = file_of(settings, file)
     tried: list[TriedReward] = []
-    for own in each_race(settings):
+    for own in each_race(settings.races):
         tried += try_rewards([path], Course.of(drive(own)), directory)
     first, *others = map(report, tried)
     return _with_others(first, others)

@@ -119,7 +119,7 @@ def compare(
     files = files_of([first, second])
     if out is not None:
         refuse_replacing(out)
-    course = Course.of(drive(settings))
+    course = Course.of(drive(settings.race))
     both = try_rewards(files, course, directory)
     for tried in both:
         refuse_failing(tried)

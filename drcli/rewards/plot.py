@@ -50,7 +50,7 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
     """
     path = file_of(settings, file)
     refuse_replacing(out)
-    course = Course.of(drive(settings))
+    course = Course.of(drive(settings.race))
     [tried] = try_rewards([path], course, directory)
     refuse_failing(tried)
     replaced = out.exists()

@@ -1,12 +1,13 @@
 """Lets scripted drivers drive on the configured track and records the reward parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.rewards.drivers import (
     FAST,
     LEAVING,
@@ -68,9 +69,9 @@ class Drive:
 
     Attributes:
         track: The track as it is driven.
-        world: Its name in the settings.
+        world: Its name in the config.
         race: What else is on it.
-        race_type: Its name in the settings.
+        race_type: Its name in the config.
         trips: One for each driver.
     """
 
@@ -96,42 +97,41 @@ class Drive:
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
-def each_race(settings: Settings) -> list[Settings]:
-    """The settings of the first worker, and of the others whose track or race differs."""
-    distinct: dict[tuple[object, ...], Settings] = {}
-    for worker in range(len(settings.overrides) + 1):
-        own = settings.for_worker(worker)
+def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
+    """The race of the first worker, and those of the others whose track or race differs."""
+    distinct: dict[tuple[object, ...], RaceConfig] = {}
+    for own in races:
         what = (own.world_name, race_of(own), own.train_reverse_direction)
         how = (own.train_start_position_offset, own.train_alternate_driving_direction)
         distinct.setdefault((*what, *how), own)
     return list(distinct.values())
 
 
-def drive(settings: Settings) -> Drive:
-    """Let all drivers drive on the track and in the race of the first worker.
+def drive(config: RaceConfig) -> Drive:
+    """Let all drivers drive on the track and in the race of a worker.
 
     Raises:
         SettingsError: There is no such track, or the race does not fit on it.
     """
-    if (problem := settings.unsupported("training")) is not None:
+    if (problem := config.untrainable) is not None:
         remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
         raise SettingsError(str(problem), remedy=remedy)
-    track = load_world(settings)
-    race = load_race(settings, track)
+    track = load_world(config)
+    race = load_race(config, track)
     drivers = [STEADY, FAST, WEAVING, LEAVING, STANDING]
     if race != TIME_TRIAL:
         drivers.append(RAMMING)
-    if settings.train_alternate_driving_direction:
+    if config.train_alternate_driving_direction:
         drivers.append(TURNED)
     trips = _trips(
         track,
         _merciful(race),
         drivers,
-        start=settings.train_start_position_offset,
-        reverse=settings.train_reverse_direction,
+        start=config.train_start_position_offset,
+        reverse=config.train_reverse_direction,
     )
-    driven = track.reversed() if settings.train_reverse_direction else track
-    return Drive(driven, settings.world_name, race, settings.race_type, trips)
+    driven = track.reversed() if config.train_reverse_direction else track
+    return Drive(driven, config.world_name, race, config.race_type, trips)
 
 
 def _merciful(race: Race) -> Race:

@@ -6,7 +6,7 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
-from drcli.modelfiles.custom_files import shipped_file
+from drcli.config.shipped import model_file
 from drcli.store import keys
 
 
@@ -18,7 +18,7 @@ def file_of(settings: Settings, file: Path | None) -> Path:
     """
     if file is None:
         own = settings.custom_files_dir / keys.REWARD_FUNCTION_FILE
-        return own if own.is_file() else shipped_file(keys.REWARD_FUNCTION_FILE)
+        return own if own.is_file() else model_file(keys.REWARD_FUNCTION_FILE)
     found = _inside(file)
     if not found.is_file():
         raise SettingsError(

@@ -1,14 +1,13 @@
-"""Where bucket, model and files are found: as s3:// names, on the web, and on this disk."""
+"""Addresses of bucket, model and files: as s3:// names, on the web, and on this disk."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import ModelConfig, StorageConfig
 from drcli.store import keys
-from drcli.store.connect import known_endpoint
 from drcli.store.endpoint import Endpoint
+from drcli.store.server import server
 
 PlaceName = Literal["bucket", "model", "custom-files", "metrics"]
 
@@ -37,7 +36,7 @@ class Addresses:
     Attributes:
         cloud: DR_CLOUD.
         endpoint: Address of the server, None where the local one was never started.
-        running: Whether the local server's process lives; None for others, which nobody asked.
+        running: Whether the local server's process runs; None for other servers.
         region: Region to sign for.
         places: What was asked for.
     """
@@ -49,34 +48,30 @@ class Addresses:
     places: list[Place]
 
 
-def addresses(settings: Settings, directory: Path, names: list[PlaceName]) -> Addresses:
-    """Look up addresses; starts and asks no server.
-
-    Args:
-        settings: Say where everything is.
-        directory: The racer's working folder.
-        names: What is wanted.
-    """
-    endpoint = known_endpoint(settings, directory)
+def addresses(
+    storage: StorageConfig, model: ModelConfig, custom_files: str, names: list[PlaceName]
+) -> Addresses:
+    """Look up addresses; starts and asks no server."""
+    endpoint = server.last_known(storage)
     prefixes: dict[PlaceName, str] = {
         "bucket": "",
-        "model": keys.folder(settings.model_prefix),
-        "custom-files": keys.folder(settings.custom_files_prefix),
-        "metrics": keys.folder(settings.metrics_prefix),
+        "model": keys.folder(model.prefix),
+        "custom-files": keys.folder(custom_files),
+        "metrics": keys.folder(model.metrics_prefix),
     }
     return Addresses(
-        cloud=settings.cloud,
+        cloud=storage.cloud,
         endpoint=None if endpoint is None else _server(endpoint),
         running=None
-        if settings.cloud != "local"
+        if storage.cloud != "local"
         else endpoint is not None and endpoint.pid is not None,
-        region=settings.aws_app_region,
+        region=storage.region,
         places=[
             Place(
                 name,
-                f"s3://{settings.bucket}/{prefixes[name]}",
-                None if endpoint is None else _http(endpoint, settings.bucket, prefixes[name]),
-                _folder(settings, directory, prefixes[name]),
+                f"s3://{storage.bucket}/{prefixes[name]}",
+                None if endpoint is None else _http(endpoint, storage.bucket, prefixes[name]),
+                _folder(storage, prefixes[name]),
             )
             for name in names
         ],
@@ -94,8 +89,8 @@ def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
     return f"{endpoint.place.rstrip('/')}/{bucket}/{quote(prefix)}"
 
 
-def _folder(settings: Settings, directory: Path, prefix: str) -> str | None:
+def _folder(storage: StorageConfig, prefix: str) -> str | None:
     """Where objects lie as plain files, as rclone keeps them; others have formats of their own."""
-    if settings.cloud != "local" or settings.local_s3_engine != "rclone":
+    if storage.cloud != "local" or storage.engine != "rclone":
         return None
-    return str(directory / settings.s3_data_dir / settings.bucket / prefix)
+    return str(storage.data_dir / storage.bucket / prefix)

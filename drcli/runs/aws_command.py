@@ -1,10 +1,9 @@
-"""What the aws command must be told to talk to the bucket of the settings."""
+"""The arguments and variables with which the aws command reaches the bucket."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-from drcli.config.settings import Settings
-from drcli.store.connect import running_endpoint
+from drcli.config.run_config import StorageConfig
+from drcli.store.server import server
 
 _COMPATIBLE = {
     # Other servers than Amazon's do not all know the newer checksums.
@@ -13,12 +12,11 @@ _COMPATIBLE = {
 }
 
 _OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
-"""What would mix somebody else's identity with the keys of our own server."""
+"""Variables that would be mixed with the keys of our own server."""
 
 
 def aws_command(
-    settings: Settings,
-    directory: Path,
+    storage: StorageConfig,
     arguments: Sequence[str],
     environ: Mapping[str, str],
 ) -> tuple[list[str], dict[str, str]]:
@@ -27,12 +25,11 @@ def aws_command(
     Keys travel in the environment, because every user of the machine can read a command line.
 
     Args:
-        settings: Say where the bucket is.
-        directory: The racer's working folder.
+        storage: Where the bucket is.
         arguments: What the racer wrote after the command's name.
         environ: The racer's environment.
     """
-    endpoint = running_endpoint(settings, directory)
+    endpoint = server.ensure_running(storage)
     options: list[str] = []
     variables = {**environ, "AWS_DEFAULT_REGION": endpoint.region}
     if endpoint.url is not None:

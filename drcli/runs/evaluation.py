@@ -129,7 +129,6 @@ def evaluate(
     clone: bool = False,
     seed: int | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
-    directory: Path | None = None,
 ) -> EvaluationReport:
     """Run the evaluation that the settings describe, and wait for its end.
 
@@ -138,7 +137,6 @@ def evaluate(
         clone: Copy the model to `<prefix>-E` first and evaluate the copy.
         seed: Of all random numbers.
         on_progress: Told in a few words what happens.
-        directory: The racer's working folder; the current one if left out.
 
     Raises:
         SettingsError: The model or checkpoint does not exist.
@@ -146,9 +144,7 @@ def evaluate(
         EvaluationStopped: SIGTERM came.
     """
     with _until_sigterm():
-        plan = prepare_evaluation(
-            settings, clone=clone, seed=seed, on_progress=on_progress, directory=directory
-        )
+        plan = prepare_evaluation(settings, clone=clone, seed=seed, on_progress=on_progress)
         return run_evaluation(plan)
 
 
@@ -184,7 +180,7 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         time.sleep(0.02)
     end_process(process, LAUNCHED_EXIT_S)  # or it would drive after all, and nobody would know
     shutil.rmtree(plan.job.folder, ignore_errors=True)
-    path = log_file(plan.job.settings, plan.job.directory, "evaluation")
+    path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
 
@@ -204,10 +200,10 @@ def _results(folder: Path) -> list[list[TrialMetrics]]:
 
 
 def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
-    settings = plan.job.settings
+    config = plan.job.config
     own = EvaluationReport(
-        prefix=settings.model_prefix,
-        world=settings.world_name,
+        prefix=config.model.prefix,
+        world=config.race().world_name,
         checkpoint=plan.checkpoints[0],
         trials=_trials(records[0]),
         simtrace=plan.simtrace,
@@ -215,14 +211,14 @@ def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> Evaluati
     )
     if len(plan.checkpoints) == 1:
         return own
-    prefix = settings.eval_opp_s3_model_prefix
+    prefix = config.evaluation.eval_opp_s3_model_prefix
     opponent = EvaluationReport(
         prefix=prefix,
-        world=settings.world_name,
+        world=own.world,
         checkpoint=plan.checkpoints[1],
         trials=_trials(records[1]),
         simtrace=keys.opponent_trace(prefix),
-        metrics=keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, plan.stamp),
+        metrics=keys.opponent_metrics(config.evaluation.eval_opp_s3_metrics_prefix, plan.stamp),
     )
     return replace(own, opponent=opponent)
 
@@ -245,7 +241,7 @@ def _trials(records: list[TrialMetrics]) -> list[TrialReport]:
 def _run(plan: EvaluationPlan) -> None:
     """Run the worker to its end, with a new log."""
     job = plan.job
-    path = log_file(job.settings, job.directory, "evaluation")
+    path = log_file(job.directory, job.config.model.prefix, "evaluation")
     for part in log_files.older_parts(path):
         part.unlink(missing_ok=True)
     if path.exists():
@@ -274,13 +270,13 @@ def _run(plan: EvaluationPlan) -> None:
 
 def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
     """Record on this machine that the evaluation runs."""
-    settings = plan.job.settings
+    config = plan.job.config
     EvaluationRecord(
-        run_id=settings.run_id,
+        run_id=config.run_id,
         stamp=plan.stamp,
-        bucket=settings.bucket,
-        prefix=settings.model_prefix,
-        world=settings.world_name,
+        bucket=config.storage.bucket,
+        prefix=config.model.prefix,
+        world=config.race().world_name,
         checkpoint=plan.checkpoints[0],
         pid=os.getpid(),
         pid_started=started_s(os.getpid()) or 0.0,
@@ -293,7 +289,7 @@ def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
     """Stop the worker. Where it had to be killed, delete results that may be incomplete."""
     if not end_process(process, EXIT_S):
         with suppress(StorageError):
-            bucket = open_bucket(plan.job.settings, plan.job.directory, patience_s=0.0)
+            bucket = open_bucket(plan.job.config.storage, patience_s=0.0)
             bucket.delete([plan.simtrace, plan.metrics])
 
 
@@ -331,8 +327,8 @@ def _wait_in_background() -> None:
             here = replace(job, launcher_pid=os.getpid())
             run_evaluation(EvaluationPlan(here, checkpoints, stamp))
     except DrError as error:
-        path = log_file(job.settings, job.directory, "evaluation")
-        LogFile(path, job.settings.log_max_mb << 20)  # not earlier: it was the worker's own
+        path = log_file(job.directory, job.config.model.prefix, "evaluation")
+        LogFile(path, job.config.log_max_mb << 20)  # not earlier: it was the worker's own
         get_logger(__name__).error("%s %s", error, error.remedy)
         raise SystemExit(error.code) from None
 

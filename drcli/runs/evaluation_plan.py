@@ -1,4 +1,4 @@
-"""Plans a stand-alone evaluation: finds the checkpoints, says in the bucket what will be driven."""
+"""Plans an evaluation: chooses the checkpoints and writes its parameter file."""
 
 import os
 import secrets
@@ -22,7 +22,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.repair import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
-"""Appended to the prefix of a model that is copied before it is evaluated."""
+"""Appended to the prefix of a model that is cloned for its evaluation."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class EvaluationPlan:
     @property
     def simtrace(self) -> str:
         """Key of the model's trace."""
-        return keys.evaluation_trace(self.job.settings.model_prefix, self.stamp)
+        return keys.evaluation_trace(self.job.config.model.prefix, self.stamp)
 
     @property
     def metrics(self) -> str:
         """Key of the model's metrics."""
-        return keys.evaluation_metrics(self.job.settings.metrics_prefix, self.stamp)
+        return keys.evaluation_metrics(self.job.config.model.metrics_prefix, self.stamp)
 
 
 def prepare_evaluation(
@@ -56,13 +56,12 @@ def prepare_evaluation(
     clone: bool = False,
     seed: int | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
-    directory: Path | None = None,
 ) -> EvaluationPlan:
     """Find the checkpoints and describe the evaluation in the bucket, before a process starts."""
-    directory = (directory or Path.cwd()).absolute()
+    directory = settings.directory
     refuse_unsupported(settings, "evaluation")
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings, bucket, settings.model_prefix, missing=True)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    look_after(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     if clone:
@@ -71,7 +70,7 @@ def prepare_evaluation(
     checkpoints = [_choose(settings, bucket, settings.model_prefix)]
     if settings.race_type == "HEAD_TO_MODEL":
         rival = settings.eval_opp_s3_model_prefix
-        look_after(settings, bucket, rival, missing=True)
+        look_after(settings.model, bucket, rival, missing=True)
         _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         checkpoints.append(_choose(settings, bucket, rival))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
@@ -88,8 +87,7 @@ def prepare_evaluation(
             ),
         )
     job = Job(
-        settings=settings,
-        directory=directory,
+        config=settings.run,
         session=secrets.token_hex(6),
         seed=seed if seed is not None else settings.train_seed or 0,
         until_laps=None,
@@ -105,14 +103,14 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
     for key in needed:
         if not bucket.exists(key):
             raise SettingsError(
-                f"There is no trained model at s3://{bucket.name}/{prefix}: {key} is missing.",
+                f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
                 remedy=f"Train it with `dr-start-training`, or correct {setting}.",
             )
 
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
     """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    scores, _ = readable_scores(Model.of(settings, bucket, prefix))
+    scores, _ = readable_scores(Model.of(settings.model, bucket, prefix))
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
@@ -138,7 +136,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
 
 
 def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
-    """A name for this evaluation that no other has, and its folder: two may start in one second."""
+    """A unique name for this evaluation, and its folder; two may start in the same second."""
     at = time.time()
     while True:
         stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))

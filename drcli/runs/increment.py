@@ -1,9 +1,9 @@
-"""Goes on from a model under a new name: edits run.env so that the next start clones it."""
+"""Prepares training a model further under a new name: edits run.env."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.config.run_config import StorageConfig
 from drcli.config.run_env import Edit, plan_edit, raised, refuse_stronger_values, written
 from drcli.config.settings import Settings, load_settings
 from drcli.exchange.run_record import run_folder
@@ -29,7 +29,7 @@ class Increment:
         file: The run.env that is edited.
         backup: Copy of it as it was before.
         bucket: Name of the bucket.
-        before: Prefix of the model to go on from.
+        before: Prefix of the model to continue from.
         after: Prefix of the new model.
         pretrained: The weights that the new model will begin with, as they are now.
         wipes: Whether there is something at the new prefix, to be deleted.
@@ -46,12 +46,7 @@ class Increment:
 
 @dataclass(frozen=True)
 class PlannedIncrement:
-    """An increment that can be made.
-
-    Attributes:
-        step: What it changes.
-        edit: The change of run.env.
-    """
+    """An increment that can be made."""
 
     step: Increment
     edit: Edit
@@ -59,7 +54,6 @@ class PlannedIncrement:
 
 def plan_increment(
     settings: Settings,
-    directory: Path,
     *,
     prefix: str | None = None,
     delimiter: str | None = None,
@@ -69,7 +63,6 @@ def plan_increment(
 
     Args:
         settings: As they are before.
-        directory: The racer's working folder.
         prefix: Name of the new model; the present one with its number raised if left out.
         delimiter: What must stand before that number; anything but a digit if left out.
         wiping: Whether what lies at the new prefix may be deleted.
@@ -77,18 +70,18 @@ def plan_increment(
     Raises:
         DrError: The first thing that is wrong.
     """
-    refuse_second_run(settings, run_folder(settings, directory))
+    refuse_second_run(settings.run_id, run_folder(settings.directory, settings.run_id))
     refuse_stronger_values(settings, (MODEL, PRETRAINED, PRETRAINED_PREFIX))
     before = settings.model_prefix
     if prefix is not None:
         text = after = prefix
     else:
-        text, after = raised(written(settings, directory, MODEL) or before, before, delimiter)
+        text, after = raised(written(settings, MODEL) or before, before, delimiter)
     _refuse_nested(before, after)
-    _refuse_left_behind(settings, directory, after)
+    _refuse_left_behind(settings, after)
 
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings, bucket, before)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    look_after(settings.model, bucket, before)
     checkpoint, place = settings.pretrained_checkpoint, settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
     used = is_used(bucket, after)
@@ -100,13 +93,13 @@ def plan_increment(
     if used:
         lease.refuse_other_owner(bucket, after)
     values = {PRETRAINED: "True", PRETRAINED_PREFIX: before, MODEL: text}
-    edit = plan_edit(settings, directory, values)
+    edit = plan_edit(settings, values)
     file, backup = str(edit.path), str(edit.backup)
     step = Increment(file, backup, bucket.name, before, after, pretrained, used)
     return PlannedIncrement(step, edit)
 
 
-def make_increment(planned: PlannedIncrement, settings: Settings, directory: Path) -> None:
+def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> None:
     """Delete what is to be wiped, keep a copy of the file, and replace it in one step.
 
     Raises:
@@ -115,24 +108,24 @@ def make_increment(planned: PlannedIncrement, settings: Settings, directory: Pat
     """
     planned.edit.check()
     if planned.step.wipes:
-        wipe(open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S), planned.step.after)
+        wipe(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), planned.step.after)
     planned.edit.make()
 
 
 def _refuse_nested(before: str, after: str) -> None:
     if contains(before, after) or contains(after, before):
-        how = "the same model as" if before == after else "not beside"
+        how = "the same model as" if before == after else "nested with"
         raise SettingsError(
-            f"{after} would be {how} {before}, and wiping one would delete the other.",
+            f"{after} would be {how} {before}; wiping one would delete the other.",
             remedy="Choose another name with -p.",
         )
 
 
-def _refuse_left_behind(settings: Settings, directory: Path, after: str) -> None:
+def _refuse_left_behind(settings: Settings, after: str) -> None:
     """Load the settings as they will be: nothing in them may be wrong or name the old model."""
     before = settings.model_prefix
     edited = {MODEL: after, PRETRAINED: "True", PRETRAINED_PREFIX: before}
-    metrics = load_settings(directory, flags=edited).metrics_prefix
+    metrics = load_settings(settings.directory, flags=edited).metrics_prefix
     if contains(before, metrics):
         raise SettingsError(
             f"{settings.source(METRICS)}: {METRICS}={metrics} would keep the new model's metrics "

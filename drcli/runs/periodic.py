@@ -20,12 +20,12 @@ class Periodic:
         every_s: Seconds between two calls.
     """
 
-    def __init__(self, name: str, what: Callable[[], None], every_s: float) -> None:
+    def __init__(self, name: str, what: Callable[[], object], every_s: float) -> None:
         self._what = what
         self._every_s = every_s
         self._logged = ""
         self._ended = False
-        self._errands: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._errands: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -39,7 +39,7 @@ class Periodic:
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
-    def ask(self, errand: Callable[[], None]) -> threading.Event:
+    def ask(self, errand: Callable[[], object]) -> threading.Event:
         """Have this thread do something else as soon as it can.
 
         Returns:
@@ -65,7 +65,7 @@ class Periodic:
             except queue.Empty:
                 call = self._what
 
-    def _attempt(self, call: Callable[[], None]) -> None:
+    def _attempt(self, call: Callable[[], object]) -> None:
         try:
             call()
             self._logged = ""
@@ -78,7 +78,7 @@ class Periodic:
 
 
 def within(
-    seconds: float, call: Callable[[], None], give_up: Callable[[], bool] = lambda: False
+    seconds: float, call: Callable[[], object], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
     """Call a function and wait for its end, but no longer than so many seconds.
 

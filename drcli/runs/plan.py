@@ -1,10 +1,10 @@
-"""Plans a training: checks everything that can be checked, then freezes what it starts from."""
+"""Plans a training: checks everything, then copies what it starts from into the bucket."""
 
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ from drcli.base.file_lock import only_writer
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
+from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
@@ -23,7 +24,6 @@ from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start, write_start
-from drcli.runs.goal_sentence import ending
 from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
@@ -31,12 +31,13 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
+from drcli.workers.goals import ending
 
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
 
 UNTOLD = ("V-20",)
-"""Rules whose warnings nobody needs at a start; `dr validate` tells them."""
+"""Rules whose warnings only `dr validate` shows."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +61,14 @@ class StartOptions:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """A training that can start: everything that can be known to be wrong is right.
+    """A training that can start: every check has passed.
 
     Attributes:
         job: For the processes.
-        inputs: The racer's three files.
         warnings: Sentences about what is allowed and may surprise.
-        resumes: The checkpoint to go on from, None for a new model.
+        resumes: The checkpoint to continue from, None for a new model.
         ends: What ends it, as one sentence.
         pretrained: Whose weights a new model begins with, None where they are fresh.
-        wiped: Whether a model was deleted first.
     """
 
     job: Job
@@ -81,31 +80,26 @@ class RunPlan:
     wiped: bool = False
 
 
-def prepare(settings: Settings, options: StartOptions, directory: Path | None = None) -> RunPlan:
+def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     """Check everything and freeze the inputs in the bucket, before a process starts.
 
     The model prefix belongs to the job's session from then on, so that a start which comes second
     changes nothing there.
 
-    Args:
-        settings: Checked in themselves.
-        options: From the command line.
-        directory: The racer's working folder; the current one if left out.
-
     Raises:
         SettingsError: Something is wrong; the message has a line for each finding.
         StorageError: The bucket cannot be used.
     """
-    directory = (directory or Path.cwd()).absolute()
+    directory = settings.directory
     if options.wipe and options.resume:
         raise SettingsError(
-            "-w wipes the model and --resume continues it: both at once make no sense.",
+            "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
     refuse_unsupported(settings, "training")
-    folder = run_folder(settings, directory)
-    refuse_second_run(settings, folder)
-    bucket = open_bucket(settings, directory, patience_s=COMMAND_PATIENCE_S)
+    folder = run_folder(directory, settings.run_id)
+    refuse_second_run(settings.run_id, folder)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe()
     lease.refuse_other_owner(bucket, settings.model_prefix)
 
@@ -113,19 +107,18 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
     newest = newest_checkpoint(bucket, prefix)
     if options.resume and newest is None:
         raise SettingsError(
-            f"There is no checkpoint at s3://{bucket.name}/{prefix} to resume from.",
-            remedy=f"Start {'anew with -w' if is_used(bucket, prefix) else 'it'} without --resume.",
+            f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
+            remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
         )
     if options.resume:
-        for sentence in repair_all(Model.of(settings, bucket, prefix)):
+        for sentence in repair_all(Model.of(settings.model, bucket, prefix)):
             notices.warn(
                 sentence
-            )  # now: what is told with the plan is lost if the start is refused
+            )  # now, because the plan's warnings are lost if the start is refused
     before = read_start(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
-        settings=settings,
-        directory=directory,
+        config=settings.run,
         session=secrets.token_hex(6),
         seed=_seed(settings, options, before),
         until_laps=options.until_laps,
@@ -133,9 +126,11 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         folder=folder,
         launcher_pid=os.getpid(),
     )
+    custom = settings.custom_files
     examined = examine(
+        settings,
         job,
-        find(_resumed(settings) if options.resume else settings, directory, bucket),
+        find(_resumed(custom, prefix) if options.resume else custom, bucket),
         bucket,
         Plans(options.wipe, Design.of_model(bucket, prefix) if options.resume else None),
     )
@@ -150,14 +145,14 @@ def prepare(settings: Settings, options: StartOptions, directory: Path | None = 
         wiping = options.wipe and is_used(bucket, prefix)
         if wiping:
             wipe(bucket, prefix, spared=[keys.lease(prefix)])
-        _freeze(settings, directory, bucket, inputs, design)
+        _freeze(settings, bucket, inputs, design)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before)
         write_start(bucket, prefix, start)
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
         if not options.resume:
-            begin_logs(settings, directory)
+            begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)
     return RunPlan(job, inputs, warnings, going_on, ends, source, wiping)
 
@@ -169,12 +164,12 @@ def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"
         raise ProblemsError([problem])
 
 
-def refuse_second_run(settings: Settings, folder: Path) -> None:
+def refuse_second_run(run_id: int, folder: Path) -> None:
     """Refuse while a training of this run number is alive on this machine."""
     record = RunRecord.read(folder)
     if record is not None and record.alive:
         raise SettingsError(
-            f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} already "
+            f"Run {run_id} is training s3://{record.bucket}/{record.prefix} already "
             f"(process {record.pid}).",
             remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
             "another DR_LOCAL_S3_MODEL_PREFIX.",
@@ -185,19 +180,19 @@ def refuse_second_run(settings: Settings, folder: Path) -> None:
 def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
     """Make the model prefix this start's own, and give it back if what is inside fails.
 
-    The examination took seconds, in which another start may have been faster: of two that come
-    here together, one finds the other's lease. The folder is locked no longer than that takes,
-    because its other commands need it too.
+    The checks took seconds, in which another start may have been faster: of two that come here at
+    the same time, one finds the other's lease. The folder is locked only for this step, because
+    other commands need it too.
 
     Raises:
         SettingsError: Another start was faster.
     """
-    settings, prefix = job.settings, job.settings.model_prefix
+    prefix = job.config.model.prefix
     with only_writer(job.directory):
-        refuse_second_run(settings, job.folder)
+        refuse_second_run(job.config.run_id, job.folder)
         lease.refuse_other_owner(bucket, prefix, job.session)
         if not (options.wipe or options.resume):
-            refuse(review_prefix(settings, bucket))
+            refuse(review_prefix(prefix, bucket))
         lease.take(bucket, prefix, job.session)
     try:
         yield
@@ -207,46 +202,44 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
         raise
 
 
-def _resumed(settings: Settings) -> Settings:
-    """Settings under which files that are not in `custom_files/` come from the model itself.
+def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
+    """The same places, but the model's own files where `custom_files/` has none.
 
-    A racer who changes a local file between stop and resume wants the change; a machine that has
-    no local files goes on with what the model was started with.
+    A racer who changes a local file between stop and resume wants the change; a machine without
+    local files continues with the files of the first start.
     """
-    prefix = settings.model_prefix
-    return settings.replaced(
+    return replace(
+        places,
         reward_key=keys.reward_function(prefix),
         hyperparameters_key=keys.hyperparameters(prefix),
-        model_metadata_key=keys.model_metadata(prefix),
+        metadata_key=keys.model_metadata(prefix),
     )
 
 
 def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
-    """The checkpoint that a trainer goes on from, and sentences about newer ones that are damaged.
+    """The checkpoint that the trainer continues from, and sentences about damaged newer ones.
 
     Raises:
-        StorageError: None is whole.
+        StorageError: All are damaged.
     """
     found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
     if found is None:
         return None, []
     name = found.record.name
-    told = [f"Checkpoint {why} The training goes on from {name}." for why in found.damaged]
+    told = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
     if found.record.optimizer is not None and found.optimizer is None:
         key = keys.checkpoint_optimizer(prefix, name)
         told.append(
-            f"{bucket.name}/{key} is missing or damaged: the optimizer starts afresh, which costs "
-            "a few iterations."
+            f"{bucket.name}/{key} is missing or damaged. The optimizer starts with an empty state, "
+            "which costs a few iterations."
         )
     return name, told
 
 
-def _freeze(
-    settings: Settings, directory: Path, bucket: Bucket, inputs: Inputs, design: Design
-) -> None:
-    """Put below the model prefix what the training is made of."""
+def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:
+    """Copy the files of the training below the model prefix."""
     prefix = settings.model_prefix
-    upload_custom_files(settings, directory, bucket, inputs)
+    upload_custom_files(settings.custom_files, bucket, inputs)
     bucket.put(keys.reward_function(prefix), inputs.reward.data)
     bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
     parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
@@ -268,7 +261,7 @@ def _parameter_files(settings: Settings) -> dict[str, Settings]:
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:
-    """The seed of a resumed training is its first one, unless the racer insists."""
+    """The seed; a resumed training keeps its first one unless another is given."""
     if options.seed is not None:
         return options.seed
     if settings.train_seed is not None:
@@ -281,10 +274,10 @@ def _seed(settings: Settings, options: StartOptions, before: TrainingStart | Non
 def _forget_other_scores(
     settings: Settings, bucket: Bucket, before: TrainingStart | None
 ) -> list[str]:
-    """Forget how good the best checkpoint was when scores are measured in another unit from now on.
+    """Forget the score of the best checkpoint if DR_TRAIN_BEST_MODEL_METRIC has changed.
 
     Returns:
-        A sentence about it, for those whom it may surprise.
+        A warning about it.
     """
     name = "DR_TRAIN_BEST_MODEL_METRIC"
     if before is None or before.settings is None:

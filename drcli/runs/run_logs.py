@@ -15,7 +15,6 @@ from drcli.base import log_files
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.log import get_logger
-from drcli.config.settings import Settings
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -35,17 +34,17 @@ _COMPARED_BYTES = 4 << 10
 """Logs with so many equal bytes at the start are the same log: they hold times and numbers."""
 
 
-def log_file(settings: Settings, directory: Path, worker: str) -> Path:
+def log_file(directory: Path, prefix: str, worker: str) -> Path:
     """Where a process writes its log on this machine.
 
     Simulation logs have their own folder, because log-guru fails at any other log beside them.
 
     Args:
-        settings: Names the model prefix.
         directory: The racer's working folder.
+        prefix: The model.
         worker: "trainer", "supervisor", "sim-0", ...
     """
-    return _folder(settings, directory, log_kind(worker)) / f"{worker}.log"
+    return _folder(directory, prefix, log_kind(worker)) / f"{worker}.log"
 
 
 def log_kind(worker: str) -> str:
@@ -53,19 +52,20 @@ def log_kind(worker: str) -> str:
     return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
 
 
-def begin_logs(settings: Settings, directory: Path) -> None:
+def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
     """Start new logs for a training that starts anew; those of the last few trainings are kept.
 
     Args:
-        settings: Name the model prefix.
         directory: The racer's working folder.
+        prefix: The model.
+        max_mb: DR_LOG_MAX_MB.
 
     Raises:
         SettingsError: The old ones cannot be renamed.
     """
-    folders = [_folder(settings, directory, kind) for kind in _FOLDERS]
+    folders = [_folder(directory, prefix, kind) for kind in _FOLDERS]
     try:
-        log_files.set_aside(folders, settings.log_max_mb << 20)
+        log_files.set_aside(folders, max_mb << 20)
     except OSError as e:
         raise SettingsError(
             f"{e.filename}: the log of the last training cannot be renamed ({e.strerror or e}).",
@@ -228,24 +228,24 @@ class LogUpload:
 
     Args:
         open_bucket: Makes the client.
-        settings: Of the training.
         directory: The racer's working folder.
+        prefix: The model.
+        max_mb: DR_LOG_MAX_MB.
         names: Whose logs, the most important first.
     """
 
     def __init__(
         self,
         open_bucket: Callable[[], Bucket],
-        settings: Settings,
         directory: Path,
+        prefix: str,
+        max_mb: int,
         names: Sequence[str],
     ) -> None:
         self._open_bucket = open_bucket
-        self._max_bytes = settings.log_max_mb << 20
+        self._max_bytes = max_mb << 20
         self._logs = {
-            keys.log(settings.model_prefix, log_kind(name), name): log_file(
-                settings, directory, name
-            )
+            keys.log(prefix, log_kind(name), name): log_file(directory, prefix, name)
             for name in names
         }
         self._copies: list[LogCopy] = []
@@ -300,8 +300,8 @@ class LogUpload:
         return time.monotonic() > self._deadline_s
 
 
-def _folder(settings: Settings, directory: Path, kind: str) -> Path:
-    return directory / "data" / "logs" / kind / settings.model_prefix
+def _folder(directory: Path, prefix: str, kind: str) -> Path:
+    return directory / "data" / "logs" / kind / prefix
 
 
 def _read_position(path: Path, log: Path) -> _Position:

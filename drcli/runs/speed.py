@@ -1,16 +1,15 @@
-"""How fast a simulation worker drives, from the trace of its newest iteration."""
+"""Measures how fast a simulation worker drives, from the trace of its newest iteration."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import RunConfig
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.trace import STEP_S
 from drcli.runs.status import Process
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
+from drcli.store.connect import open_running_bucket
 from drcli.store.history import read_history
-from drcli.store.open_running import open_running_bucket
 
 
 @dataclass(frozen=True)
@@ -34,15 +33,15 @@ class SpeedReport:
     real_time_factor: float | None = None
 
 
-def speed_of(process: Process, settings: Settings, directory: Path) -> SpeedReport:
-    """Measure a simulation worker of the training of these settings.
+def speed_of(process: Process, config: RunConfig) -> SpeedReport:
+    """Measure a simulation worker of the training of a run.
 
     Raises:
         StorageError: The bucket cannot be read.
     """
     unknown = SpeedReport(process.name, process.pid)
-    record = RunRecord.read(run_folder(settings, directory))
-    bucket = open_running_bucket(settings, directory)
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
+    bucket = open_running_bucket(config.storage)
     if record is None or bucket is None:
         return unknown
     history = read_history(bucket, record.prefix)

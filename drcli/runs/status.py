@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
-from drcli.config.settings import Settings
+from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
@@ -14,8 +14,8 @@ from drcli.exchange.worker_state import ActivityRecord
 from drcli.runs.run_logs import log_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.connect import open_running_bucket
 from drcli.store.history import collapse
-from drcli.store.open_running import open_running_bucket
 from drcli.store.repair import Model, readable_history, readable_scores
 
 
@@ -132,31 +132,30 @@ class ProcessReport:
     processes: list[Process] = field(default_factory=list)
 
 
-def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
-    """Everything that is known of the run of these settings."""
-    directory = (directory or Path.cwd()).absolute()
-    folder = run_folder(settings, directory)
+def inspect(config: RunConfig) -> RunReport:
+    """Everything that is known of a run."""
+    folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
     if not alive:
         record = RunRecord.read(folder)  # a supervisor records the outcome just before it exits
     if record is None:
         return RunReport(
-            run_id=settings.run_id,
-            bucket=settings.bucket,
-            prefix=settings.model_prefix,
-            world=settings.world_name,
+            run_id=config.run_id,
+            bucket=config.storage.bucket,
+            prefix=config.model.prefix,
+            world=config.race().world_name,
             state="none",
         )
-    settings = record.settings(settings)  # as they were at the start
-    bucket = open_running_bucket(settings, directory)
+    # The bucket at the start; the settings may name another one now.
+    bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
     best = last = None
     damaged: list[str] = []
     activities: dict[str, str] = {}
     if bucket is not None:
         try:
-            model = Model.of(settings, bucket, record.prefix)
+            model = Model.of(config.model, bucket, record.prefix)
             history, damaged = readable_history(model)
             scores, also = readable_scores(model)
             damaged += also
@@ -181,7 +180,7 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
             alive=running and worker.pid is not None and exists(worker.pid),
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
-            log=str(log_file(settings, directory, worker.name)),
+            log=str(log_file(config.directory, record.prefix, worker.name)),
         )
         for worker in record.workers
     ]
@@ -206,26 +205,26 @@ def inspect(settings: Settings, directory: Path | None = None) -> RunReport:
     )
 
 
-def trainers(settings: Settings, directory: Path) -> list[Process]:
+def trainers(directory: Path, run_id: int) -> list[Process]:
     """The trainer of this DR_RUN_ID; empty where no training runs."""
-    return _workers(settings, directory, "trainer")
+    return _workers(directory, run_id, "trainer")
 
 
-def simulations(settings: Settings, directory: Path) -> list[Process]:
+def simulations(directory: Path, run_id: int) -> list[Process]:
     """The simulation workers of this DR_RUN_ID, in order; empty where no training runs."""
-    return _workers(settings, directory, "sim-")
+    return _workers(directory, run_id, "sim-")
 
 
-def evaluations(settings: Settings, directory: Path) -> list[Process]:
+def evaluations(directory: Path, run_id: int) -> list[Process]:
     """The workers of the evaluations of this DR_RUN_ID that run, oldest first."""
     return [
         Process(
             "evaluation",
             record.worker_pid,
             exists(record.worker_pid),
-            _log(settings, directory, record.prefix, "evaluation"),
+            _log(directory, record.prefix, "evaluation"),
         )
-        for record in running_evaluations(directory, settings.run_id)
+        for record in running_evaluations(directory, run_id)
     ]
 
 
@@ -243,8 +242,8 @@ def _activity(bucket: Bucket, prefix: str, name: str) -> str:
         return str(error)
 
 
-def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
-    record = RunRecord.read(run_folder(settings, directory))
+def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:
+    record = RunRecord.read(run_folder(directory, run_id))
     if record is None or not record.alive:
         return []
     return [
@@ -252,13 +251,13 @@ def _workers(settings: Settings, directory: Path, kind: str) -> list[Process]:
             worker.name,
             worker.pid,
             exists(worker.pid),
-            _log(settings, directory, record.prefix, worker.name),
+            _log(directory, record.prefix, worker.name),
         )
         for worker in record.workers
         if worker.name.startswith(kind) and worker.pid is not None
     ]
 
 
-def _log(settings: Settings, directory: Path, prefix: str, name: str) -> str:
+def _log(directory: Path, prefix: str, name: str) -> str:
     """The log of a worker. Its model need not be the one that run.env names now."""
-    return str(log_file(settings.replaced(model_prefix=prefix), directory, name))
+    return str(log_file(directory, prefix, name))

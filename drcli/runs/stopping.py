@@ -11,11 +11,11 @@ from typing import Literal
 from drcli.base.backoff import wait_until
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import Settings
+from drcli.config.run_config import RunConfig, StorageConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs.status import RunReport, inspect
-from drcli.store.connect import stop_default_storage, stop_storage
+from drcli.store.server import server
 
 TRAINING_PATIENCE_S = 30.0
 """For a checkpoint, metrics and logs; after that the workers are killed."""
@@ -61,22 +61,21 @@ def running_trainings(directory: Path) -> list[RunRecord]:
     return [record for record in records if record is not None and record.alive]
 
 
-def stop(settings: Settings, *, wait_s: float = 30.0, directory: Path | None = None) -> RunReport:
+def stop(config: RunConfig, *, wait_s: float = 30.0) -> RunReport:
     """Ask the supervisor to stop the training, and wait for its end.
 
     A second request meanwhile kills the workers at once.
     """
-    directory = (directory or Path.cwd()).absolute()
-    record = RunRecord.read(run_folder(settings, directory))
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is not None and record.alive:
         _terminate([record])
         _wait([record], wait_s)
-    return inspect(settings, directory)
+    return inspect(config)
 
 
-def is_running(settings: Settings, directory: Path) -> bool:
+def is_running(config: RunConfig) -> bool:
     """Whether a training of this DR_RUN_ID runs on this machine."""
-    record = RunRecord.read(run_folder(settings, directory))
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
     return record is not None and record.alive
 
 
@@ -108,26 +107,26 @@ def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
     return _stop([], running_evaluations(directory, run_id))
 
 
-def stop_all(directory: Path, load: Callable[[], Settings]) -> StopReport:
+def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     """Stop everything that was started in a working folder, and nothing else on the machine.
 
     Args:
         directory: The racer's working folder.
-        load: Loads the settings, which say where the server keeps its objects.
+        load: Says where the bucket is, from the settings.
 
     Raises:
-        SettingsError: They are wrong, and no server is found in its default folder.
+        SettingsError: These are wrong, and no server is found in its default folder.
         WorkerDied: A process did not exit.
     """
     stopped = stop_runs(directory)
     try:
-        settings = load()
+        storage = load()
     except SettingsError:
         # The default folder needs no settings.
-        if stop_default_storage(directory):
+        if server.stop_default(directory):
             return StopReport(stopped, True)
         raise
-    return StopReport(stopped, stop_storage(settings, directory))
+    return StopReport(stopped, server.stop(storage))
 
 
 def _stop(trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord]) -> list[Stopped]:

@@ -1,4 +1,4 @@
-"""One look at a working folder: its settings, its bucket, what runs there, and the machine."""
+"""A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
 import shutil
 import subprocess
@@ -15,9 +15,9 @@ from drcli.exchange.evaluation_record import running_evaluations
 from drcli.runs.addresses import addresses
 from drcli.runs.stopping import running_trainings
 from drcli.store import keys
-from drcli.store.connect import known_endpoint
+from drcli.store.connect import open_running_bucket
 from drcli.store.model_prefix import newest_checkpoint
-from drcli.store.open_running import open_running_bucket
+from drcli.store.server import server
 
 BUCKET_PATIENCE_S = 2.0
 _PROGRAM_PATIENCE_S = 2.0
@@ -34,8 +34,8 @@ class BucketState:
         endpoint: Address of its server, None where the local one was never started.
         state: "stopped" is a local server that does not run; "silent" is any that fails to answer.
         reason: Why it is silent, empty otherwise.
-        checkpoint: The model's newest checkpoint, None where there is none or nobody tells.
-        model: Whether the model has one, None where nobody tells.
+        checkpoint: The model's newest checkpoint; None if there is none or it is unknown.
+        model: Whether the model has a checkpoint; None if that is unknown.
     """
 
     cloud: str
@@ -107,8 +107,9 @@ class Summary:
     warnings: list[str] = field(default_factory=list)
 
 
-def summarize(settings: Settings, directory: Path) -> Summary:
+def summarize(settings: Settings) -> Summary:
     """Look at everything; starts no server and waits two seconds for the bucket at most."""
+    directory = settings.directory
     versions = {"python": python_version(), **{name: _version(name) for name in PACKAGES}}
     gpus = _gpus()
     return Summary(
@@ -121,7 +122,7 @@ def summarize(settings: Settings, directory: Path) -> Summary:
         world=settings.world_name,
         car=settings.car_name,
         workers=settings.workers,
-        bucket=_bucket_state(settings, directory),
+        bucket=_bucket_state(settings),
         running=_running(directory),
         versions=versions,
         gpus=gpus,
@@ -131,16 +132,16 @@ def summarize(settings: Settings, directory: Path) -> Summary:
     )
 
 
-def _bucket_state(settings: Settings, directory: Path) -> BucketState:
+def _bucket_state(settings: Settings) -> BucketState:
     """Ask the bucket; some libraries wait longer than anybody wants to, so from a thread."""
     cloud, name = settings.cloud, settings.bucket
     try:
-        endpoint = known_endpoint(settings, directory)
+        endpoint = server.last_known(settings.storage)
     except StorageError as error:
         return BucketState(cloud, name, None, "silent", str(error))
     address = endpoint.place if endpoint is not None else None
     if cloud == "local" and (endpoint is None or endpoint.pid is None):
-        newest = _newest_on_disk(settings, directory)
+        newest = _newest_on_disk(settings)
         known = None if newest is None else newest != ""
         return BucketState(cloud, name, address, "stopped", "", newest or None, known)
 
@@ -148,7 +149,7 @@ def _bucket_state(settings: Settings, directory: Path) -> BucketState:
 
     def ask() -> None:
         try:
-            bucket = open_running_bucket(settings, directory)
+            bucket = open_running_bucket(settings.storage)
             if bucket is not None:
                 newest = newest_checkpoint(bucket, settings.model_prefix)
                 text = str(newest) if newest is not None else None
@@ -165,9 +166,11 @@ def _bucket_state(settings: Settings, directory: Path) -> BucketState:
     return answer[0] if answer else BucketState(cloud, name, address, "silent", late)
 
 
-def _newest_on_disk(settings: Settings, directory: Path) -> str | None:
-    """Newest checkpoint in the folder of a stopped server, "" for none, None if nobody tells."""
-    [place] = addresses(settings, directory, ["model"]).places
+def _newest_on_disk(settings: Settings) -> str | None:
+    """Newest checkpoint in the folder of a stopped server, "" for none, None if unknown."""
+    [place] = addresses(
+        settings.storage, settings.model, settings.custom_files_prefix, ["model"]
+    ).places
     if place.folder is None:
         return None
     prefix = settings.model_prefix

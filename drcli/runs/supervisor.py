@@ -91,8 +91,8 @@ class Supervisor:
         renewal: Renewal,
         *,
         open_bucket: Callable[[], Bucket],
-        revive_server: Callable[[], None],
-        restart_server: Callable[[], None],
+        revive_server: Callable[[], object],
+        restart_server: Callable[[], object],
     ) -> None:
         """Begin.
 
@@ -116,13 +116,15 @@ class Supervisor:
         # Each has its own thread, so that neither they nor the loop wait for each other.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
         self._lease = Periodic("lease", renewal.step, LOOK_S)
-        gpus = job.settings.sagemaker_cuda_devices
+        gpus = job.config.train.sagemaker_cuda_devices
         self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
-        for k in range(job.settings.workers):
+        for k in range(job.config.train.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
-        self._logs = LogUpload(open_bucket, job.settings, job.directory, names)
+        self._logs = LogUpload(
+            open_bucket, job.directory, job.config.model.prefix, job.config.log_max_mb, names
+        )
 
     def run(self) -> int:
         """Supervise until the training is over.
@@ -190,7 +192,7 @@ class Supervisor:
         code = child.process.returncode
         words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
             code,
-            log_file(self._job.settings, self._job.directory, child.name),
+            log_file(self._job.directory, self._job.config.model.prefix, child.name),
             remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
             "or start over with `-w`.",
         )
@@ -243,7 +245,7 @@ class Supervisor:
 
     def _release(self) -> None:
         with suppress(DrError):
-            lease.release(self._bucket, self._job.settings.model_prefix, self._job.session)
+            lease.release(self._bucket, self._job.config.model.prefix, self._job.session)
 
     def _is_hurried(self) -> bool:
         return self._hurried
@@ -254,7 +256,7 @@ class Supervisor:
 
         def look() -> None:
             with suppress(DrError):
-                newest = newest_checkpoint(self._bucket, self._job.settings.model_prefix)
+                newest = newest_checkpoint(self._bucket, self._job.config.model.prefix)
                 found.append(newest is not None)
 
         within(LOOK_PATIENCE_S, look, self._is_hurried)

@@ -10,16 +10,17 @@ from drcli.base.file_lock import only_writer
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
-from drcli.exchange.run_record import RunRecord, storage_of
+from drcli.exchange.run_record import RunRecord, StorageRecord
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
-from drcli.store.connect import ensure_storage, open_bucket, restart_storage
+from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 PATIENCE_S = 5.0
 """How long a supervisor waits for a silent bucket: it restarts the server itself."""
@@ -47,18 +48,18 @@ def launch(plan: RunPlan) -> int:
         SettingsError: Another start was faster.
         WorkerDied: It ended at once or was not ready in time.
     """
-    settings, directory = plan.job.settings, plan.job.directory
-    process = start_process(plan.job, "supervisor", "drcli.runs.training")
+    job = plan.job
+    process = start_process(job, "supervisor", "drcli.runs.training")
     deadline = time.monotonic() + READY_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
-        if _is_ready(plan.job):
+        if _is_ready(job):
             return process.pid
         time.sleep(0.05)
-    if process.poll() is not None and _is_ready(plan.job):  # it was, and has ended since
+    if process.poll() is not None and _is_ready(job):  # it was, and has ended since
         return process.pid
     end_process(process, EXIT_S)  # or it would train after all, and nobody would know
-    refuse_second_run(settings, plan.job.folder)
-    path = log_file(settings, directory, "supervisor")
+    refuse_second_run(job.config.run_id, job.folder)
+    path = log_file(job.directory, job.config.model.prefix, "supervisor")
     raise WorkerDied(
         "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
     )
@@ -73,8 +74,8 @@ def supervise_job(job: Job) -> int:
     Raises:
         SettingsError: Another start has taken the DR_RUN_ID or the model meanwhile.
     """
-    path = log_file(job.settings, job.directory, "supervisor")
-    log = LogFile(path, job.settings.log_max_mb << 20)
+    path = log_file(job.directory, job.config.model.prefix, "supervisor")
+    log = LogFile(path, job.config.log_max_mb << 20)
     try:
         return _supervise(job)
     except DrError as error:
@@ -87,44 +88,40 @@ def supervise_job(job: Job) -> int:
 def _supervise(job: Job) -> int:
 
     job = replace(job, launcher_pid=os.getpid())
-    settings = job.settings
+    storage, prefix = job.config.storage, job.config.model.prefix
 
     def impatient(patience_s: float) -> S3Bucket:
-        return open_bucket(
-            settings, job.directory, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S
-        )
+        return open_bucket(storage, patience_s=patience_s, read_timeout_s=READ_TIMEOUT_S)
 
     def own(client: S3Bucket) -> S3Bucket:
-        return client.fenced(
-            Ownership(client, settings.model_prefix, job.session, taken.term).check
-        )
+        return client.fenced(Ownership(client, prefix, job.session, taken.term).check)
 
     bucket = impatient(PATIENCE_S)
     record = RunRecord(
-        run_id=settings.run_id,
+        run_id=job.config.run_id,
         session=job.session,
         bucket=bucket.name,
-        prefix=settings.model_prefix,
-        world=settings.world_name,
+        prefix=prefix,
+        world=job.config.race().world_name,
         state="starting",
         pid=os.getpid(),
         pid_started=started_s(os.getpid()) or 0.0,
         started_at=time.time(),
-        storage=storage_of(settings),
+        storage=StorageRecord.of(storage, job.directory),
     )
     with only_writer(job.directory):  # of two starts in the same moment one trains
-        refuse_second_run(settings, job.folder)
-        lease.refuse_other_owner(bucket, settings.model_prefix, job.session)
-        taken = lease.take(bucket, settings.model_prefix, job.session)
+        refuse_second_run(job.config.run_id, job.folder)
+        lease.refuse_other_owner(bucket, prefix, job.session)
+        taken = lease.take(bucket, prefix, job.session)
         record.write(job.folder)
     return Supervisor(
         replace(job, term=taken.term),
         own(bucket),
         record,
-        Renewal(impatient(0.0), settings.model_prefix, taken),
-        open_bucket=lambda: own(open_bucket(settings, job.directory, patience_s=LOG_PATIENCE_S)),
-        revive_server=lambda: ensure_storage(settings, job.directory),
-        restart_server=lambda: restart_storage(settings, job.directory),
+        Renewal(impatient(0.0), prefix, taken),
+        open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
+        revive_server=lambda: server.ensure_running(storage),
+        restart_server=lambda: server.restart(storage),
     ).run()
 
 

@@ -30,7 +30,7 @@ def start_process(
         gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
     """
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
-    path = log_file(job.settings, job.directory, name)
+    path = log_file(job.directory, job.config.model.prefix, name)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab") as log:  # at its end, because several processes may share it
         return job.spawn(

@@ -1,20 +1,26 @@
-"""From settings to the bucket they mean."""
+"""Opens the bucket of a run, the one to look at, and the one that models are copied to."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from functools import lru_cache
 
-from drcli.config.settings import Settings, catalogue
-from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames, StorageConfig
-from drcli.store.open_running import storage_config
+from drcli.config.run_config import StorageConfig, UploadConfig
+from drcli.store.bucket import Bucket
+from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames
+from drcli.store.folder_bucket import FolderBucket
 from drcli.store.profiles import read_profile
 from drcli.store.s3_bucket import S3Bucket
-from drcli.store.server.server import connect, ensure_running, last_known, restart, stop
+from drcli.store.server import server
+
+_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
+"""How long an answer may stall before it is asked for again. No network holds up the local one."""
+
+_LOOK_TIMEOUT_S = 2.0
+"""How long it may stall for readers, who also read once more when they were told to stop."""
 
 
 def open_bucket(
-    settings: Settings,
-    directory: Path,
+    config: StorageConfig,
     *,
     patience_s: float = 60.0,
     read_timeout_s: float | None = None,
@@ -23,26 +29,42 @@ def open_bucket(
     """The bucket, its local server started where needed.
 
     Args:
-        settings: Say where it is.
-        directory: The racer's working folder.
+        config: Where it is.
         patience_s: How long calls wait for a server that does not answer: a worker lets its
             supervisor bring the server back, a command's user wants to know soon.
         read_timeout_s: For how long an answer may stall; as befits the server if left out.
-        hurried: Whether this process was asked to leave, which ends its patience.
+        hurried: Whether this process was asked to stop; then calls wait no longer.
 
     Raises:
         StorageError: The server cannot be started or found.
     """
-    return connect(
-        storage_config(settings, directory),
+    usual_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
+    return S3Bucket(
+        server.ensure_running(config),
+        config.bucket,
         patience_s=patience_s,
-        read_timeout_s=read_timeout_s,
+        read_timeout_s=read_timeout_s or usual_s,
         hurried=hurried,
     )
 
 
+def open_running_bucket(config: StorageConfig) -> Bucket | None:
+    """The bucket for readers, which starts no server.
+
+    Objects that the local server keeps as files are read directly, whether it runs or not.
+
+    Returns:
+        None where a local server that keeps them in another way does not run.
+    """
+    if config.cloud == "local" and config.engine == "rclone":
+        folder = config.data_dir / config.bucket
+        return FolderBucket(folder) if folder.is_dir() else None
+    endpoint = server.find_running(config)
+    return None if endpoint is None else _impatient(endpoint, config.bucket)
+
+
 def open_upload_bucket(
-    settings: Settings,
+    config: UploadConfig,
     *,
     name: str | None = None,
     names: SettingNames = UPLOADS,
@@ -54,7 +76,7 @@ def open_upload_bucket(
     in the AWS files; else Amazon's.
 
     Args:
-        settings: Say where it is.
+        config: Where it is.
         name: Another bucket there than DR_UPLOAD_S3_BUCKET.
         names: What to call the settings in errors.
         patience_s: How long calls wait for a server that does not answer.
@@ -62,48 +84,19 @@ def open_upload_bucket(
     Raises:
         StorageError: The profile does not exist.
     """
-    profile = settings.upload_s3_profile or None
-    found = read_profile(profile, names.profile)
-    if not settings.upload_s3_endpoint_url:
+    found = read_profile(config.profile, names.profile)
+    if not config.endpoint_url:
         names = replace(names, address=names.profile)
     endpoint = Endpoint(
-        settings.upload_s3_endpoint_url or found.endpoint_url,
-        profile=profile,
-        region=found.region or settings.aws_app_region,
+        config.endpoint_url or found.endpoint_url,
+        profile=config.profile,
+        region=found.region or config.region,
         names=names,
     )
-    return S3Bucket(endpoint, name or settings.upload_s3_bucket, patience_s=patience_s)
+    return S3Bucket(endpoint, name or config.bucket, patience_s=patience_s)
 
 
-def known_endpoint(settings: Settings, directory: Path) -> Endpoint | None:
-    """The bucket's server, None where the local one was never started; starts and asks nobody.
-
-    The `pid` of a local server that does not run is None.
-    """
-    return last_known(storage_config(settings, directory))
-
-
-def running_endpoint(settings: Settings, directory: Path) -> Endpoint:
-    """The bucket's server, the local one started where needed; for other programs to talk to."""
-    return ensure_running(storage_config(settings, directory))
-
-
-def ensure_storage(settings: Settings, directory: Path) -> None:
-    """Start the local server where it does not answer; a supervisor calls this every second."""
-    ensure_running(storage_config(settings, directory))
-
-
-def restart_storage(settings: Settings, directory: Path) -> None:
-    """Start the local server anew, whatever it says; objects stay."""
-    restart(storage_config(settings, directory))
-
-
-def stop_storage(settings: Settings, directory: Path) -> bool:
-    """End the local server; objects stay. True when one was running."""
-    return stop(storage_config(settings, directory))
-
-
-def stop_default_storage(directory: Path) -> bool:
-    """The same where the settings cannot be read: for the server whose objects lie in data/s3."""
-    folder = directory / catalogue()["DR_S3_DATA_DIR"].default
-    return stop(StorageConfig("local", "", folder))
+@lru_cache(maxsize=4)
+def _impatient(endpoint: Endpoint, name: str) -> Bucket:
+    """A cached client, because making one takes longer than reading an object."""
+    return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=_LOOK_TIMEOUT_S)

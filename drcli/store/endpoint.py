@@ -1,39 +1,9 @@
-"""Where the bucket is and who may use it, as far as this package needs to know."""
+"""The address of an S3 server with the access keys, and the settings that it came from."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
-Cloud = Literal["local", "remote", "aws", "azure"]
-Engine = Literal["rclone", "minio", "moto"]
-
-
-@dataclass(frozen=True)
-class StorageConfig:
-    """The storage settings of one run, already checked for type.
-
-    Args:
-        cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
-            `aws` by Amazon.
-        bucket: DR_LOCAL_S3_BUCKET.
-        data_dir: Folder of the local server; objects lie under `<data_dir>/<bucket>/`.
-        engine: Program that serves `local`.
-        port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
-        endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
-        profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
-        region: DR_AWS_APP_REGION.
-        idle_minutes: DR_LOCAL_S3_IDLE_MINUTES.
-    """
-
-    cloud: Cloud
-    bucket: str
-    data_dir: Path
-    engine: Engine = "rclone"
-    port: int | None = None
-    endpoint_url: str | None = None
-    profile: str | None = None
-    region: str = "us-east-1"
-    idle_minutes: int = 10
+from drcli.config.run_config import Engine
 
 
 @dataclass(frozen=True)
@@ -62,7 +32,7 @@ UPLOADS = SettingNames(
     address="DR_UPLOAD_S3_ENDPOINT_URL",
     amazon="DR_UPLOAD_S3_PROFILE",
 )
-"""Of the second bucket, which models are copied to."""
+"""Those of the bucket that models are copied to."""
 
 
 @dataclass(frozen=True)

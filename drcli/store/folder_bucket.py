@@ -1,7 +1,7 @@
-"""The embedded server's bucket, looked at from beside the server: its objects are plain files.
+"""Reads the embedded server's bucket directly, because its objects are plain files.
 
-A look needs no S3 client, which takes half a second to make, and no server. Only the server writes:
-it would not notice what others put beside its objects at once.
+That needs no S3 client, which takes half a second to make, and no server. Only the server writes,
+because it would not notice at once what another program writes.
 """
 
 import os
@@ -18,11 +18,7 @@ from drcli.store.server.engines import LEFTOVERS
 
 
 class FolderBucket:
-    """Reads objects; refuses to write any.
-
-    Args:
-        folder: Where the server keeps the objects of the bucket.
-    """
+    """Reads objects; refuses to write any."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -39,7 +35,7 @@ class FolderBucket:
             data = path.read_bytes()
         except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as e:
             raise ObjectMissing(
-                f"There is no object {self.name}/{key} in {self._folder.parent}.",
+                f"The object {self.name}/{key} does not exist in {self._folder.parent}.",
                 remedy="Check the name, and DR_LOCAL_S3_MODEL_PREFIX.",
             ) from e
         except OSError as e:
@@ -98,4 +94,6 @@ class FolderBucket:
         )
 
     def _only_looked_at(self) -> TypeError:
-        return TypeError(f"The bucket in {self._folder} is only looked at; write to its server.")
+        return TypeError(
+            f"The bucket in {self._folder} is read-only here; write through its server."
+        )

@@ -1,4 +1,4 @@
-"""What the bucket holds of one model: whether there is anything, how far it got, its removal."""
+"""One model in a bucket: whether it exists, its newest checkpoint, and how to delete it."""
 
 from collections.abc import Collection
 
@@ -9,27 +9,21 @@ from drcli.store.checkpoints import checkpoint_objects
 
 
 def is_used(bucket: Bucket, prefix: str) -> bool:
-    """Whether anything lies below the prefix; a model whose name only starts alike is no matter."""
+    """Whether there are objects below the prefix; `model-10` does not count for `model-1`."""
     return bool(bucket.list(keys.folder(prefix)))
 
 
 def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
-    """The checkpoint that counts furthest, whole or not; None where there is none."""
+    """The newest checkpoint, complete or not; None if there is none."""
     return max(checkpoint_objects(bucket, prefix).values(), default=None)
 
 
 def contains(outer: str, inner: str) -> bool:
-    """Whether wiping one prefix would delete another, or what lies at both is one and the same."""
+    """Whether wiping `outer` would delete `inner`, because it is the same or lies below it."""
     return keys.folder(inner).startswith(keys.folder(outer))
 
 
 def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
-    """Delete the model, its rollouts, and what was noted of its runs.
-
-    Args:
-        bucket: Holds it.
-        prefix: Of the model.
-        spared: Keys of objects that stay.
-    """
+    """Delete the model, its rollouts and the records of its runs."""
     for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
         bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])

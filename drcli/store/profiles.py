@@ -1,4 +1,4 @@
-"""Profiles of the AWS files: whose keys to use, and which server and region they name."""
+"""Profiles in the AWS files: access keys, server and region."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,18 +11,13 @@ if TYPE_CHECKING:
     from boto3.session import Session
 
 DEFAULT = "default"
-"""A profile that need not exist: without it the AWS library searches on, down to the role of the
-machine, which is all that a rented one has."""
+"""A profile that need not exist: without it the AWS library goes on searching, up to the role of
+the machine, which is all that a rented machine has."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """What the AWS files say beside the keys.
-
-    Args:
-        endpoint_url: Address of the server where it is not Amazon's.
-        region: Region to sign for.
-    """
+    """What the AWS files say beside the keys."""
 
     endpoint_url: str | None
     region: str | None
@@ -31,10 +26,6 @@ class Profile:
 @cache
 def session_of(profile: str | None, setting: str) -> "Session":
     """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse.
-
-    Args:
-        profile: None leaves the search for keys to boto3.
-        setting: Name of the setting that chose the profile.
 
     Raises:
         StorageError: The profile does not exist.
@@ -52,13 +43,12 @@ def session_of(profile: str | None, setting: str) -> "Session":
 
 
 def lend_to_refreshes(credentials: object) -> None:
-    """Have the secrets that this process withholds at hand whenever keys that expire are renewed.
+    """Put the withheld secrets into the environment whenever temporary keys are renewed.
 
-    A container's token, a proxy with a password, a program that prints keys: they are asked again
-    from time to time, for as long as the process runs.
+    boto3 then asks again whatever issued the keys, such as a container's token or a program.
 
     Args:
-        credentials: Of boto3, which the keys of a file or of a variable never ask again.
+        credentials: Of boto3; fixed keys from a file or variable are never renewed.
     """
     fetch = getattr(credentials, "_refresh_using", None)
     if fetch is None:
@@ -74,10 +64,6 @@ def lend_to_refreshes(credentials: object) -> None:
 
 def read_profile(profile: str | None, setting: str) -> Profile:
     """Server and region of a profile, from the environment and the AWS files.
-
-    Args:
-        profile: None for whatever the AWS library takes by itself.
-        setting: Name of the setting that chose the profile.
 
     Raises:
         StorageError: The profile does not exist, or the files cannot be read.
@@ -107,11 +93,11 @@ def read_profile(profile: str | None, setting: str) -> Profile:
 def _no_profile(profile: str | None, setting: str) -> StorageError:
     if profile is None:
         return StorageError(
-            "There is no such profile in the AWS files as AWS_PROFILE says.",
+            "The profile named in AWS_PROFILE does not exist in the AWS files.",
             remedy=f"Correct AWS_PROFILE, or set {setting}.",
         )
     return StorageError(
-        f"There is no profile '{profile}' in the AWS files ({setting}).",
+        f"The profile '{profile}' does not exist in the AWS files ({setting}).",
         remedy=f"Create it with `aws configure --profile {profile}`, or set {setting} to "
         "another one.",
     )

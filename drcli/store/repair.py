@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from drcli.base.json_record import Misfit
-from drcli.config.settings import Settings
+from drcli.config.run_config import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
     checkpoint_name,
@@ -57,15 +57,15 @@ class Model:
     workers: Sequence[int] = (0,)
 
     @staticmethod
-    def of(settings: Settings, bucket: Bucket, prefix: str) -> "Model":
-        """A model in the bucket; what settings say of their own one counts for it alone."""
-        own = prefix == settings.model_prefix
+    def of(config: ModelConfig, bucket: Bucket, prefix: str) -> "Model":
+        """A model in the bucket; what the settings say of theirs counts for it alone."""
+        own = prefix == config.prefix
         return Model(
             bucket,
             prefix,
-            settings.metrics_prefix if own else keys.metrics_prefix(prefix),
-            settings.train_best_model_metric,
-            range(settings.workers if own else 1),
+            config.metrics_prefix if own else keys.metrics_prefix(prefix),
+            config.metric,
+            range(config.workers if own else 1),
         )
 
 

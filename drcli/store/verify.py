@@ -1,4 +1,4 @@
-"""Proves that an object in a bucket is the one that was sent, with as few bytes as possible."""
+"""Checks that an object in a bucket is what was sent, without reading it where possible."""
 
 import hashlib
 from collections.abc import Sequence
@@ -37,10 +37,6 @@ class Proof:
 
         The server's word is taken where its listing has the right etag. An encrypted object, or
         one of a server without etags, is read.
-
-        Args:
-            bucket: Holds the object.
-            info: From a listing of it, None where it is not listed.
         """
         if info is None or info.size_bytes != self.fingerprint.size_bytes:
             return False

@@ -1,4 +1,4 @@
-"""The track, the race and the reward function of a run, made for a worker. Needs no torch."""
+"""Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.config.worlds import remedy, track_problem
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
@@ -16,7 +16,9 @@ from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.car.realism import Realism
+from drsim.episode.episode import EpisodeRules
 from drsim.episode.reward import RewardFunction, load_reward_function
+from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
@@ -29,98 +31,133 @@ SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: a car may wind its way."""
 
 MAX_EPISODE_STEPS = 10_000
-"""Longest episode. The reference has no limit; a car that never ends its lap teaches nothing."""
+"""Longest episode. The reference has no limit, but a car that never completes its lap teaches
+nothing."""
 
 
-def load_world(settings: Settings) -> Track:
+def load_world(config: RaceConfig) -> Track:
     """The track that DR_WORLD_NAME names.
 
     Raises:
         ProblemsError: It is not installed or damaged (V-05).
     """
     try:
-        return load_track(settings.world_name, settings.tracks_folder)
+        return load_track(config.world_name, config.tracks_folder)
     except TrackError as error:
-        problem = track_problem(settings)
+        problem = track_problem(config)
         if problem is None:
-            name, place = "DR_WORLD_NAME", settings.place("DR_WORLD_NAME")
-            what = f"{name}={settings.world_name:.80}: {error}"
-            problem = Problem("V-05", "error", *place, what, remedy(settings), name)
+            name, place = "DR_WORLD_NAME", config.place("DR_WORLD_NAME")
+            what = f"{name}={config.world_name:.80}: {error}"
+            problem = Problem("V-05", "error", *place, what, remedy(config), name)
         raise ProblemsError([replace(problem, severity="error")]) from None
 
 
-def race_of(s: Settings) -> Race:
+def race_of(config: RaceConfig) -> Race:
     """What is on the track beside the car, by DR_RACE_TYPE."""
-    if s.race_type == "OBJECT_AVOIDANCE":
+    if config.race_type == "OBJECT_AVOIDANCE":
         return Race(
             obstacles=ObstacleRules(
-                count=s.oa_number_of_obstacles,
-                kind="bot_car" if s.oa_is_obstacle_bot_car else s.oa_obstacle_type,
-                min_gap_m=s.oa_min_distance_between_obstacles,
-                randomize=s.oa_randomize_obstacle_locations,
-                positions=s.oa_object_positions,
-                reset_behind_m=s.eval_reset_behind_dist,
+                count=config.oa_number_of_obstacles,
+                kind="bot_car" if config.oa_is_obstacle_bot_car else config.oa_obstacle_type,
+                min_gap_m=config.oa_min_distance_between_obstacles,
+                randomize=config.oa_randomize_obstacle_locations,
+                positions=config.oa_object_positions,
+                reset_behind_m=config.eval_reset_behind_dist,
             )
         )
-    if s.race_type == "HEAD_TO_BOT":
+    if config.race_type == "HEAD_TO_BOT":
         return Race(
             bots=BotRules(
-                count=s.h2b_number_of_bot_cars,
-                speed_mps=s.h2b_bot_car_speed,
-                min_gap_m=s.h2b_min_distance_between_bot_cars,
-                randomize=s.h2b_randomize_bot_car_locations,
-                lane_change=s.h2b_is_lane_change,
-                lane_change_time_s=(s.h2b_lower_lane_change_time, s.h2b_upper_lane_change_time),
-                lane_change_distance_m=s.h2b_lane_change_distance,
-                penalty_s=s.h2b_bot_car_penalty,
+                count=config.h2b_number_of_bot_cars,
+                speed_mps=config.h2b_bot_car_speed,
+                min_gap_m=config.h2b_min_distance_between_bot_cars,
+                randomize=config.h2b_randomize_bot_car_locations,
+                lane_change=config.h2b_is_lane_change,
+                lane_change_time_s=(
+                    config.h2b_lower_lane_change_time,
+                    config.h2b_upper_lane_change_time,
+                ),
+                lane_change_distance_m=config.h2b_lane_change_distance,
+                penalty_s=config.h2b_bot_car_penalty,
             )
         )
-    return Race(racers=2) if s.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
+    return Race(racers=2) if config.race_type == "HEAD_TO_MODEL" else TIME_TRIAL
 
 
-def load_race(s: Settings, track: Track) -> Race:
+def load_race(config: RaceConfig, track: Track) -> Race:
     """The race of the settings, once it is sure that it fits on the track.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
     try:
-        race = race_of(s)
+        race = race_of(config)
         if race != TIME_TRIAL:
             Traffic((track, track.reversed()), race.racers, race)
     except ValueError as error:
-        if s.race_type == "OBJECT_AVOIDANCE":
+        if config.race_type == "OBJECT_AVOIDANCE":
             number, gap = "DR_OA_NUMBER_OF_OBSTACLES", "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES"
         else:
             number, gap = "DR_H2B_NUMBER_OF_BOT_CARS", "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS"
-        place, remedy = s.place(number), f"Set a smaller {number} or a smaller {gap}."
+        place, remedy = config.place(number), f"Set a smaller {number} or a smaller {gap}."
         problem = Problem("V-07", "error", *place, f"{number}: {error}", remedy, number)
         raise ProblemsError([problem]) from None
     return race
 
 
-def realism_of(s: Settings, job: Literal["training", "evaluation"]) -> Realism:
+def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
     """The sim-to-real extras that act in this job."""
-    if s.sim_extras_in not in ("both", job):
+    if config.sim_extras_in not in ("both", job):
         return Realism()
     return Realism(
-        image_noise=s.sim_image_noise,
-        brightness=s.sim_brightness,
-        blur_px=s.sim_blur,
-        camera_angle_deg=s.sim_camera_angle,
-        camera_shift_m=s.sim_camera_shift,
-        latency_s=s.sim_latency,
-        latency_jitter_s=s.sim_latency_jitter,
-        friction=s.sim_friction,
-        mass=s.sim_mass,
+        image_noise=config.sim_image_noise,
+        brightness=config.sim_brightness,
+        blur_px=config.sim_blur,
+        camera_angle_deg=config.sim_camera_angle,
+        camera_shift_m=config.sim_camera_shift,
+        latency_s=config.sim_latency,
+        latency_jitter_s=config.sim_latency_jitter,
+        friction=config.sim_friction,
+        mass=config.sim_mass,
     )
 
 
-def randomize_of(s: Settings) -> Randomize:
+def randomize_of(config: RaceConfig) -> Randomize:
     """What DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
-    if not s.enable_domain_randomization:
+    if not config.enable_domain_randomization:
         return "nothing"
-    return "textures" if s.randomize_textures else "lights"
+    return "textures" if config.randomize_textures else "lights"
+
+
+def build_simulation(
+    config: RaceConfig,
+    job: Literal["training", "evaluation"],
+    metadata: ModelMetadata,
+    track: Track,
+    *,
+    num_cars: int,
+    reward: RewardFunction | list[RewardFunction],
+    rules: EpisodeRules,
+    num_threads: int,
+    seed: int,
+) -> Simulation:
+    """The simulation of a worker.
+
+    Raises:
+        SettingsError: There is no room for that many obstacles or bots.
+    """
+    return Simulation(
+        track,
+        num_cars=num_cars,
+        reward_function=reward,
+        rules=rules,
+        num_threads=num_threads,
+        seed=seed,
+        race=load_race(config, track),
+        sensors=sensors_of_model(metadata),
+        realism=realism_of(config, job),
+        randomize=randomize_of(config),
+    )
 
 
 def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[RewardFunction]:
@@ -146,7 +183,7 @@ def reward_failure(error: RewardError) -> SettingsError:
         text = text.replace(str(error.file), error.file.name)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy="Correct reward_function.py, then go on with `dr-start-training --resume`, "
+        remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
         "or start over with `-w`.",
     )
 

@@ -5,10 +5,10 @@ import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import TrainConfig
 
 OVERLAP_CORES = 4
-"""From so many cores on, driving and learning go on at the same time."""
+"""With this many cores or more, driving and learning run at the same time."""
 
 _ROOT = Path("/")
 
@@ -16,11 +16,8 @@ _ROOT = Path("/")
 def cores(root: Path = _ROOT) -> int:
     """Processor cores that this process may use.
 
-    Those that it may run on (`taskset`), or fewer where a container or a service has a limit
-    (`docker run --cpus`), of which a part counts as a whole.
-
-    Args:
-        root: Where Linux tells the limits, below `proc` and `sys`.
+    Those that it may run on (`taskset`), or fewer if a container or service has a limit
+    (`docker run --cpus`), which is rounded up.
     """
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))
@@ -29,26 +26,26 @@ def cores(root: Path = _ROOT) -> int:
     return max(1, min([allowed, *(math.ceil(limit) for limit in _limits(root))]))
 
 
-def overlaps(settings: Settings) -> bool:
+def overlaps(train: TrainConfig) -> bool:
     """Whether the next iteration is driven while the last one is learned from."""
-    if settings.train_overlap == "auto":
+    if train.train_overlap == "auto":
         return cores() >= OVERLAP_CORES
-    return settings.train_overlap == "on"
+    return train.train_overlap == "on"
 
 
-def driving_threads(settings: Settings) -> int:
-    """Threads of one simulation worker: all share the cores that learning leaves."""
-    mine = cores() - learning_threads(settings) if overlaps(settings) else cores()
-    return max(1, mine // settings.workers)
+def driving_threads(train: TrainConfig) -> int:
+    """Threads of one simulation worker; the workers share the cores that the trainer leaves."""
+    mine = cores() - learning_threads(train) if overlaps(train) else cores()
+    return max(1, mine // train.workers)
 
 
-def learning_threads(settings: Settings) -> int:
-    """Threads of the trainer: all cores where it has them to itself, else half."""
-    return max(1, cores() // 2) if overlaps(settings) else cores()
+def learning_threads(train: TrainConfig) -> int:
+    """Threads of the trainer: half of the cores if driving and learning overlap, else all."""
+    return max(1, cores() // 2) if overlaps(train) else cores()
 
 
 def _limits(root: Path) -> Iterator[float]:
-    """Cores that each control group above this process leaves it; nothing where none limits."""
+    """The limits of this process's control groups, in cores; groups without one are skipped."""
     try:
         lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
     except OSError:  # another system than Linux

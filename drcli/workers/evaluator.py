@@ -16,7 +16,7 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
-from drcli.config.settings import Settings
+from drcli.config.run_config import EvaluationConfig, RunConfig
 from drcli.exchange.evaluation_metrics import (
     REPORT_FILE,
     TrialMetrics,
@@ -25,8 +25,7 @@ from drcli.exchange.evaluation_metrics import (
 )
 from drcli.exchange.job import Job
 from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
@@ -35,11 +34,9 @@ from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
-    load_race,
+    build_simulation,
     load_reward,
     load_world,
-    randomize_of,
-    realism_of,
     sensors_of_model,
 )
 from drcli.workers.cores import cores
@@ -48,8 +45,6 @@ from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules
 from drsim.episode.reward import centre_line_reward
-from drsim.episode.simulation import Simulation
-from drsim.sensing.sensors import Sensors
 from drsim.track.worlds import directed
 
 MAX_LAP_S = 600.0
@@ -73,19 +68,20 @@ class Entry:
     metrics: str
 
 
-def entries(s: Settings, stamp: str, checkpoints: Sequence[str]) -> list[Entry]:
+def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[Entry]:
     """The racers: the model itself, and the opponent where a second checkpoint is named.
 
     Args:
-        s: Settings of the evaluation.
+        config: Of the evaluation.
         stamp: Fourteen digits that name it.
         checkpoints: One for each racer.
     """
+    model, s = config.model, config.evaluation
     own = Entry(
-        s.model_prefix,
+        model.prefix,
         checkpoints[0],
-        keys.evaluation_trace(s.model_prefix, stamp),
-        keys.evaluation_metrics(s.metrics_prefix, stamp),
+        keys.evaluation_trace(model.prefix, stamp),
+        keys.evaluation_metrics(model.metrics_prefix, stamp),
     )
     return [own] + [
         Entry(
@@ -109,37 +105,38 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     Returns:
         For each racer one episode a trial; the laps of a continuous race are trials.
     """
-    s = job.settings
-    bucket = open_bucket(s, job.directory, hurried=lifeline.should_stop)
+    s, race = job.config.evaluation, job.config.race()
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     threads = cores()
     torch.set_num_threads(1)
-    crews = [_pilot(job, bucket, racer) for racer in racers]
-    pilots = [pilot for pilot, _ in crews]
-    sensors = crews[0][1]
-    if any(carried != sensors for _, carried in crews):
+    designs = [Design.of_model(bucket, racer.prefix) for racer in racers]
+    pilots = [
+        _pilot(bucket, racer, design, job.config)
+        for racer, design in zip(racers, designs, strict=True)
+    ]
+    if len({sensors_of_model(design.metadata) for design in designs}) > 1:
         raise SettingsError(
             f"{racers[0].prefix} and {racers[1].prefix} have different sensors and cannot race "
             "each other.",
             remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
         )
-    track = directed(load_world(s), reverse=s.eval_reverse_direction)
+    track = directed(load_world(race), reverse=s.eval_reverse_direction)
     races = 1 if s.eval_is_continuous else s.eval_number_of_trials
     reward = (
-        load_reward(bucket, s.model_prefix, job.folder, races * len(pilots))
+        load_reward(bucket, job.config.model.prefix, job.folder, races * len(pilots))
         if s.eval_debug_reward
         else centre_line_reward
     )
-    simulation = Simulation(
+    simulation = build_simulation(
+        race,
+        "evaluation",
+        designs[0].metadata,
         track,
         num_cars=races * len(pilots),
-        reward_function=reward,
+        reward=reward,
         rules=_rules(s),
         num_threads=threads,
         seed=job.seed,
-        race=load_race(s, track),
-        sensors=sensors,
-        realism=realism_of(s, "evaluation"),
-        randomize=randomize_of(s),
     )
     driven: list[Driven] = []
     begin = time.time()
@@ -164,22 +161,18 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     return results
 
 
-def _pilot(job: Job, bucket: Bucket, racer: Entry) -> tuple[Pilot, Sensors]:
-    """The policy of a racer, with its weights, and what its car carries."""
-    metadata = ModelMetadata.from_bytes(
-        bucket.get(keys.model_metadata(racer.prefix)), "model_metadata.json"
-    )
-    parameters = Hyperparameters.from_bytes(
-        bucket.get(keys.hyperparameters(racer.prefix)), "hyperparameters.json"
-    )
-    plain.info(reference_log.start_lines(job.settings, metadata, parameters, "EVALUATION"))
+def _pilot(bucket: Bucket, racer: Entry, design: Design, config: RunConfig) -> Pilot:
+    """The policy of a racer, with its weights."""
+    metadata, parameters = design.metadata, design.parameters
+    prefix, race = config.model.prefix, config.race()
+    plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
     loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
     model.load_state_dict(load_tensors(loaded.tensors))
-    return Pilot(model, actions_of(metadata)), sensors_of_model(metadata)
+    return Pilot(model, actions_of(metadata))
 
 
-def _rules(s: Settings) -> EpisodeRules:
+def _rules(s: EvaluationConfig) -> EpisodeRules:
     laps = s.eval_number_of_trials if s.eval_is_continuous else 1
     return EpisodeRules.evaluation(
         laps=laps,
@@ -219,7 +212,7 @@ def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], No
 
     def loop(job: Job, lifeline: Lifeline) -> None:
         signal_guard.install()
-        evaluate(job, lifeline, entries(job.settings, stamp, checkpoints))
+        evaluate(job, lifeline, entries(job.config, stamp, checkpoints))
 
     return loop
 

@@ -1,4 +1,4 @@
-"""When a training is over: time, iterations, mean reward, laps, progress held."""
+"""What ends a training by itself: how the trainer notices it, and how a start announces it."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -26,18 +26,14 @@ class Goals:
         self._began_s = clock()
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is over, as one sentence; None while it goes on.
-
-        Args:
-            records: The iterations so far, oldest first.
-        """
-        job, settings = self._job, self._job.settings
+        """Why the training is over, as one sentence; None if it is not."""
+        job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
             return "Training is complete: all evaluation laps of a checkpoint were completed."
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
-            return f"Training is complete: {minutes:g} minutes are over."
+            return f"Training is complete: the time limit of {minutes:g} minutes was reached."
         for name, most in (
             ("DR_TRAIN_MAX_ITERATIONS", settings.train_max_iterations),
             ("term_cond_max_episodes", self._parameters.term_cond_max_episodes),
@@ -73,6 +69,35 @@ def mean_score(records: Sequence[IterationRecord]) -> float | None:
     return None
 
 
+def ending(job: Job, parameters: Hyperparameters) -> str:
+    """Everything that ends a training by itself, and the command that ends it at any time."""
+    settings = job.config.train
+    ways = []
+    if job.until_laps is not None:
+        ways.append(
+            "once a checkpoint completes all its evaluation laps, "
+            f"at least {job.until_laps} (--until-laps)"
+        )
+    if job.max_minutes is not None:
+        given = job.max_minutes == settings.train_max_minutes
+        ways.append(
+            f"after {job.max_minutes:g} minutes "
+            f"({'DR_TRAIN_MAX_MINUTES' if given else '--max-minutes'})"
+        )
+    ways.append(_iterations(settings.train_max_iterations, parameters.term_cond_max_episodes))
+    if settings.train_stop_reward is not None:
+        ways.append(
+            f"at a mean reward of {settings.train_stop_reward:g} over 100 episodes "
+            "(DR_TRAIN_STOP_REWARD)"
+        )
+    if settings.train_stop_progress > 0:
+        ways.append(
+            f"at {settings.train_stop_progress:g} % of mean progress in "
+            f"{settings.train_stop_evaluations} evaluations in a row (DR_TRAIN_STOP_PROGRESS)"
+        )
+    return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
+
+
 def _all_laps(record: IterationRecord, wanted: int) -> bool:
     done = len(record.evaluation_lap_s)
     return done >= wanted and done == len(record.evaluation_progress)
@@ -80,3 +105,14 @@ def _all_laps(record: IterationRecord, wanted: int) -> bool:
 
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
+
+
+def _iterations(setting: int, hyperparameter: int) -> str:
+    """The smaller limit of the two: it counts, and the other one never does."""
+    if 0 < setting <= hyperparameter:
+        return f"after {_counted(setting)} (DR_TRAIN_MAX_ITERATIONS)"
+    return f"after {_counted(hyperparameter)} (term_cond_max_episodes)"
+
+
+def _counted(iterations: int) -> str:
+    return "1 iteration" if iterations == 1 else f"{iterations:,} iterations"

@@ -14,6 +14,8 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 _logger = get_logger(__name__)
 
+_logger = get_logger(__name__)
+
 NUMBER, STEPS = "iteration", "global_step"
 
 Row = dict[str, float]

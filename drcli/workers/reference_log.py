@@ -6,7 +6,7 @@
 import json
 from collections.abc import Sequence
 
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.exchange.trace import Episode, log_lines
 from drcli.learn.update_result import PPOStats, Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -21,14 +21,17 @@ OWN_LINE = ""
 
 
 def start_lines(
-    settings: Settings, metadata: ModelMetadata, hyperparameters: Hyperparameters, job_type: str
+    prefix: str,
+    race: RaceConfig,
+    metadata: ModelMetadata,
+    hyperparameters: Hyperparameters,
+    job_type: str,
 ) -> str:
     """What a simulation log says before its first step."""
-    prefix = settings.model_prefix
     parameters = {
         "JOB_TYPE": job_type,
-        "RACE_TYPE": settings.race_type,
-        "WORLD_NAME": settings.world_name,
+        "RACE_TYPE": race.race_type,
+        "WORLD_NAME": race.world_name,
     }
     file = "training_params.yaml" if job_type == "TRAINING" else "evaluation_params.yaml"
     kind = metadata.action_space_type

@@ -20,8 +20,7 @@ from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
@@ -31,14 +30,11 @@ from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
-    load_race,
+    build_simulation,
     load_reward,
     load_world,
     longest_episode,
-    randomize_of,
-    realism_of,
     reward_failure,
-    sensors_of_model,
 )
 from drcli.workers.cores import cores, driving_threads, overlaps
 from drcli.workers.driving import Driven, Driver, Pilot, Plan, episodes_of
@@ -47,7 +43,6 @@ from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode.episode import EpisodeRules
-from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
@@ -64,47 +59,42 @@ class SimWorker:
     """One simulation worker, from its first checkpoint to the end of the training."""
 
     def __init__(self, job: Job, lifeline: Lifeline, worker: int) -> None:
-        s = job.settings.for_worker(worker)
+        train, model = job.config.train, job.config.model
+        race = job.config.race(worker)
         self._job = job
-        self._settings = s
+        self._race = race
         self._lifeline = lifeline
-        self._prefix = s.model_prefix
-        self._bucket = worker_process.open_own_bucket(job, s, lifeline)
+        self._prefix = model.prefix
+        self._bucket = worker_process.open_own_bucket(job, lifeline)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
-        parameters = Hyperparameters.from_bytes(
-            self._bucket.get(keys.hyperparameters(self._prefix)), "hyperparameters.json"
-        )
-        self._share = Share(worker, s.workers, parameters.num_episodes_between_training)
-        metadata = ModelMetadata.from_bytes(
-            self._bucket.get(keys.model_metadata(self._prefix)), "model_metadata.json"
-        )
-        plain.info(reference_log.start_lines(s, metadata, parameters, "TRAINING"))
+        design = Design.of_model(self._bucket, self._prefix)
+        metadata, parameters = design.metadata, design.parameters
+        self._share = Share(worker, train.workers, parameters.num_episodes_between_training)
+        plain.info(reference_log.start_lines(self._prefix, race, metadata, parameters, "TRAINING"))
 
-        threads = driving_threads(s)
+        threads = driving_threads(train)
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
         self._parameters = parameters
         self._model = build_policy(metadata, parameters)
         self._trials = _evaluation_trials(job) if worker == 0 else 0
-        num_cars = s.train_lanes or self._share.count + self._trials
+        num_cars = race.train_lanes or self._share.count + self._trials
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
-        track = load_world(s)
-        self._track = directed(track, reverse=s.train_reverse_direction)
+        self._track = directed(load_world(race), reverse=race.train_reverse_direction)
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker
-        simulation = Simulation(
+        simulation = build_simulation(
+            race,
+            "training",
+            metadata,
             self._track,
             num_cars=num_cars,
-            reward_function=reward,
+            reward=reward,
             rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
             num_threads=threads,
             seed=seed,
-            race=load_race(s, self._track),
-            sensors=sensors_of_model(metadata),
-            realism=realism_of(s, "training"),
-            randomize=randomize_of(s),
         )
         self._driver = Driver(
             simulation, [Pilot(DataParallelPolicy(self._model, threads), actions)], seed
@@ -112,22 +102,22 @@ class SimWorker:
         own = Model(
             self._bucket,
             self._prefix,
-            s.metrics_prefix,
-            s.train_best_model_metric,
+            model.metrics_prefix,
+            model.metric,
             workers=(worker,),
         )
         for sentence in repair_metrics(own):
             _logger.warning(sentence)
         self._metrics = TrainingMetrics(
             self._bucket,
-            keys.training_metrics(s.metrics_prefix, worker),
-            s.train_best_model_metric,
+            keys.training_metrics(model.metrics_prefix, worker),
+            model.metric,
             self._share,
-            first=keys.training_metrics(s.metrics_prefix, 0) if worker else None,
+            first=keys.training_metrics(model.metrics_prefix, 0) if worker else None,
         )
         self._total_steps = 0
-        self._budget = EvaluationBudget(s.train_eval_share)
-        self._lag = int(overlaps(s))
+        self._budget = EvaluationBudget(train.train_eval_share)
+        self._lag = int(overlaps(train))
         self._newest = -1
         self._evaluated = -1
         self._drives = 0
@@ -141,7 +131,7 @@ class SimWorker:
             self._prefix,
             job.session,
             worker,
-            s.workers,
+            train.workers,
             should_stop=lifeline.should_stop,
             say=self._activity.say,
         )
@@ -254,10 +244,10 @@ class SimWorker:
 
     def _plans(self, numbers: range, trials: int) -> list[Plan]:
         """The training episodes of an iteration, and trials of its checkpoint."""
-        s = self._settings
-        offset = s.train_start_position_offset
-        advance = s.train_round_robin_advance_dist if s.train_change_start_position else 0.0
-        alternate = s.train_alternate_driving_direction
+        race = self._race
+        offset = race.train_start_position_offset
+        advance = race.train_round_robin_advance_dist if race.train_change_start_position else 0.0
+        alternate = race.train_alternate_driving_direction
         plans = [
             Plan(
                 number,
@@ -325,7 +315,7 @@ class SimWorker:
 
 def _evaluation_trials(job: Job) -> int:
     """Evaluation episodes of each checkpoint; never none, or there would be no best one."""
-    return max(1, job.settings.train_min_eval_trials, job.until_laps or 0)
+    return max(1, job.config.train.train_min_eval_trials, job.until_laps or 0)
 
 
 def main(worker: int) -> Callable[[Job, Lifeline], None]:

@@ -47,18 +47,15 @@ class Trainer:
     """The learner of one run, from its first checkpoint to the end."""
 
     def __init__(self, job: Job, lifeline: Lifeline) -> None:
-        s = job.settings
+        train, model = job.config.train, job.config.model
         self._job = job
-        self._settings = s
         self._lifeline = lifeline
-        self._prefix = s.model_prefix
-        self._bucket = worker_process.open_own_bucket(job, s, lifeline)
+        self._prefix = model.prefix
+        self._bucket = worker_process.open_own_bucket(job, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
-        model = Model(
-            self._bucket, self._prefix, s.metrics_prefix, s.train_best_model_metric, workers=()
-        )
-        for sentence in repair(model):
+        own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, workers=())
+        for sentence in repair(own):
             _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
@@ -80,9 +77,9 @@ class Trainer:
         self._found = self._checkpoints.load_latest(with_optimizer=True)
         counters = Counters() if self._found is None else self._found.record.counters
         compute = choose_compute(
-            s.torch_precision,
+            train.torch_precision,
             parameters.batch_size,
-            learning_threads(s),
+            learning_threads(train),
             before=counters.number_format,
         )
         _logger.info("Learning in %s", compute.reason)
@@ -94,11 +91,13 @@ class Trainer:
             self._prefix,
             self._checkpoints,
             self._history,
-            s.train_best_model_metric,
+            model.metric,
         )
         self._goals = Goals(job, parameters)
         self._reader = RolloutReader(self._bucket, self._prefix, job.session)
-        self._collector = Collector(self._reader, s.workers, s.train_max_steps_per_iteration)
+        self._collector = Collector(
+            self._reader, train.workers, train.train_max_steps_per_iteration
+        )
         self._number = 0
         self._steps = 0
         self._episodes = 0

@@ -12,7 +12,6 @@ from types import FrameType
 
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
-from drcli.config.settings import Settings
 from drcli.exchange.job import Job, LastWords
 from drcli.exchange.worker_state import ActivityRecord
 from drcli.store import keys
@@ -66,7 +65,7 @@ class Activity:
         self._bucket.put(self._key, record.encode())
 
 
-def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucket:
+def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     """The bucket of a training, for one of its workers.
 
     It refuses writes once another training has taken the model over. Once the worker was asked to
@@ -74,11 +73,10 @@ def open_own_bucket(job: Job, settings: Settings, lifeline: Lifeline) -> S3Bucke
 
     Args:
         job: The training.
-        settings: Those of the worker.
         lifeline: Of this process.
     """
-    bucket = open_bucket(settings, job.directory, hurried=lifeline.should_stop)
-    return bucket.fenced(Ownership(bucket, settings.model_prefix, job.session, job.term).check)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
@@ -94,7 +92,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     sys.excepthook = _hook(job, name)
     notices.show, notices.warn = _logger.info, _logger.warning
     if path := os.environ.get(log_files.VARIABLE):
-        log.LogFile(Path(path), job.settings.log_max_mb << 20)
+        log.LogFile(Path(path), job.config.log_max_mb << 20)
     _logger.info("%s started as process %d.", name, os.getpid())
     try:
         main(job, lifeline)

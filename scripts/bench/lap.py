@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.config.settings import load_settings
-from drcli.store.connect import stop_storage
+from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]
 FIGURES = (
@@ -186,7 +186,7 @@ def _dr(folder: Path, environment: dict[str, str], command: str, *options: str,
 
 
 def _stop_storage(folder: Path) -> None:
-    stop_storage(load_settings(folder), folder)
+    server.stop(load_settings(folder).storage)
 
 
 def _median(values: list[float | None]) -> float | None:

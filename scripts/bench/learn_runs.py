@@ -25,7 +25,7 @@ from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store.connect import stop_storage
+from drcli.store.server import server
 from drcli.workers.build_learner import policy_spec, ppo_config
 from drcli.workers.build_race import actions_of, load_world, longest_episode
 from drcli.workers.driving import Driven, Driver, Pilot, Plan
@@ -116,7 +116,7 @@ class Work:
             spec,
             actions_of(metadata),
             folder / "reward_function.py",
-            load_world(settings),
+            load_world(settings.race),
             threads,
             choose_compute(settings.torch_precision, parameters.batch_size, threads),
         )
@@ -264,7 +264,7 @@ def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
             while (record := json.loads(note.read_text()))["state"] in ("starting", "running"):
                 time.sleep(0.5)
         finally:
-            stop_storage(load_settings(folder, environ=environment), folder)
+            server.stop(load_settings(folder, environ=environment).storage)
         if record["state"] != "finished":
             raise RuntimeError(f"The training ended as {record['state']}: {record['message']}")
         curve = next((folder / "data" / "s3").rglob("metrics/history.json"))

@@ -23,7 +23,7 @@ import psutil
 
 from drcli.config.settings import load_settings
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
-from drcli.store.connect import stop_storage
+from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]
 SPEED_MPS = 0.3
@@ -61,18 +61,18 @@ def measure(folder: Path) -> dict[str, Any]:
     program = Path(sys.executable).parent / "dr"
     subprocess.run([str(program), "start-training", "-q"], cwd=folder, check=True)
     note = folder / "data" / "runs" / "0" / "run.json"
-    server = json.loads((folder / "data" / "s3" / ".server.json").read_text())["pid"]
+    server_pid = json.loads((folder / "data" / "s3" / ".server.json").read_text())["pid"]
     peak_mb, peaks_mb = 0.0, dict[str, float]()
     while (record := json.loads(note.read_text()))["state"] in ("starting", "running"):
         pids = {worker["name"]: worker["pid"] for worker in record["workers"]}
-        pids |= {"supervisor": record["pid"], "server": server}
+        pids |= {"supervisor": record["pid"], "server": server_pid}
         now_mb = {name: pss_mb(pid) for name, pid in pids.items() if pid}
         peak_mb = max(peak_mb, sum(now_mb.values()))
         peaks_mb |= {n: max(mb, peaks_mb.get(n, 0.0)) for n, mb in now_mb.items()}
         time.sleep(0.5)
     curve = folder / "data/s3/bucket/rl-deepracer-sagemaker/metrics/history.json"
     steps = json.loads(curve.read_text())["iterations"][0]["steps"]
-    stop_storage(load_settings(folder), folder)
+    server.stop(load_settings(folder).storage)
     frames_mb = steps * FRAME_HEIGHT * FRAME_WIDTH / 1e6
     bound_mb = FRAMES_FACTOR * frames_mb + BESIDE_FRAMES_MB
     return {

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.config.settings import load_settings
-from drcli.store.connect import stop_storage
+from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -111,7 +111,7 @@ def train(reference: Path, steps: int, seed: int) -> tuple[list[dict[str, Any]],
         trials = json.loads(dr(folder, "evaluate", "--json", check=False).splitlines()[-1])[
             "trials"
         ]
-        stop_storage(load_settings(folder), folder)
+        server.stop(load_settings(folder).storage)
         return history, [t["lap_s"] for t in trials if t["status"] == "Lap complete"]
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from drcli.cli.completion import ASKS, LINE
 from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_folder
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 BAR_S, HELP_BAR_S = 0.4, 0.3
 """What a command or an answer to the Tab key may take, and what help may take."""
@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=10, help="calls of each command")
     repeat = parser.parse_args().repeat
     with tempfile.TemporaryDirectory() as folder, ExitStack() as afterwards:
-        afterwards.callback(stop_default_storage, Path(folder))  # list-models starts a server
+        afterwards.callback(server.stop_default, Path(folder))  # list-models starts a server
         write(plan_folder(Path(folder), {}))
         measured = [
             *(measure(call, call.split(), {}, folder, repeat) for call in COMMANDS),

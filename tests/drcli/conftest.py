@@ -12,7 +12,7 @@ from drcli.cli.app import main
 from drcli.exchange.iteration import IterationRecord
 from drcli.runs.evaluation import EvaluationReport, TrialReport
 from drcli.runs.status import CheckpointReport, RunReport, WorkerReport
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -121,7 +121,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     )
     monkeypatch.chdir(tmp_path)
     yield tmp_path
-    stop_default_storage(tmp_path)
+    server.stop_default(tmp_path)
 
 
 @pytest.fixture

@@ -105,7 +105,7 @@ class World:
 
     def planned(self, **options: Any) -> RunPlan:
         """A training that could start; its prefix is free again."""
-        plan = prepare(self.settings, StartOptions(**options), self.folder)
+        plan = prepare(self.settings, StartOptions(**options))
         lease.release(self.here, PREFIX, plan.job.session)
         return plan
 
@@ -191,7 +191,7 @@ def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.Monke
         started_at=time.time(),
         ended_at=time.time(),
         exit_code=0,
-    ).write(run_folder(settings, working_folder))
+    ).write(run_folder(working_folder, settings.run_id))
     return world
 
 
@@ -307,21 +307,21 @@ def no_bar(what: str, total: int) -> Iterator[Watch]:
 
 
 def status(world: World) -> list[str]:
-    report = inspect(world.settings, world.folder)
+    report = inspect(world.settings.run)
     assert len(report.history) == ITERATIONS
     assert report.last is not None
     return report.damaged
 
 
 def evaluate(world: World) -> list[str]:
-    plan = prepare_evaluation(world.settings, directory=world.folder)
+    plan = prepare_evaluation(world.settings)
     assert len(plan.checkpoints) == 1
     return []
 
 
 def upload_model(world: World) -> list[str]:
-    planned = plan_upload(world.settings, world.folder, UploadOptions("last"))
-    upload(planned, world.settings, world.folder, no_bar)
+    planned = plan_upload(world.settings, UploadOptions("last"))
+    upload(planned, world.settings, no_bar)
     copy = CheckpointStore(world.there, "team/copy")
     assert copy.load_latest() is not None
     return []
@@ -330,8 +330,8 @@ def upload_model(world: World) -> list[str]:
 def download_model(world: World) -> list[str]:
     world.there, world.here = world.here, ProbedBucket("bucket")
     options = DownloadOptions(f"s3://uploads/{PREFIX}", "mine")
-    planned = plan_download(world.settings, world.folder, options)
-    download(planned, world.settings, world.folder, no_bar)
+    planned = plan_download(world.settings, options)
+    download(planned, world.settings, no_bar)
     assert CheckpointStore(world.here, "mine").load_latest() is not None
     assert [r.iteration for r in read_history(world.here, "mine")] == list(range(ITERATIONS))
     return []
@@ -344,7 +344,7 @@ def list_all(world: World) -> list[str]:
 
 
 def increment(world: World) -> list[str]:
-    planned = plan_increment(world.settings, world.folder, prefix="team/other")
+    planned = plan_increment(world.settings, prefix="team/other")
     assert planned.step.pretrained.sha256
     return []
 

@@ -19,8 +19,9 @@ import psutil
 import pytest
 
 from drcli.config.settings import Settings, load_settings
-from drcli.store.connect import open_bucket, stop_storage
+from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
 
 PATIENCE_S = 90.0
 PREFIX = "model"
@@ -255,7 +256,7 @@ class Workspace:
         if record and psutil.pid_exists(record["pid"]) and record["state"] == "running":
             os.kill(record["pid"], signal.SIGTERM)
             psutil.wait_procs([psutil.Process(record["pid"])], timeout=20)
-        stop_storage(self.settings(), self.folder)
+        server.stop(self.settings().storage)
 
 
 @pytest.fixture(scope="session")

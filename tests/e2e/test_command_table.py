@@ -172,7 +172,7 @@ EDITS = [
     Call("increment-upload-model -f --json", "before after"),
     Call("increment-training -f --json", "file before after pretrained"),
     Call("increment-training -f", "there is no checkpoint at s3://bucket/model-1", 3),
-    Call("start-evaluation", "There is no trained model at s3://bucket/model-1", 3),
+    Call("start-evaluation", "s3://bucket/model-1 has no trained model", 3),
     Call("stop-all", "Stopped the local S3 server; objects stay."),
     Call("stop-all --json", "stopped server"),
 ]

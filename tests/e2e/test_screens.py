@@ -73,7 +73,7 @@ from drcli.cli import watch_training as watching
 from drcli.config.settings import load_settings
 from drcli.runs.status import inspect
 from dataclasses import replace
-report = inspect(load_settings(Path.cwd()), Path.cwd())
+report = inspect(load_settings(Path.cwd()).run)
 workers = [replace(worker, activity="drives iteration 9") for worker in report.workers]
 report = replace(report, state="running", message="", workers=workers)
 watching.time.time = lambda: report.started_at + 75.0

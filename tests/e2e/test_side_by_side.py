@@ -84,9 +84,9 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
         ["list-models"],
         ["status"],
     ]
-    stop = "from drcli.config.settings import *; from drcli.store.connect import *; "
+    stop = "from drcli.config.settings import *; from drcli.store.server import server; "
     stop += "from pathlib import *; "
-    stop += f"f = Path({str(folder)!r}); stop_storage(load_settings(f), f)"
+    stop += f"f = Path({str(folder)!r}); server.stop(load_settings(f).storage)"
 
     old = os.umask(0o027)
     try:

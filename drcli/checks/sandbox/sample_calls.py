@@ -1,12 +1,13 @@
 """The calls that a reward function is tried with before a start, all along the laps."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.workers.build_race import load_race, load_world
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
@@ -32,13 +33,13 @@ _FALLBACK_WORLD = "reinvent_base"
 """Where the reward function is tried when no track of the racer's own loads."""
 
 
-def sample_races(settings: str) -> tuple[list[list[RewardParams]], list[Problem]]:
+def sample_races(
+    races: Sequence[RaceConfig],
+) -> tuple[list[list[RewardParams]], list[Problem]]:
     """A sequence of calls for each race of the workers, and what keeps a race from being loaded."""
-    everything = Settings.restore(settings)
     problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
-    for worker in range(len(everything.overrides) + 1):
-        own = everything.for_worker(worker)
+    for own in races:
         try:
             track = load_world(own)
         except SettingsError as error:

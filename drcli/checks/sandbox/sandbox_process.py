@@ -64,9 +64,9 @@ def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
     for calls in request.sequences:
         for params in calls:
             params["waypoints"] = waypoints[params["is_reversed"]]
-    if request.settings is None:
+    if request.races is None:
         return request.sequences, []
-    samples, problems = sample_races(request.settings)
+    samples, problems = sample_races(request.races)
     return [*request.sequences, *samples], problems
 
 

@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.json_record import Misfit, built, parsed
+from drcli.base.json_record import Misfit, built, parsed, written
 from drcli.base.problems import Problem
+from drcli.config.run_config import RaceConfig
 
 FAULTS_FILE = "faults.txt"
 """What Python writes when it ends the process: stacks, or the traceback of an exception."""
@@ -44,7 +45,7 @@ class SandboxRequest:
         waypoints: The waypoints by `is_reversed`. Shape (2, n, 2).
         repeated: How many of the sequences, from the first, are played more than once, to see what
             the function remembers; 0 plays everything once.
-        settings: Load the worlds and races of these workers, and add a sequence for each.
+        races: Load the tracks and races of these workers, and add a sequence for each.
         call_s: How long one call may take, seconds.
         load_s: How long loading the file may take, seconds.
     """
@@ -53,13 +54,13 @@ class SandboxRequest:
     sequences: list[list[dict[str, Any]]] = field(default_factory=list)
     waypoints: list[list[list[float]]] = field(default_factory=list)
     repeated: int = 0
-    settings: str | None = None
+    races: list[RaceConfig] | None = None
     call_s: float = 5.0
     load_s: float = 60.0
 
     def write(self, folder: Path) -> None:
         """Leave it for the process."""
-        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self)), "utf-8")
+        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=written), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":

@@ -8,7 +8,7 @@ import typer
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force
 from drcli.cli.views import models_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def download_model(
@@ -57,18 +57,18 @@ def download_model(
         raise typer.BadParameter("No source URL to download model from. Give it with -s.")
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
-    loaded, folder = settings(), working_folder()
+    loaded = settings()
     options = DownloadOptions(source, target, local, wipe, dry_run, custom_files)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    planned = plan_download(loaded, folder, options)
+    planned = plan_download(loaded, options)
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
         there = models_view.files(planned.used)
         console.warn(f"{planned.target_url} is not empty: {there}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    report = download(planned, loaded, folder, partial(console.progress, unit="bytes"))
+    report = download(planned, loaded, partial(console.progress, unit="bytes"))
     console.emit(report, models_view.download(report), as_json=as_json)
     if not dry_run:
         name = planned.options.prefix

@@ -9,7 +9,7 @@ from drcli.cli import console
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import evaluation_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.config.settings import Settings
 
 STARTER = "start-evaluation"
@@ -70,7 +70,6 @@ def evaluate(
     report = evaluation.evaluate(
         loaded,
         clone=clone,
-        directory=working_folder(),
         on_progress=(lambda text: None) if quiet else console.say,
     )
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
@@ -89,9 +88,7 @@ def _start(loaded: Settings, *, clone: bool, as_json: bool) -> None:
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation
 
-    plan = prepare_evaluation(
-        loaded, clone=clone, directory=working_folder(), on_progress=console.say
-    )
+    plan = prepare_evaluation(loaded, clone=clone, on_progress=console.say)
     record = launch_evaluation(plan)
     if as_json:
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)

@@ -8,7 +8,7 @@ import typer
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, Delimiter, Force
 from drcli.cli.views import training_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def increment_training(
@@ -38,15 +38,15 @@ def increment_training(
     """
     from drcli.runs.increment import make_increment, plan_increment
 
-    loaded, folder = settings(), working_folder()
-    planned = plan_increment(loaded, folder, prefix=prefix, delimiter=delimiter, wiping=wipe)
+    loaded = settings()
+    planned = plan_increment(loaded, prefix=prefix, delimiter=delimiter, wiping=wipe)
     step = planned.step
     console.say(f"Configuration file {step.file} will be updated.")
     console.say(f"Incrementing model from {step.before} to {step.after}")
     prompts.agree("Are you sure?", yes=force)
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
-    make_increment(planned, loaded, folder)
+    make_increment(planned, loaded.storage)
     console.emit(step, training_view.increment(step), as_json=as_json)
     console.say("Done.")
     undo = shlex.join(["cp", str(step.backup), str(step.file)])

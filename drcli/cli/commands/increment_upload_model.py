@@ -8,7 +8,7 @@ import typer
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Delimiter, Force
 from drcli.cli.views import models_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.models import upload_prefix
 
 
@@ -31,9 +31,8 @@ def increment_upload_model(
 
     Example: dr-increment-upload-model -f
     """
-    folder = working_folder()
     planned = upload_prefix.plan_upload_increment(
-        settings(), folder, prefix=prefix, delimiter=delimiter, wiping=wipe
+        settings(), prefix=prefix, delimiter=delimiter, wiping=wipe
     )
     step = planned.step
     console.say(f"Configuration file {step.file} will be updated.")
@@ -42,7 +41,7 @@ def increment_upload_model(
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
         console.warn(f"{models_view.files(step.wiped)} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
-    upload_prefix.make_upload_increment(planned, folder)
+    upload_prefix.make_upload_increment(planned)
     console.emit(step, models_view.upload_increment(step), as_json=as_json)
     console.say("Done.")
     undo = shlex.join(["cp", str(step.backup), str(step.file)])

@@ -6,7 +6,7 @@ import shutil
 import typer
 
 from drcli.base.errors import NotAvailable
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.runs.aws_command import aws_command
 
 
@@ -25,5 +25,5 @@ def local_aws(context: typer.Context) -> None:
             remedy="Install it in its own environment, for example with `pipx install awscli` or "
             "`uv tool install awscli`.",
         )
-    arguments, environment = aws_command(settings(), working_folder(), context.args, os.environ)
+    arguments, environment = aws_command(settings().storage, context.args, os.environ)
     os.execve(program, ["aws", *arguments], environment)

@@ -43,7 +43,7 @@ def logs(
     Example: dr-logs trainer -f
     """
     loaded, name = settings(), _name(worker, number)
-    path = log_file(loaded, working_folder(), name)
+    path = log_file(working_folder(), loaded.model_prefix, name)
     if not path.exists():
         if not follow:
             raise Absent(f"There is no log yet: {path}.", remedy=_remedy(name, loaded.workers))

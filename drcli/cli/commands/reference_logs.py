@@ -105,7 +105,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     found = _robomakers(False)[replica - 1 : replica]
     if not found:
         raise _absent(_Wanted.of(replica))
-    report = speed.speed_of(found[0], settings(), working_folder())
+    report = speed.speed_of(found[0], settings().run)
     console.emit(report, summary_view.speed(report), as_json=as_json)
 
 
@@ -136,12 +136,12 @@ _TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 
 
 def _trainers() -> list[Process]:
-    return status.trainers(settings(), working_folder())
+    return status.trainers(working_folder(), settings().run_id)
 
 
 def _robomakers(evaluation: bool) -> list[Process]:
     look = status.evaluations if evaluation else status.simulations
-    return look(settings(), working_folder())
+    return look(working_folder(), settings().run_id)
 
 
 def _follow(

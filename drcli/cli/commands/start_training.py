@@ -79,7 +79,7 @@ def start_training(
     bring_tracks(loaded)
     options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
-        planned = plan.prepare(loaded, options, folder)
+        planned = plan.prepare(loaded, options)
     if not quiet:
         for warning in planned.warnings:
             console.warn(warning)
@@ -88,30 +88,32 @@ def start_training(
     if quiet:
         display = watch_training.nothing()
     elif followed:
-        display = watch_training.logs({name: log_file(loaded, folder, name) for name in followed})
+        display = watch_training.logs(
+            {name: log_file(folder, loaded.model_prefix, name) for name in followed}
+        )
     elif console.is_live() and not foreground:
         display = watch_training.live(verbose=verbose)
     else:
-        display = watch_training.lines(inspect(loaded, folder).history, verbose=verbose)
+        display = watch_training.lines(inspect(loaded.run).history, verbose=verbose)
 
     if foreground:
-        with watch_training.meanwhile(loaded, folder, display):
+        with watch_training.meanwhile(loaded.run, display):
             training.supervise_job(planned.job)
-        code = _end(inspect(loaded, folder), as_json=as_json)
+        code = _end(inspect(loaded.run), as_json=as_json)
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
-        if inspect(loaded, folder).pid != pid:
+        if inspect(loaded.run).pid != pid:
             raise WorkerDied(
                 "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
             )
         if quiet:
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if as_json:
-                console.emit(inspect(loaded, folder), "", as_json=True)
+                console.emit(inspect(loaded.run), "", as_json=True)
             return
         console.suggest(watch_training.NEXT)
-        report = watch_training.until_the_end(loaded, folder, display)
+        report = watch_training.until_the_end(loaded.run, display)
         if report is None:
             console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)

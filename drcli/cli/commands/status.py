@@ -4,7 +4,7 @@ from drcli.base.errors import WorkerDied
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import training_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.runs import status as run_status
 
 
@@ -15,7 +15,7 @@ def status(as_json: AsJson = False) -> None:
 
     Example: dr-status --json
     """
-    report = run_status.inspect(settings(), working_folder())
+    report = run_status.inspect(settings().run)
     for sentence in report.damaged:
         console.warn(sentence)
     console.emit(report, training_view.run(report), as_json=as_json)

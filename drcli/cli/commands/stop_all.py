@@ -16,5 +16,5 @@ def stop_all(as_json: AsJson = False) -> None:
     Example: dr-stop-all
     """
     with console.waiting("Stopping everything that was started in this folder ..."):
-        report = stopping.stop_all(working_folder(), settings)
+        report = stopping.stop_all(working_folder(), lambda: settings().storage)
     console.emit(report, summary_view.stopped(report), as_json=as_json)

@@ -35,13 +35,13 @@ def stop_training(as_json: AsJson = False) -> None:
         said = f"Stopped the training of {stopped.model}; the settings are broken now."
         console.emit(StopReport([stopped]), said, as_json=as_json)
         return
-    if not stopping.is_running(loaded, folder):
+    if not stopping.is_running(loaded.run):
         console.emit(StopReport(), "No training is running.", as_json=as_json)
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
-        report = stopping.stop(loaded, directory=folder)
+        report = stopping.stop(loaded.run)
     model = f"s3://{report.bucket}/{report.prefix}"
-    if stopping.is_running(loaded, folder):
+    if stopping.is_running(loaded.run):
         raise WorkerDied(
             f"The training of {model} (process {report.pid}) is still stopping.",
             remedy="Run `dr-stop-training` again to stop it at once.",

@@ -3,7 +3,7 @@
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.runs.summary import summarize
 
 
@@ -15,5 +15,5 @@ def summary(as_json: AsJson = False) -> None:
 
     Example: dr-summary
     """
-    report = summarize(settings(), working_folder())
+    report = summarize(settings())
     console.emit(report, summary_view.summary(report), as_json=as_json)

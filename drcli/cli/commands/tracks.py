@@ -55,7 +55,7 @@ def show(
     from drcli.config.worlds import ROUTE_FILES, is_installed, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
-    wanted = settings().replaced(world_name=name, overrides=())
+    wanted = settings().race.replaced(world_name=name)
     if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())

@@ -8,7 +8,7 @@ import typer
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force
 from drcli.cli.views import models_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 
 def upload_model(
@@ -64,17 +64,17 @@ def upload_model(
         raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
     if increment and (prefix or to):
         raise typer.BadParameter("-1 changes the name that -p or --to replaces; use only one.")
-    loaded, folder = settings(), working_folder()
+    loaded = settings()
     step = None
     if increment:
-        step = plan_upload_increment(loaded, folder)  # written once the upload is there
+        step = plan_upload_increment(loaded)  # written once the upload is there
         loaded = step.settings
     by_name: Literal["best", "last"] = "best" if best else "last"
     choice = by_name if number is None else number
     options = UploadOptions(choice, prefix, to, local, wipe, dry_run)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    planned = plan_upload(loaded, folder, options)
+    planned = plan_upload(loaded, options)
     if step is not None:
         console.say(f"Incrementing model from {step.step.before} to {step.step.after}")
     if as_json:
@@ -84,7 +84,7 @@ def upload_model(
     console.say(f"Uploading {planned.source_url} to {planned.target_url}")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    report = upload(planned, loaded, folder, partial(console.progress, unit="bytes"))
+    report = upload(planned, loaded, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:
         step.edit.make()  # last: an upload that was interrupted continues under the same name
     console.emit(report, models_view.upload(report), as_json=as_json)

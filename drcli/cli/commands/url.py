@@ -8,7 +8,7 @@ import typer
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 from drcli.runs import addresses
 
 
@@ -36,7 +36,8 @@ def url(
     Example: dr-url model
     """
     names = [name for name in get_args(addresses.PlaceName) if what in (What.all, name)]
-    report = addresses.addresses(settings(), working_folder(), names)
+    loaded = settings()
+    report = addresses.addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
     console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

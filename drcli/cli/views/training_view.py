@@ -53,18 +53,19 @@ def run(report: "RunReport") -> RenderableType:
 
 def start_text(plan: "RunPlan") -> str:
     """What is going to be trained, from what."""
-    settings, inputs = plan.job.settings, plan.inputs
-    workers = "1 worker" if settings.workers == 1 else f"{settings.workers} workers"
+    config, inputs = plan.job.config, plan.inputs
+    count = config.train.workers
+    workers = "1 worker" if count == 1 else f"{count} workers"
     begin = f", resuming from {plan.resumes}" if plan.resumes else ""
     if plan.pretrained is not None:
         begin = f", with the weights of {_source(plan.pretrained)}"
     files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
-    model = f"s3://{settings.bucket}/{settings.model_prefix}"
+    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
     return "\n".join(
         [
             *([f"Wiping path {model}"] if plan.wiped else []),
             f"Training of model {model} starting{begin}.",
-            f"World {settings.world_name}, {workers}, seed {plan.job.seed}.",
+            f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
             "Using configuration files:",
             *(f"   {file.origin}" for file in files),
             plan.ends,

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import ObjectKey, Positions
 
-_OVERLAY = "it only shows in videos, which are not recorded here"
+_OVERLAY = "only visible in videos, which drcli does not record"
 
 
 class ObstacleSettings(Group):
@@ -19,7 +19,7 @@ class ObstacleSettings(Group):
     oa_min_distance_between_obstacles: float = setting(
         "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES",
         2.0,
-        "Least distance between two obstacles, metres.",
+        "Minimum distance between two obstacles, metres.",
         low=0,
     )
     oa_randomize_obstacle_locations: bool = setting(
@@ -36,7 +36,13 @@ class ObstacleSettings(Group):
     oa_object_positions: Positions = setting(
         "DR_OA_OBJECT_POSITIONS",
         (),
-        "Fixed places as progress,lane pairs; they win over number and randomisation.",
+        "Fixed positions as progress,lane pairs; they override number and randomization.",
+    )
+    eval_reset_behind_dist: float = setting(
+        "DR_EVAL_RESET_BEHIND_DIST",
+        1.0,
+        "How far behind an obstacle the car continues after a collision, metres.",
+        low=0,
     )
 
 
@@ -49,26 +55,26 @@ class BotSettings(Group):
     h2b_lower_lane_change_time: float = setting(
         "DR_H2B_LOWER_LANE_CHANGE_TIME",
         3.0,
-        "Least seconds between lane changes.",
+        "Minimum time between lane changes, seconds.",
         low=0,
     )
     h2b_upper_lane_change_time: float = setting(
         "DR_H2B_UPPER_LANE_CHANGE_TIME",
         5.0,
-        "Most seconds between lane changes.",
+        "Maximum time between lane changes, seconds.",
         low=0,
     )
     h2b_lane_change_distance: float = setting(
         "DR_H2B_LANE_CHANGE_DISTANCE",
         1.0,
-        "Metres driven during a lane change.",
+        "Distance driven during a lane change, metres.",
         low=0,
     )
     h2b_number_of_bot_cars: int = setting("DR_H2B_NUMBER_OF_BOT_CARS", 3, "Number of bots.", low=0)
     h2b_min_distance_between_bot_cars: float = setting(
         "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS",
         2.0,
-        "Least distance between two bots, metres.",
+        "Minimum distance between two bots, metres.",
         low=0,
     )
     h2b_randomize_bot_car_locations: bool = setting(
@@ -82,7 +88,7 @@ class BotSettings(Group):
     h2b_bot_car_penalty: float = setting(
         "DR_H2B_BOT_CAR_PENALTY",
         5.0,
-        "Seconds that the bots wait after the car was hit from behind.",
+        "How long the bots wait after the car hit one from behind, seconds.",
         low=0,
     )
 

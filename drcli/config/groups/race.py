@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, WorldName
 
-_VIDEO = "it only shows in videos, which are not recorded here"
-_FULL_SPEED = "the simulation keeps no clock: it always runs as fast as the processor can"
+_VIDEO = "only visible in videos, which drcli does not record"
+_FULL_SPEED = "the simulation always runs as fast as the processor allows"
 
 
 class RaceSettings(Group):
@@ -16,26 +16,29 @@ class RaceSettings(Group):
     title: ClassVar[str] = "Race and car"
 
     run_id: int = setting(
-        "DR_RUN_ID", 0, "Number of the run; several numbers can run beside each other.", low=0
+        "DR_RUN_ID",
+        0,
+        "Number of the run; runs with different numbers can run at the same time.",
+        low=0,
     )
     world_name: WorldName = setting(
-        "DR_WORLD_NAME", "reinvent_base", "Track to drive on, by name or as path of a .npy file."
+        "DR_WORLD_NAME", "reinvent_base", "Track to drive on: its name, or the path of a .npy file."
     )
     race_type: Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"] = setting(
         "DR_RACE_TYPE", "TIME_TRIAL", "Kind of race."
     )
     tracks_dir: Path | None = setting(
-        "DR_TRACKS_DIR", None, "Folder with more tracks, one .npy file each; tracks/ when empty."
+        "DR_TRACKS_DIR", None, "Folder with your own tracks, one .npy file each; tracks/ if empty."
     )
     tracks_url: str = setting(
         "DR_TRACKS_URL",
         "https://raw.githubusercontent.com/aws-deepracer-community/deepracer-simapp/HEAD/bundle/routes",
-        "Where `dr-tracks fetch` gets route files from.",
+        "Address from which `dr-tracks fetch` downloads route files.",
     )
     tracks_fetch: Literal["ask", "always", "never"] = setting(
         "DR_TRACKS_FETCH",
         "ask",
-        "Whether a start fetches a track of the community that is not here; ask needs a terminal.",
+        "Whether a start downloads a community track that is not installed; ask needs a terminal.",
     )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(
@@ -64,44 +67,110 @@ class TrainSettings(Group):
     workers: int = setting(
         "DR_WORKERS",
         1,
-        "Simulation processes; analysis tools read at most 10.",
+        "Number of simulation processes; analysis tools read at most 10.",
         low=1,
         high=10,
-        file="system.env",
-    )
-    train_lanes: int = setting(
-        "DR_TRAIN_LANES",
-        0,
-        "Cars that each worker simulates side by side; 0 chooses by the processor.",
-        low=0,
-        high=256,
         file="system.env",
     )
     train_seed: int | None = setting(
         "DR_TRAIN_SEED",
         None,
-        "Start of all random numbers; drawn at each start when empty.",
+        "Seed of all random numbers; if empty, each start draws one.",
         low=0,
         high=2**32 - 1,
     )
     train_max_minutes: float = setting(
-        "DR_TRAIN_MAX_MINUTES", 0.0, "Finish the training after this time; 0 never.", low=0
+        "DR_TRAIN_MAX_MINUTES",
+        0.0,
+        "Finish the training after this many minutes; 0 for no limit.",
+        low=0,
     )
     train_overlap: Literal["auto", "on", "off"] = setting(
         "DR_TRAIN_OVERLAP",
         "auto",
-        "Drive the next iteration while the last one is learned from; auto does from 4 cores on.",
+        "Drive the next iteration while the trainer learns; auto: with 4 or more cores.",
     )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",
         "auto",
-        "Arithmetic of the learner; auto takes bf16 where the processor has matrix units for it.",
+        "Number format of the trainer; auto uses bf16 if the processor has matrix units for it.",
         file="system.env",
     )
     sagemaker_cuda_devices: Gpus = setting(
         "DR_SAGEMAKER_CUDA_DEVICES",
         "",
-        "GPUs of the learner; when empty, those that CUDA_VISIBLE_DEVICES allows.",
+        "GPUs of the trainer; if empty, those that CUDA_VISIBLE_DEVICES allows.",
+        file="system.env",
+    )
+    train_multi_config: bool = setting(
+        "DR_TRAIN_MULTI_CONFIG",
+        False,
+        "Read the track and race of the second and all further workers from worker-N.env.",
+    )
+    train_min_eval_trials: int = setting(
+        "DR_TRAIN_MIN_EVAL_TRIALS",
+        5,
+        "Evaluation episodes per checkpoint during training.",
+        low=0,
+    )
+    train_eval_share: float = setting(
+        "DR_TRAIN_EVAL_SHARE",
+        0.1,
+        "Largest share of the time that evaluations may take; evaluations beyond that are skipped.",
+        low=0.001,
+        high=1,
+    )
+    train_max_iterations: int = setting(
+        "DR_TRAIN_MAX_ITERATIONS",
+        0,
+        "Finish after this many updates of the policy; 0 for no limit.",
+        low=0,
+    )
+    train_stop_reward: float | None = setting(
+        "DR_TRAIN_STOP_REWARD",
+        None,
+        "Finish when the mean reward of the last 100 episodes reaches this; empty for no limit.",
+    )
+    train_stop_progress: float = setting(
+        "DR_TRAIN_STOP_PROGRESS",
+        0.0,
+        "Finish when evaluations in a row reach this mean progress, percent; 0 for no limit.",
+        low=0,
+        high=100,
+    )
+    train_stop_evaluations: int = setting(
+        "DR_TRAIN_STOP_EVALUATIONS",
+        3,
+        "How many evaluations in a row must reach DR_TRAIN_STOP_PROGRESS.",
+        low=1,
+    )
+    train_best_model_metric: Literal["progress", "reward", "laptime"] = setting(
+        "DR_TRAIN_BEST_MODEL_METRIC",
+        "progress",
+        "What decides which checkpoint is best; with equal progress, the faster lap.",
+    )
+    train_max_steps_per_iteration: int = setting(
+        "DR_TRAIN_MAX_STEPS_PER_ITERATION",
+        10_000,
+        "Maximum number of steps for one update of the policy.",
+        low=1,
+    )
+    train_rtf: float | None = setting(
+        "DR_TRAIN_RTF", None, "Speed of the simulated clock.", low=0, ignored=_FULL_SPEED
+    )
+
+
+class EpisodeSettings(Group):
+    """How the training episodes of a worker begin, and how many it drives at once."""
+
+    title: ClassVar[str] = "Training"
+
+    train_lanes: int = setting(
+        "DR_TRAIN_LANES",
+        0,
+        "Cars that each worker simulates at the same time; 0 for automatic.",
+        low=0,
+        high=256,
         file="system.env",
     )
     train_change_start_position: bool = setting(
@@ -121,68 +190,18 @@ class TrainSettings(Group):
     train_start_position_offset: float = setting(
         "DR_TRAIN_START_POSITION_OFFSET",
         0.0,
-        "Place of the first start, as a fraction of the lap.",
+        "Position of the first start, as a fraction of the lap.",
         low=0,
         high=1,
     )
     train_alternate_driving_direction: bool = setting(
         "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
         False,
-        "Turn round after every training episode.",
+        "Change the driving direction after every training episode.",
         old_names=("DR_ALTERNATE_DRIVING_DIRECTION",),
     )
     train_reverse_direction: bool = setting(
-        "DR_TRAIN_REVERSE_DIRECTION", False, "Train against the track's own direction."
-    )
-    train_multi_config: bool = setting(
-        "DR_TRAIN_MULTI_CONFIG",
-        False,
-        "Give worker N, from the second on, the track and race of worker-N.env.",
-    )
-    train_min_eval_trials: int = setting(
-        "DR_TRAIN_MIN_EVAL_TRIALS",
-        5,
-        "Evaluation episodes of a checkpoint that is evaluated while training goes on.",
-        low=0,
-    )
-    train_eval_share: float = setting(
-        "DR_TRAIN_EVAL_SHARE",
-        0.1,
-        "Largest share of the time that evaluations may take; others are passed over.",
-        low=0.001,
-        high=1,
-    )
-    train_max_iterations: int = setting(
-        "DR_TRAIN_MAX_ITERATIONS", 0, "Finish after so many updates of the policy; 0 never.", low=0
-    )
-    train_stop_reward: float | None = setting(
-        "DR_TRAIN_STOP_REWARD",
-        None,
-        "Finish once the mean reward of the last 100 training episodes reaches this; empty never.",
-    )
-    train_stop_progress: float = setting(
-        "DR_TRAIN_STOP_PROGRESS",
-        0.0,
-        "Finish once evaluations in a row reach this mean progress, percent; 0 never.",
-        low=0,
-        high=100,
-    )
-    train_stop_evaluations: int = setting(
-        "DR_TRAIN_STOP_EVALUATIONS", 3, "How many evaluations in a row must reach it.", low=1
-    )
-    train_best_model_metric: Literal["progress", "reward", "laptime"] = setting(
-        "DR_TRAIN_BEST_MODEL_METRIC",
-        "progress",
-        "What makes a checkpoint the best one; equal progress is decided by lap time.",
-    )
-    train_max_steps_per_iteration: int = setting(
-        "DR_TRAIN_MAX_STEPS_PER_ITERATION",
-        10_000,
-        "Most steps that one update of the policy learns from.",
-        low=1,
-    )
-    train_rtf: float | None = setting(
-        "DR_TRAIN_RTF", None, "Speed of the simulated clock.", low=0, ignored=_FULL_SPEED
+        "DR_TRAIN_REVERSE_DIRECTION", False, "Train in the opposite direction."
     )
 
 
@@ -192,7 +211,7 @@ class EvaluationSettings(Group):
     title: ClassVar[str] = "Evaluation"
 
     eval_number_of_trials: int = setting(
-        "DR_EVAL_NUMBER_OF_TRIALS", 3, "Laps of one long race, or separate episodes.", low=1
+        "DR_EVAL_NUMBER_OF_TRIALS", 3, "Number of laps, or of separate episodes.", low=1
     )
     eval_is_continuous: bool = setting(
         "DR_EVAL_IS_CONTINUOUS", True, "Drive all laps in one race instead of separate episodes."
@@ -200,34 +219,28 @@ class EvaluationSettings(Group):
     eval_max_resets: int = setting(
         "DR_EVAL_MAX_RESETS",
         100,
-        "How often a car that left the track is put back before its episode ends.",
+        "How often a car that left the track is put back before the episode ends.",
         low=0,
         old_names=("DR_EVAL_NUMBER_OF_RESETS",),
     )
     eval_off_track_penalty: float = setting(
         "DR_EVAL_OFF_TRACK_PENALTY",
         5.0,
-        "Seconds that leaving the track costs; they count in the lap time.",
+        "Penalty in seconds for leaving the track; added to the lap time.",
         low=0,
     )
     eval_collision_penalty: float = setting(
         "DR_EVAL_COLLISION_PENALTY",
         5.0,
-        "Seconds that a collision costs; they count in the lap time.",
+        "Penalty in seconds for a collision; added to the lap time.",
         low=0,
         old_names=("DR_COLLISION_PENALTY",),
-    )
-    eval_reset_behind_dist: float = setting(
-        "DR_EVAL_RESET_BEHIND_DIST",
-        1.0,
-        "Metres behind an obstacle at which the car continues after a collision.",
-        low=0,
     )
     eval_checkpoint: Literal["last", "best"] = setting(
         "DR_EVAL_CHECKPOINT", "last", "Checkpoint to evaluate."
     )
     eval_reverse_direction: bool = setting(
-        "DR_EVAL_REVERSE_DIRECTION", False, "Evaluate against the track's own direction."
+        "DR_EVAL_REVERSE_DIRECTION", False, "Evaluate in the opposite direction."
     )
     eval_save_mp4: bool = setting(
         "DR_EVAL_SAVE_MP4",

@@ -1,4 +1,4 @@
-"""Sim-to-real extras (run.env): what a real car has and the simulation has not; off by default."""
+"""Sim-to-real extras (run.env): disturbances that a real car meets; off by default."""
 
 from typing import ClassVar, Literal
 
@@ -11,7 +11,7 @@ class RealismSettings(Group):
     title: ClassVar[str] = "Sim-to-real extras"
 
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
-        "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below act."
+        "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below apply."
     )
     sim_image_noise: float = setting(
         "DR_SIM_IMAGE_NOISE",
@@ -23,14 +23,14 @@ class RealismSettings(Group):
     sim_brightness: float = setting(
         "DR_SIM_BRIGHTNESS",
         0.0,
-        "Brightness of an episode differs by up to this share, darker or brighter.",
+        "Brightness: changed by up to this fraction in each episode.",
         low=0,
         high=0.9,
     )
     sim_blur: float = setting(
         "DR_SIM_BLUR",
         0.0,
-        "Blur of an episode: up to this standard deviation in pixels of 160 a row.",
+        "Blur: up to this standard deviation in each episode, in pixels of a row of 160.",
         low=0,
         high=4,
     )
@@ -49,26 +49,26 @@ class RealismSettings(Group):
         high=0.05,
     )
     sim_latency: float = setting(
-        "DR_SIM_LATENCY", 0.0, "Seconds by which every action acts later.", low=0, high=0.5
+        "DR_SIM_LATENCY", 0.0, "Delay of every action, seconds.", low=0, high=0.5
     )
     sim_latency_jitter: float = setting(
         "DR_SIM_LATENCY_JITTER",
         0.0,
-        "Further seconds of latency, up to this, drawn for each episode.",
+        "Additional delay, drawn for each episode up to this many seconds.",
         low=0,
         high=0.5,
     )
     sim_friction: float = setting(
         "DR_SIM_FRICTION",
         0.0,
-        "Grip of an episode differs by up to this share, less or more.",
+        "Grip: changed by up to this fraction in each episode.",
         low=0,
         high=0.9,
     )
     sim_mass: float = setting(
         "DR_SIM_MASS",
         0.0,
-        "Mass of the car differs by up to this share, lighter or heavier.",
+        "Mass of the car: changed by up to this fraction in each episode.",
         low=0,
         high=0.9,
     )

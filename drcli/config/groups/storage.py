@@ -24,37 +24,41 @@ class BucketSettings(Group):
     cloud: Literal["local", "remote", "aws", "azure"] = setting(
         "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
     )
-    bucket: BucketName = setting("DR_LOCAL_S3_BUCKET", "bucket", "Bucket that holds everything.")
+    bucket: BucketName = setting("DR_LOCAL_S3_BUCKET", "bucket", "Name of the bucket.")
     profile: str = setting(
-        "DR_LOCAL_S3_PROFILE", "", "AWS profile with the keys; empty lets the AWS library search."
+        "DR_LOCAL_S3_PROFILE",
+        "",
+        "AWS profile with the access keys; if empty, the AWS library searches for them.",
     )
     aws_app_region: Region = setting("DR_AWS_APP_REGION", HOME_REGION, "AWS region.")
     remote_minio_url: Address = setting(
-        "DR_REMOTE_MINIO_URL", "", "S3 address of DR_CLOUD=remote and azure."
+        "DR_REMOTE_MINIO_URL", "", "Address of the S3 server for DR_CLOUD=remote and azure."
     )
     local_s3_engine: Literal["rclone", "minio", "moto"] = setting(
-        "DR_LOCAL_S3_ENGINE", "rclone", "Program that serves the bucket of DR_CLOUD=local."
+        "DR_LOCAL_S3_ENGINE", "rclone", "Program that serves the bucket for DR_CLOUD=local."
     )
     local_s3_port: int = setting(
-        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 takes a free one.", low=0, high=65_535
+        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 for any free port.", low=0, high=65_535
     )
     s3_data_dir: Path = setting(
-        "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program keeps its objects."
+        "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program stores the objects."
     )
     local_s3_idle_minutes: int = setting(
         "DR_LOCAL_S3_IDLE_MINUTES",
         10,
-        "Minutes without a request after which that program (rclone) ends; 0 never.",
+        "Minutes without a request after which that program (rclone) exits; 0 for never.",
         low=0,
     )
     log_max_mb: int = setting(
         "DR_LOG_MAX_MB",
         512,
-        "Greatest size of one worker's log in MB, older parts included.",
+        "Maximum size of one worker's log in MB, older parts included.",
         low=16,
     )
     experiment_name: FolderName = setting(
-        "DR_EXPERIMENT_NAME", "", "Folder in experiments/ whose run.env and custom_files count."
+        "DR_EXPERIMENT_NAME",
+        "",
+        "Experiment to use: a folder in experiments/ with its own run.env and custom_files.",
     )
 
 
@@ -110,21 +114,23 @@ class KeySettings(Group):
     upload_s3_profile: str = setting(
         "DR_UPLOAD_S3_PROFILE",
         "default",
-        "AWS profile with the keys of that bucket.",
+        "AWS profile with the access keys of the upload bucket.",
         file="system.env",
     )
     upload_s3_endpoint_url: Address = setting(
         "DR_UPLOAD_S3_ENDPOINT_URL",
         "",
-        "S3 address of that bucket; empty takes what the profile says, else Amazon.",
+        "Address of that bucket's S3 server; if empty, the profile decides, else Amazon.",
         file="system.env",
     )
     upload_s3_bucket: UploadBucket = setting(
         "DR_UPLOAD_S3_BUCKET",
         "not-defined",
-        "Bucket that models are uploaded to; not-defined when there is none.",
+        "Bucket that models are uploaded to; not-defined for none.",
         file="system.env",
     )
     upload_s3_prefix: ObjectKey = setting(
-        "DR_UPLOAD_S3_PREFIX", "$DR_LOCAL_S3_MODEL_PREFIX-1", "Folder of the model there."
+        "DR_UPLOAD_S3_PREFIX",
+        "$DR_LOCAL_S3_MODEL_PREFIX-1",
+        "Folder of the model in the upload bucket.",
     )

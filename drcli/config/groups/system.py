@@ -9,10 +9,10 @@ from typing import ClassVar, Literal
 from drcli.config.fields import FileName, Group, setting
 
 DOCKER = "no containers are used"
-WINDOW = "nothing opens a window and no X server is needed"
+WINDOW = "drcli opens no window and needs no X server"
 _STREAM = "no camera stream is published"
-DERIVED = "the reference's activation script works it out for its containers"
-_SPOT = "it steers the scripts of deepracer-on-the-spot"
+DERIVED = "the activation script of DeepRacer-for-Cloud sets it for its containers"
+_SPOT = "only the scripts of deepracer-on-the-spot read it"
 _CONSOLE = "models are not exchanged with DeepRacer on AWS"
 _REAL_TIME = "metrics are written to the bucket only"
 
@@ -49,7 +49,7 @@ class ContainerSettings(Group):
         "DR_ROBOMAKER_MOUNT_LOGS",
         False,
         "Keep simulation logs on this machine.",
-        ignored="logs always lie in data/logs",
+        ignored="logs are always in data/logs",
     )
     robomaker_mount_simapp_dir: str = setting(
         "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=DOCKER
@@ -73,7 +73,7 @@ class ContainerSettings(Group):
         "DR_QUIET_ACTIVATE",
         False,
         "Activate without a summary.",
-        ignored="nothing is printed anyway",
+        ignored="activation prints nothing",
     )
 
 
@@ -87,13 +87,13 @@ class ScreenSettings(Group):
     host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=WINDOW)
     display: str = setting("DR_DISPLAY", "", "X display.", ignored=WINDOW)
     gazebo_args: str = setting(
-        "DR_GAZEBO_ARGS", "", "Options of Gazebo.", ignored="MuJoCo takes its place"
+        "DR_GAZEBO_ARGS", "", "Options of Gazebo.", ignored="drcli uses MuJoCo"
     )
     gazebo_render_engine: str = setting(
         "DR_GAZEBO_RENDER_ENGINE",
         "ogre2",
         "Renderer of Gazebo.",
-        ignored="the camera is computed without a renderer",
+        ignored="drcli has its own camera",
     )
     kinesis_stream_name: str = setting(
         "DR_KINESIS_STREAM_NAME", "", "Kinesis video stream.", planned=_STREAM
@@ -180,13 +180,13 @@ class DerivedSettings(Group):
         "DR_DIR",
         "",
         "Folder that holds run.env.",
-        ignored="it counts in the environment only, where it names the folder to work in",
+        ignored="it works only as an environment variable, where it names the working folder",
     )
     reference_config: str = setting(
         "DR_CONFIG",
         "",
         "Its run.env.",
-        ignored="only scripts/activate.sh sets it, to the file it was called with",
+        ignored="scripts/activate.sh sets it",
     )
     robomaker_train_port: str = setting(
         "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=DERIVED
@@ -214,5 +214,5 @@ class DerivedSettings(Group):
         "DR_S3_URI",
         "",
         "Bucket of a spot instance.",
-        ignored="it does something only where another value refers to it as $DR_S3_URI",
+        ignored="it has an effect only where another value contains $DR_S3_URI",
     )

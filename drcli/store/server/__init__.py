@@ -1,1 +1,1 @@
-"""The embedded S3 server: started, found again, ended when nobody uses it."""
+"""The embedded S3 server: starts it, finds it again, stops it when it is not used."""

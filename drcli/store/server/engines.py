@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import StorageError
-from drcli.store.endpoint import Engine
+from drcli.config.run_config import Engine
 
 LEFTOVERS = ".rclone_*"
-"""What rclone leaves behind when it is killed while writing; never a whole object."""
+"""Files that rclone leaves behind when it is killed while it writes; never a whole object."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,8 @@ class Launch:
     """How to start a server.
 
     Args:
-        command: Program and arguments.
         variables: Additions to the environment; keys travel here, not in the command, which every
             user of the machine can read.
-        folder: Where the server keeps objects.
         start_s: How long a start may take on a busy machine.
     """
 
@@ -53,7 +51,7 @@ def _rclone(data_dir: Path, port: int, access_key: str, secret_key: str) -> Laun
         *("serve", "s3", str(data_dir)),
         *("--addr", f"127.0.0.1:{port}"),
         *("--config", os.devnull, "--log-level", "ERROR"),
-        # Our own files beside the buckets are nobody's objects.
+        # Our own files beside the buckets are not objects.
         *("--exclude", "/.server.*"),
         # Written through at once. A file that somebody copies into the folder by hand shows up
         # after a second; 0 would read the folder again at every request, which costs 0.1 s each.
@@ -66,7 +64,7 @@ def _rclone(data_dir: Path, port: int, access_key: str, secret_key: str) -> Laun
     ]
     variables = {
         "RCLONE_AUTH_KEY": f'"{access_key},{secret_key}"',
-        # Writing takes half the time without a hash that nobody asks for. As a variable, because
+        # Without a hash, which we do not need, writing takes half the time. A variable, because
         # older versions do not know it and would refuse the flag.
         "RCLONE_LOCAL_HASHES": "none",
         # Collect garbage early: 70 MB resident instead of 90 MB, of which 50 MB are the program.

@@ -1,13 +1,13 @@
-"""Ends the embedded server once nobody has used it for a while; the next command starts it again.
+"""Stops the embedded server when it was not used for a while; the next command starts it again.
 
 Started beside the server, as `python -m drcli.store.server.idle FOLDER PORT PID`, in a process of
-its own: whoever started the server may be gone long before. It loads little and sleeps nearly
-always.
+its own, because the command that started the server may have ended. It loads little and sleeps
+most of the time.
 
-Whether somebody uses the server is seen in two ways. Commands and workers of ours hold a lock on a
+There are two signs that the server is used. Our commands and workers hold a lock on a
 file beside the buckets for as long as they live (`in_use`), so that a training is safe that only
-computes for an hour. Other programs, such as the AWS command or deepracer-utils, are seen by the
-bytes that the server reads and writes.
+computes for an hour. Other programs, such as the AWS command or deepracer-utils, show in the number
+of bytes that the server reads and writes.
 """
 
 import fcntl
@@ -28,14 +28,14 @@ LOOK_S = 30.0
 """How often the watcher checks whether the server was used."""
 
 NOISE_BYTES = 100
-"""What the server reads and writes between two looks when nobody asks: measured, 1 byte in ten
-seconds. The shortest request and its answer have 200."""
+"""What the server reads and writes between two checks without a request: 1 byte in ten seconds was
+measured. The shortest request and its answer have 200."""
 
 STATE, LOCK, USERS, LOG = ".server.json", ".server.lock", ".server.users", ".server.log"
 """Files beside the buckets: the server's state, the lock on it, what its users hold, its log."""
 
 LOG_BYTES = 1_000_000
-"""What the server has to say may grow so large; it repeats itself for months."""
+"""Maximum size of the server's log, which repeats itself for months."""
 
 _held: dict[Path, int] = {}
 
@@ -75,9 +75,6 @@ class Watch:
     """Watches one server.
 
     Args:
-        folder: Where it keeps its buckets.
-        port: Where it listens.
-        pid: Its process.
         clock: Monotonic seconds, for tests.
     """
 
@@ -95,7 +92,7 @@ class Watch:
         """Look once, and end the server if it is time.
 
         Returns:
-            Whether there is nothing more to watch.
+            Whether the watch is over.
         """
         if not server_process.is_running(self._pid, self._mark):
             return True
@@ -123,7 +120,7 @@ class Watch:
                 os.truncate(log, 0)  # the server appends, so it goes on at the beginning
 
     def _idle_s(self) -> float:
-        """How long nobody must have used it; as the last command had it in its settings."""
+        """After how many seconds without use the server is stopped, as the last command had it."""
         try:
             state = ServerState.read(self._folder / STATE)
         except StorageError:

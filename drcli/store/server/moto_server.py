@@ -1,4 +1,4 @@
-"""A throw-away S3 server in memory: everything in it is gone when it stops.
+"""A throw-away S3 server in memory: its objects are lost when it stops.
 
 Never the only home of a model. Started as `python -m drcli.store.server.moto_server PORT`.
 """

@@ -15,7 +15,9 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
 from drcli.config import secret_environment
-from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.config.model import catalogue
+from drcli.config.run_config import StorageConfig
+from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import engines, idle, server_process
 from drcli.store.server.state import ServerState, own_file
@@ -23,9 +25,6 @@ from drcli.store.server.state import ServerState, own_file
 _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
 """How long a server whose process lives may be silent, on a busy machine, before it is replaced."""
-
-_READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
-"""How long an answer may stall before it is asked for again. No network holds up the local one."""
 
 _RELEASE_PATIENCE_S = 5.0
 """How long to wait for the port of a server that died: the kernel takes a killed process's command
@@ -42,40 +41,11 @@ _OLD = ("unknown protocol", "unknown flag")
 """What versions of rclone say that cannot serve S3."""
 
 
-def connect(
-    config: StorageConfig,
-    *,
-    patience_s: float = 60.0,
-    read_timeout_s: float | None = None,
-    hurried: Callable[[], bool] = lambda: False,
-) -> S3Bucket:
-    """Open the configured bucket, starting the local server where needed.
-
-    Args:
-        config: Where it is.
-        patience_s: As in S3Bucket.
-        read_timeout_s: The same; as befits the server if left out.
-        hurried: The same.
-
-    Raises:
-        StorageError: The server cannot be started or found.
-    """
-    endpoint = ensure_running(config)
-    usual_s = _LOCAL_READ_TIMEOUT_S if config.cloud == "local" else _READ_TIMEOUT_S
-    return S3Bucket(
-        endpoint,
-        config.bucket,
-        patience_s=patience_s,
-        read_timeout_s=read_timeout_s or usual_s,
-        hurried=hurried,
-    )
-
-
 def ensure_running(config: StorageConfig) -> Endpoint:
     """Find the server of this configuration; a local one is started when it does not answer.
 
     Safe to call from several commands at once, and again by a supervisor after the server died:
-    keys stay, and so does the port unless somebody else took it meanwhile.
+    its keys stay the same, and so does its port unless another program took it.
 
     Raises:
         StorageError: No address (DR_REMOTE_MINIO_URL), no program, or no port to serve on.
@@ -88,7 +58,7 @@ def ensure_running(config: StorageConfig) -> Endpoint:
 
 
 def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
-    """Call while nobody else starts or ends the local server."""
+    """Make a call while no other process can start or stop the local server."""
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
         with exclusive(own_file(config, "lock"), patience_s=_LOCK_PATIENCE_S):
@@ -105,7 +75,7 @@ def _locked(config: StorageConfig, call: Callable[[], Endpoint]) -> Endpoint:
 
 
 def restart(config: StorageConfig) -> Endpoint:
-    """Start the local server anew on its port, whatever it says, over the same files.
+    """Start the local server again, on the same port and files, even if it answers.
 
     One that keeps objects in its memory alone (moto) is left as it is.
 
@@ -126,9 +96,9 @@ def find_running(config: StorageConfig) -> Endpoint | None:
 
 
 def last_known(config: StorageConfig) -> Endpoint | None:
-    """The server as it was last started, None where the local one never was; asks nobody.
+    """The server as it was last started, None if the local one never was; sends no request.
 
-    Its `pid` is None where no such process lives any more.
+    Its `pid` is None if that process has ended.
     """
     if config.cloud != "local":
         return ensure_running(config)
@@ -153,9 +123,15 @@ def stop(config: StorageConfig) -> bool:
         server_process.end(state.pid, state.mark)
         if state.watcher is not None:
             server_process.end(state.watcher, idle.__name__)
-        with suppress(OSError):  # a full disk; that no such process lives is seen anyway
+        with suppress(OSError):  # a full disk; later commands see that the process has ended
             replace(state, pid=None, watcher=None).write(path)
     return was_running
+
+
+def stop_default(directory: Path) -> bool:
+    """End the server whose objects lie in data/s3, where the settings cannot be read."""
+    folder = directory / catalogue()["DR_S3_DATA_DIR"].default
+    return stop(StorageConfig("local", "", folder))
 
 
 def _restart_local(config: StorageConfig) -> Endpoint:
@@ -163,7 +139,7 @@ def _restart_local(config: StorageConfig) -> Endpoint:
     if state is not None and state.pid is not None:
         server_process.end(
             state.pid, state.mark
-        )  # its id stays in the note: its port is waited for
+        )  # its id stays in the state, so that the start waits for its port
     return _ensure_local(config)
 
 
@@ -224,10 +200,10 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
 
 
 def _watched(state: ServerState, config: StorageConfig) -> ServerState:
-    """Have a server ended that nobody uses any more.
+    """Start the process that stops the server when it is not used.
 
-    Not one that keeps its objects in memory (moto): they would be lost. And MinIO, which looks
-    through its files by itself again and again, does not show whether somebody asks.
+    Not for moto, whose objects in memory would be lost, and not for MinIO, which reads and writes
+    its files all the time, so that requests cannot be told apart.
     """
     path = own_file(config, "json")
     told = replace(state, idle_minutes=config.idle_minutes)
@@ -243,7 +219,7 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
     )
     try:
         if state.engine == "rclone" and config.idle_minutes and not lives:
-            told.write(path)  # where that is impossible, nobody would find the watcher again
+            told.write(path)  # if this fails, later commands could not find the watcher
             watcher = server_process.start_detached(
                 [sys.executable, "-P", *command],
                 environment=_inherited(),
@@ -268,7 +244,7 @@ def _inherited() -> dict[str, str]:
 
 
 def _answers(state: ServerState, config: StorageConfig) -> bool:
-    """Whether the server works; one whose process lives may be slow for a moment."""
+    """Whether the server answers; if its process lives, it may be slow for a moment."""
     probe = _probe(state.endpoint(config))
     if probe.accepts_keys():
         return True
@@ -283,15 +259,15 @@ def _answers(state: ServerState, config: StorageConfig) -> bool:
 
 @lru_cache(maxsize=4)
 def _probe(endpoint: Endpoint) -> S3Bucket:
-    """Asks whether a server that knows our keys listens; anybody can take a port or an id.
+    """A client to ask whether a server with our keys listens: another program may have the port.
 
-    Kept, because a supervisor asks again and again and a new client costs 20 ms.
+    Cached, because a supervisor asks every second and a new client takes 20 ms.
     """
     return S3Bucket(endpoint, "", patience_s=0, read_timeout_s=2)
 
 
 def _check_same_server(state: ServerState, config: StorageConfig) -> None:
-    """A server that works for somebody is not replaced by another one under their feet."""
+    """Do not replace a server that may be in use."""
     if state.engine != config.engine:
         raise StorageError(
             f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
@@ -314,7 +290,7 @@ def _with_bucket(state: ServerState, config: StorageConfig) -> Endpoint:
 
 @lru_cache(maxsize=4)
 def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
-    """Kept for the same reason, and impatient: only its caller brings a silent server back."""
+    """Cached for the same reason. It hardly waits: only its caller can restart the server."""
     return S3Bucket(endpoint, name, patience_s=2, read_timeout_s=5)
 
 
@@ -352,13 +328,13 @@ def _is_free(port: int) -> bool:
 
 
 def _sweep(data_dir: Path) -> None:
-    """Remove what a killed server left half written. Only while none runs."""
+    """Remove the unfinished files of a server that was killed. Only while none runs."""
     for leftover in data_dir.rglob(engines.LEFTOVERS):
         leftover.unlink(missing_ok=True)
 
 
 def _not_started(config: StorageConfig, port: int) -> StorageError:
-    """Why the server did not come up, as far as it said so."""
+    """Why the server did not start, as far as its log says."""
     words = _last_words(config)
     if any(complaint in words for complaint in _OLD):
         return StorageError(
@@ -375,7 +351,7 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
 def _last_words(config: StorageConfig) -> str:
     log = own_file(config, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
-    return lines[-1] if lines else "it said nothing."
+    return lines[-1] if lines else "its log is empty."
 
 
 def _remote(config: StorageConfig) -> Endpoint:

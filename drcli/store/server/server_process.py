@@ -17,10 +17,10 @@ _TERM_PATIENCE_S = 5.0
 def start_detached(
     command: Sequence[str], *, environment: Mapping[str, str], log: Path, folder: Path
 ) -> int:
-    """Start a process that belongs to nobody, and return its id.
+    """Start a process that outlives this one, and return its id.
 
-    A shell starts it in a session of its own, tells its id and leaves, so that neither Ctrl-C in
-    this terminal nor the end of this command reaches it, and it is no zombie of ours when it ends.
+    A shell starts it in a session of its own, prints its id and exits. So neither Ctrl-C in this
+    terminal nor the end of this command reaches it, and it does not become a zombie of ours.
     """
     script = 'log=$1; shift; "$@" >>"$log" 2>&1 </dev/null & echo $!'
     shell = subprocess.run(
@@ -37,7 +37,7 @@ def start_detached(
 def is_running(pid: int, mark: str) -> bool:
     """Whether this process lives and carries the mark in its command line.
 
-    The id alone proves nothing: after a reboot it may belong to somebody else.
+    The id alone is not enough: after a reboot another process may have it.
     """
     return mark in _command_line(pid)
 

@@ -1,4 +1,4 @@
-"""What later commands must know of the bucket's server on this machine, in files beside it."""
+"""What later commands need to know of the local server, in a file beside its buckets."""
 
 import json
 import os
@@ -10,7 +10,8 @@ from typing import Literal
 from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import Misfit, built, parsed
-from drcli.store.endpoint import Endpoint, Engine, StorageConfig
+from drcli.config.run_config import Engine, StorageConfig
+from drcli.store.endpoint import Endpoint
 
 
 @dataclass(frozen=True)
@@ -18,13 +19,10 @@ class ServerState:
     """A server that was started here; kept in a file that its owner alone can read.
 
     Attributes:
-        engine: The program.
-        port: Where it listens.
         access_key: Made for this bucket; they stay the same from start to start.
-        secret_key: Belongs to `access_key`.
         pid: Its process; None where it was not started yet, or was stopped.
-        watcher: The process that ends it when nobody uses it; None where none was started.
-        idle_minutes: How long nobody must have used it for that; 0 never.
+        watcher: The process that stops it when it is not used; None where none was started.
+        idle_minutes: After how many minutes without use; 0 for never.
     """
 
     engine: Engine
@@ -37,7 +35,7 @@ class ServerState:
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":
-        """What the file says, None where there is none; a damaged one is put aside.
+        """Read the file; None if there is none. A damaged file is renamed.
 
         Raises:
             StorageError: It cannot be read.
@@ -62,7 +60,7 @@ class ServerState:
             return None
 
     def write(self, path: Path) -> None:
-        """Put it there in one step; at no moment may anybody else read the keys."""
+        """Write the file in one step; other users can never read the keys."""
         fresh = path.with_suffix(".new")
         fresh.unlink(missing_ok=True)
         try:

@@ -1,7 +1,7 @@
 """A working folder in which nothing is wrong, to spoil in one place at a time."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from drcli.checks.check_report import Report
 from drcli.checks.sandbox.sandbox_process import calls_of, try_function
 from drcli.checks.try_inputs import problems_of, request_of
 from drcli.checks.validate import validate
-from drcli.config.settings import Settings
+from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
@@ -93,9 +93,9 @@ def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Pro
     """What a start finds about the worlds and the reward function, in this process."""
 
     def find(
-        settings: Settings, reward: InputFile | None = None, **options: float
+        races: Sequence[RaceConfig], reward: InputFile | None = None, **options: float
     ) -> list[Problem]:
-        request = replace(request_of(settings, reward), **options)
+        request = replace(request_of(races, reward), **options)
         calls, problems = calls_of(request)
         if reward is None:
             return problems
@@ -121,6 +121,6 @@ def folder(
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
     monkeypatch.setattr(
         "drcli.checks.before_start.try_inputs",
-        lambda settings, _directory, reward, _given_up: try_here(settings, reward),
+        lambda races, _directory, reward, _given_up: try_here(races, reward),
     )
     return made

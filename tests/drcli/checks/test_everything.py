@@ -273,7 +273,7 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
     expected = folder.report().errors
 
     with pytest.raises(SettingsError) as refusal:
-        prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+        prepare(load_settings(folder.path, environ={}), StartOptions())
 
     said = str(refusal.value).replace(f"{folder.path}{os.sep}", "")
     assert [error.rule for error in expected] == ["V-05", "V-22", "V-41", "V-43"]
@@ -285,7 +285,7 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
     monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.reward("def reward_function(params):\n  return 1 if params['progress']==1 else 2\n")
 
-    plan = prepare(load_settings(folder.path, environ={}), StartOptions(), folder.path)
+    plan = prepare(load_settings(folder.path, environ={}), StartOptions())
 
     [warning] = plan.warnings
     assert "progress == 1" in warning
@@ -296,7 +296,7 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
     started_s = time.monotonic()
 
     [found] = try_here(
-        load_settings(folder.path, environ={}),
+        load_settings(folder.path, environ={}).races,
         InputFile("reward_function.py", loop, "mine.py"),
         call_s=0.2,
     )

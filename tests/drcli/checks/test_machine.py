@@ -36,7 +36,7 @@ def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb,
     usage = SimpleNamespace(free=int(free_gb * GB))
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
 
-    found = list(review_disk(settings, settings.directory))
+    found = list(review_disk(settings.storage, settings.directory))
 
     assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
     assert all("only 1.9 GB of the disk are free" in item.message for item in found)
@@ -47,7 +47,7 @@ def test_memory_has_to_suffice_for_trainer_and_workers(settings, monkeypatch, fr
     memory = SimpleNamespace(available=int(free_gb * GB))
     monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
 
-    found = list(review_memory(settings, None, None))
+    found = list(review_memory(settings.workers, settings.source("DR_WORKERS"), None, None))
 
     assert [item.where for item in found] == ["run.env line 3"] * told
 
@@ -59,7 +59,14 @@ def test_the_replay_of_sac_counts_as_memory(settings, monkeypatch, steps, told):
     kinds = b'"action_space_type": "continuous", "training_algorithm": "sac"'
     metadata = ModelMetadata.from_bytes(b'{"action_space": ' + space + b", " + kinds + b"}")
 
-    found = list(review_memory(settings, Hyperparameters(sac_replay_steps=steps), metadata))
+    found = list(
+        review_memory(
+            settings.workers,
+            settings.source("DR_WORKERS"),
+            Hyperparameters(sac_replay_steps=steps),
+            metadata,
+        )
+    )
 
     assert ["sac_replay_steps" in item.remedy for item in found] == [True] * told
 
@@ -69,10 +76,10 @@ def test_two_full_disks_are_told_both_and_one_disk_once(settings, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=next(free)))
     (settings.directory / settings.s3_data_dir).mkdir(parents=True)
 
-    same = list(review_disk(settings, settings.directory))
+    same = list(review_disk(settings.storage, settings.directory))
     monkeypatch.setattr(Path, "stat", lambda path, **_: SimpleNamespace(st_dev=hash(path)))
     monkeypatch.setattr(Path, "exists", lambda _: True)
-    different = list(review_disk(settings, settings.directory))
+    different = list(review_disk(settings.storage, settings.directory))
 
     assert (len(same), len(different)) == (1, 2)
 
@@ -97,7 +104,7 @@ ROOMY, FULL = "0, GPU-aa11, 9000\n", "1, GPU-bb22, 800\n"
 def test_a_gpu_needs_free_memory_where_there_is_one(gpus, answer, told):
     gpus(answer)
 
-    found = list(review_gpu(None, {}))
+    found = list(review_gpu("", {}))
 
     assert ["0.8 GB of GPU memory" in item.message for item in found] == [True] * told
 
@@ -109,7 +116,7 @@ def test_a_gpu_needs_free_memory_where_there_is_one(gpus, answer, told):
 def test_only_gpus_that_the_environment_shows_count(gpus, visible, told):
     gpus(ROOMY + FULL)
 
-    found = list(review_gpu(None, {"CUDA_VISIBLE_DEVICES": visible}))
+    found = list(review_gpu("", {"CUDA_VISIBLE_DEVICES": visible}))
 
     assert len(found) == told
 
@@ -122,7 +129,11 @@ def test_the_setting_for_the_learners_gpus_wins_over_the_environment(
         file.write(f"\nDR_SAGEMAKER_CUDA_DEVICES={chosen}\n")
     gpus(ROOMY + FULL)
 
-    found = list(review_gpu(load_settings(working_folder), {"CUDA_VISIBLE_DEVICES": "1"}))
+    found = list(
+        review_gpu(
+            load_settings(working_folder).sagemaker_cuda_devices, {"CUDA_VISIBLE_DEVICES": "1"}
+        )
+    )
 
     assert ["DR_SAGEMAKER_CUDA_DEVICES=-1" in item.remedy for item in found] == [True] * told
 
@@ -130,7 +141,7 @@ def test_the_setting_for_the_learners_gpus_wins_over_the_environment(
 def test_without_a_gpu_nothing_is_said_about_one(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
 
-    assert list(review_gpu(None, {})) == []
+    assert list(review_gpu("", {})) == []
 
 
 def test_a_bucket_that_works_is_left_empty():

@@ -139,7 +139,7 @@ CASES = (
         lambda f: f.settings(DR_HOST_X="False"),
         lambda f: f.settings(DR_HOST_X="True", DR_SAGEMAKER_CUDA_DEVICES="0"),
         "warning",
-        ("run.env line 3", "DR_HOST_X=True", "no X server is needed"),
+        ("run.env line 3", "DR_HOST_X=True", "needs no X server"),
     ),
     Case(
         "V-07",

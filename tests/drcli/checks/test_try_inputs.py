@@ -45,7 +45,7 @@ def tried(settings, folder):
     def find(before: str, body: str):
         code = f"{before}\n\n\ndef reward_function(params):\n    {body}\n"
         reward = InputFile("reward_function.py", code.encode(), "mine.py")
-        return try_inputs(settings, folder.path, reward, Event())
+        return try_inputs(settings.races, folder.path, reward, Event())
 
     return find
 
@@ -90,11 +90,11 @@ def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, fol
     given_up.set()
     reward = InputFile("reward_function.py", HANGING.encode(), "mine.py")
 
-    assert try_inputs(settings, folder.path, reward, given_up) == []
+    assert try_inputs(settings.races, folder.path, reward, given_up) == []
 
 
 def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
-    def wait(_settings, _directory, _reward, given_up):
+    def wait(_races, _directory, _reward, given_up):
         ends.append(given_up.wait(60))
         return []
 
@@ -104,17 +104,17 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
     ends = []
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", wait)
     monkeypatch.setattr("drcli.checks.before_start.review_disk", interrupt)
-    job = Job(settings, folder.path, "abc", 0, None, None, tmp_path, os.getpid())
+    job = Job(settings.run, "abc", 0, None, None, tmp_path, os.getpid())
 
     with pytest.raises(KeyboardInterrupt):
-        examine(job, {}, None)
+        examine(settings, job, {}, None)
 
     assert ends == [True]
 
 
 def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):
     (tmp_path / "reward_function.py").write_text(HANGING)
-    request_of(settings, None).write(tmp_path)
+    request_of(settings.races, None).write(tmp_path)
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], stdout=-1)
 
     process = subprocess.Popen(
@@ -131,7 +131,7 @@ def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):
 def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
     reward = InputFile("reward_function.py", KEEPS_STATE.encode(), "mine.py")
 
-    assert try_here(settings, reward) == []
+    assert try_here(settings.races, reward) == []
 
 
 def test_a_reward_function_may_import_all_that_the_console_allowed(tried):

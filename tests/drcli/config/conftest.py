@@ -1,10 +1,15 @@
 """A folder to load settings from."""
 
+import json
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.base.json_record import built, written
+from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings, load_settings
 
 
@@ -33,3 +38,13 @@ class Folder:
 @pytest.fixture
 def folder(tmp_path):
     return Folder(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def travelled() -> Callable[[RunConfig], RunConfig]:
+    """What another process gets of a run."""
+
+    def travel(config: RunConfig) -> RunConfig:
+        return built(RunConfig, json.loads(json.dumps(asdict(config), default=written)))
+
+    return travel

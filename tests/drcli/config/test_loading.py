@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.settings import Settings, catalogue
+from drcli.config.settings import catalogue
 
 
 @pytest.mark.parametrize("layers", [4, 3, 2, 1, 0])
@@ -169,12 +169,12 @@ def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
     assert "DR_WEBVIEWER_PORT=8100-8110 is not a whole number" in settings.warnings[0]
 
 
-def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder):
+def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder, travelled):
     settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_DROA_URL=$NOBODY/x\n")
 
     assert settings.webviewer_port == 8100
     assert settings.droa_url == ""
-    assert Settings.restore(settings.dump()) == settings
+    assert travelled(settings.run) == settings.run
     assert len(settings.warnings) == 2
 
 
@@ -212,13 +212,14 @@ def test_folders_are_found_from_wherever_a_process_runs(folder):
     assert settings.custom_files_dir == folder.path / "custom_files"
 
 
-def test_settings_are_the_same_in_another_process(folder):
+def test_a_run_is_the_same_in_another_process(folder, travelled):
     settings = folder.load('DR_OA_OBJECT_POSITIONS="0.23,-1;0.46,1"\nTEAM=x\nDR_TRAIN_SEED=4\n')
 
-    restored = Settings.restore(settings.dump())
+    restored = travelled(settings.run)
 
-    assert restored == settings
-    assert restored.oa_object_positions == ((0.23, -1.0), (0.46, 1.0))
+    assert restored == settings.run
+    assert restored.race().oa_object_positions == ((0.23, -1.0), (0.46, 1.0))
+    assert restored.train.train_seed == 4
 
 
 def test_settings_cannot_be_changed(folder):

@@ -8,7 +8,7 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings, catalogue, load_settings
+from drcli.config.settings import catalogue, load_settings
 
 REFERENCE = Path(__file__).resolve().parents[2] / "data" / "reference"
 """The reference's own run.env and system.env, as its installer writes them."""
@@ -59,7 +59,7 @@ def test_a_flag_moves_what_the_files_derive_from_its_name(folder):
 
 @limits(max_examples=60)
 @given(data=st.data())
-def test_a_damaged_file_is_loaded_or_refused_and_nothing_else(folder, data):
+def test_a_damaged_file_is_loaded_or_refused_and_nothing_else(folder, travelled, data):
     text = REFERENCE_RUN.encode()
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(text)))
@@ -69,21 +69,21 @@ def test_a_damaged_file_is_loaded_or_refused_and_nothing_else(folder, data):
     with contextlib.suppress(SettingsError):
         settings = folder.load(text)
 
-        assert Settings.restore(settings.dump()) == settings
+        assert travelled(settings.run) == settings.run
 
 
 @limits(max_examples=60)
 @given(
-    st.dictionaries(
+    environ=st.dictionaries(
         st.sampled_from(sorted(catalogue())),
         st.text(st.characters(exclude_characters="\0"), max_size=12),
         max_size=5,
     )
 )
-def test_any_environment_is_accepted_or_refused_and_nothing_else(environ):
+def test_any_environment_is_accepted_or_refused_and_nothing_else(travelled, environ):
     root = Path(__file__).resolve().parents[3]
 
     with contextlib.suppress(SettingsError):
         settings = load_settings(root, environ=environ)
 
-        assert Settings.restore(settings.dump()) == settings
+        assert travelled(settings.run) == settings.run

@@ -3,7 +3,6 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
 
 MULTI = "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=3\nDR_WORLD_NAME=reinvent_base\n"
 
@@ -55,14 +54,14 @@ def test_a_worker_s_own_file_wins_over_the_environment(folder, files):
     assert s.for_worker(1).world_name == "willow"
 
 
-def test_the_settings_of_a_worker_survive_the_way_to_its_process(folder, files):
+def test_the_race_of_a_worker_survives_the_way_to_its_process(folder, files, travelled):
     files("DR_WORLD_NAME=willow\nDR_OA_OBJECT_POSITIONS=0.2,-1\n")
 
-    there = Settings.restore(folder.load(MULTI).dump())
+    there = travelled(folder.load(MULTI).run)
 
-    assert there.for_worker(1).world_name == "willow"
-    assert there.for_worker(1).oa_object_positions == ((0.2, -1),)
-    assert there.for_worker(1).source("DR_WORLD_NAME") == "worker-2.env line 1"
+    assert there.race(1).world_name == "willow"
+    assert there.race(1).oa_object_positions == ((0.2, -1),)
+    assert there.race(1).source("DR_WORLD_NAME") == "worker-2.env line 1"
 
 
 def test_what_all_workers_share_is_ignored_there_with_a_warning(folder, files):

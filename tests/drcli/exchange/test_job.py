@@ -1,12 +1,78 @@
-"""What worker processes leave behind for whoever started them."""
+"""What a launcher gives its worker processes, and what they leave behind for it."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 
-from drcli.exchange.job import LastWords
+from drcli.config.settings import load_settings
+from drcli.exchange import job as jobs
+from drcli.exchange.job import Job, LastWords
 
 WORDS = LastWords("The bucket is gone.", "Start it.", 4)
+
+READS = """
+from drcli.base.errors import SettingsError
+from drcli.exchange.job import Job
+try:
+    print(repr(Job.received()))
+except SettingsError as error:
+    print(f"{error} {error.remedy}")
+"""
+
+
+@pytest.fixture
+def job(working_folder) -> Job:
+    """A start with several workers, some of whose settings are not plain texts."""
+    (working_folder / "run.env").write_text(
+        "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\nDR_TRACKS_DIR=mine\nTEAM_SECRET=hush\n"
+    )
+    (working_folder / "worker-2.env").write_text(
+        "DR_RACE_TYPE=OBJECT_AVOIDANCE\nDR_OA_OBJECT_POSITIONS=0.25,-1;0.5,1\n"
+    )
+    config = load_settings(working_folder, environ={}).run
+    return Job(config, "abc", 7, 3, 1.5, working_folder / "data", os.getpid(), term=2)
+
+
+def read(job: Job) -> str:
+    """What another process says of a job that it is given."""
+    process = job.spawn([sys.executable, "-c", READS], stdout=subprocess.PIPE)
+    return process.communicate(timeout=60)[0].decode().strip()
+
+
+def test_a_job_is_the_same_in_the_process_that_gets_it(job):
+    told = read(job)
+
+    assert told == repr(job)
+    assert "OBJECT_AVOIDANCE" in told
+    assert "hush" not in told
+
+
+def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
+    monkeypatch.setattr(jobs, "VERSION", 2)
+
+    told = read(job)
+
+    assert "not written in version 1" in told
+    assert "start it again" in told
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [
+        ("world_name", 7, "'world_name' is not a text"),
+        ("race_type", "FOOTBALL", "'race_type' is none of TIME_TRIAL"),
+        ("sim_blur", "100", "'sim_blur' is above 4"),
+    ],
+)
+def test_a_race_that_does_not_fit_is_refused_with_a_reason(job, monkeypatch, field, value, reason):
+    def spoiled(part: object) -> object:
+        return {**part.to_json(), field: value} if hasattr(part, "to_json") else str(part)
+
+    monkeypatch.setattr(jobs, "written", spoiled)
+
+    assert reason in read(job)
 
 
 def test_last_words_are_found_until_they_are_forgotten(tmp_path):

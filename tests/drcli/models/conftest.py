@@ -71,13 +71,13 @@ class Mover:
 
     def upload(self, **options: Any) -> UploadReport:
         settings = self.settings()
-        planned = plan_upload(settings, self.folder, UploadOptions(**options))
-        return upload(planned, settings, self.folder, no_bar)
+        planned = plan_upload(settings, UploadOptions(**options))
+        return upload(planned, settings, no_bar)
 
     def download(self, url: str, prefix: str, **options: Any) -> DownloadReport:
         settings = self.settings()
-        planned = plan_download(settings, self.folder, DownloadOptions(url, prefix, **options))
-        return download(planned, settings, self.folder, no_bar)
+        planned = plan_download(settings, DownloadOptions(url, prefix, **options))
+        return download(planned, settings, no_bar)
 
 
 @contextmanager

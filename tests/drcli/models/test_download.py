@@ -198,7 +198,7 @@ def test_what_lacks_one_of_its_files_is_no_model(mover, theirs, missing):
 
 @pytest.mark.parametrize("url", ["theirs/fast", "s3://uploads", "s3://uploads/", "http://x/y", ""])
 def test_an_address_that_is_none_is_refused(mover, theirs, url):
-    with pytest.raises(SettingsError, match="is no address of a model"):
+    with pytest.raises(SettingsError, match="is not the address of a model"):
         mover.download(url, "mine")
 
 

@@ -12,8 +12,8 @@ from .conftest import put_model
 @pytest.fixture
 def increment(mover):
     def run(**options):
-        planned = plan_upload_increment(mover.settings(), mover.folder, **options)
-        make_upload_increment(planned, mover.folder)
+        planned = plan_upload_increment(mover.settings(), **options)
+        make_upload_increment(planned)
         return planned.step
 
     return run

@@ -48,7 +48,7 @@ def test_the_target_holds_one_checkpoint_and_all_that_belongs_to_it(mover, names
 def test_the_chosen_checkpoint_is_the_one_that_drives(mover, choice, line, weights):
     from drcli.models.upload import UploadOptions, plan_upload
 
-    planned = plan_upload(mover.settings(), mover.folder, UploadOptions(choice))
+    planned = plan_upload(mover.settings(), UploadOptions(choice))
     report = mover.upload(choice=choice)
 
     assert planned.chosen.line == line
@@ -296,14 +296,14 @@ def test_a_model_is_not_uploaded_into_itself(mover):
 def test_a_copy_in_our_own_bucket_lies_beside_everything_else(mover, target):
     mover.here.put("other/model/.coach_checkpoint", b"1_Step-5.ckpt")
 
-    with pytest.raises(SettingsError, match="is not beside"):
+    with pytest.raises(SettingsError, match="overlaps with"):
         mover.upload(local=True, to=target)
 
 
 def test_a_copy_does_not_take_another_model_into_its_folder(mover):
     mover.here.put("group/other/model/.coach_checkpoint", b"1_Step-5.ckpt")
 
-    with pytest.raises(SettingsError, match="group is not beside the model group/other"):
+    with pytest.raises(SettingsError, match="group overlaps with the model group/other"):
         mover.upload(local=True, to="group")
 
 

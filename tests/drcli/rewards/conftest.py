@@ -28,7 +28,7 @@ def settings_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Setti
 @pytest.fixture(scope="session")
 def course(settings_of: Callable[..., Settings]) -> Course:
     """A time trial on a short track."""
-    return Course.of(drive(settings_of()))
+    return Course.of(drive(settings_of().race))
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +39,7 @@ def obstacle_course(settings_of: Callable[..., Settings]) -> Course:
             settings_of(
                 DR_RACE_TYPE="OBJECT_AVOIDANCE",
                 DR_TRAIN_ALTERNATE_DRIVING_DIRECTION="True",
-            )
+            ).race
         )
     )
 

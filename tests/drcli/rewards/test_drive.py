@@ -105,7 +105,7 @@ def test_a_race_of_two_models_is_refused_with_the_setting_to_change(settings_of)
     settings = settings_of(DR_RACE_TYPE="HEAD_TO_MODEL", DR_EVAL_OPP_S3_MODEL_PREFIX="other")
 
     with pytest.raises(SettingsError, match="HEAD_TO_MODEL") as refused:
-        drive(settings)
+        drive(settings.race)
 
     assert "DR_RACE_TYPE" in refused.value.remedy
 

@@ -53,8 +53,8 @@ class Racer:
 
     def start(self, **options: Any) -> RunPlan:
         """Plan a training that ends at once: the prefix is free again."""
-        plan = prepare(self.settings(), StartOptions(**options), self.folder)
-        lease.release(self.bucket, plan.job.settings.model_prefix, plan.job.session)
+        plan = prepare(self.settings(), StartOptions(**options))
+        lease.release(self.bucket, plan.job.config.model.prefix, plan.job.session)
         return plan
 
     def store(self, prefix: str) -> CheckpointStore:

@@ -19,8 +19,8 @@ def increment(trained):
 
     def run(**options):
         settings = trained.settings()
-        planned = plan_increment(settings, trained.folder, **options)
-        make_increment(planned, settings, trained.folder)
+        planned = plan_increment(settings, **options)
+        make_increment(planned, settings.storage)
         return planned.step
 
     return run
@@ -173,7 +173,7 @@ def test_a_model_that_is_being_trained_elsewhere_is_not_wiped(trained, increment
 
 def test_a_model_without_a_checkpoint_cannot_be_gone_on_from(racer):
     with pytest.raises(SettingsError) as caught:
-        plan_increment(racer.settings(), racer.folder)
+        plan_increment(racer.settings())
 
     assert str(caught.value) == (
         "run.env line 1: DR_LOCAL_S3_MODEL_PREFIX=model-1: there is no checkpoint at "
@@ -186,7 +186,7 @@ def test_while_the_model_trains_it_is_not_gone_on_from(trained, increment):
     record = RunRecord(
         0, "s", "bucket", "model-1", "oval", "running", os.getpid(), started, time.time()
     )
-    record.write(run_folder(trained.settings(), trained.folder))
+    record.write(run_folder(trained.folder, trained.settings().run_id))
 
     with pytest.raises(SettingsError, match="Run 0 is training s3://bucket/model-1 already"):
         increment()
@@ -217,10 +217,10 @@ def test_metrics_that_would_go_into_the_old_model_are_refused(trained, increment
 
 def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
     settings = trained.settings()
-    planned = plan_increment(settings, trained.folder)
+    planned = plan_increment(settings)
     trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=other")
 
     with pytest.raises(SettingsError, match="was changed while this command waited"):
-        make_increment(planned, settings, trained.folder)
+        make_increment(planned, settings.storage)
 
     assert trained.settings().model_prefix == "other"

@@ -20,7 +20,7 @@ def test_a_file_that_may_not_be_read_is_named(racer, monkeypatch, look):
     with pytest.raises(
         SettingsError, match=r"reward_function\.py: cannot be read \(Permission denied"
     ) as refusal:
-        find(settings, racer.folder, None)
+        find(settings.custom_files, None)
 
     path = racer.folder / "custom_files" / "reward_function.py"
     assert f"`chmod u+r {shlex.quote(str(path))}`" in refusal.value.remedy

@@ -64,7 +64,7 @@ def test_a_training_of_the_same_run_that_began_meanwhile_is_left_alone(racer, du
             pid=os.getpid(),
             pid_started=psutil.Process().create_time(),
             started_at=time.time(),
-        ).write(run_folder(racer.settings(), racer.folder))
+        ).write(run_folder(racer.folder, racer.settings().run_id))
 
     during_examination(begins)
 
@@ -85,11 +85,11 @@ def test_a_model_that_appeared_meanwhile_is_not_overwritten(racer, during_examin
 
 def test_a_planned_start_keeps_the_prefix_until_its_supervisor_takes_over(racer):
     racer.bucket.put(WEIGHTS, b"old weights")
-    first = plan.prepare(racer.settings(), plan.StartOptions(wipe=True), racer.folder)
+    first = plan.prepare(racer.settings(), plan.StartOptions(wipe=True))
     frozen = {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")}
 
     with pytest.raises(SettingsError, match="is being trained by process"):
-        plan.prepare(racer.settings(), plan.StartOptions(wipe=True), racer.folder)
+        plan.prepare(racer.settings(), plan.StartOptions(wipe=True))
 
     assert {item.key: racer.bucket.get(item.key) for item in racer.bucket.list("")} == frozen
     held = lease.holder(racer.bucket, "model-1")
@@ -109,7 +109,7 @@ def test_the_supervisor_takes_the_prefix_over_from_its_start(racer, monkeypatch)
 
     monkeypatch.setattr(training, "open_bucket", lambda *_, **__: racer.bucket)
     monkeypatch.setattr(training, "Supervisor", Ends)
-    planned = plan.prepare(racer.settings(), plan.StartOptions(), racer.folder)
+    planned = plan.prepare(racer.settings(), plan.StartOptions())
 
     code = training.supervise_job(planned.job)
 
@@ -133,7 +133,7 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
 
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):
     settings, folder = trained.settings(), trained.folder
-    log = log_file(settings, folder, "sim-0")
+    log = log_file(folder, settings.model_prefix, "sim-0")
     log.parent.mkdir(parents=True)
     log.write_text("first\n")
     trained.bucket.delete([keys.lease("model-1")])
@@ -150,7 +150,7 @@ def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(traine
 
 
 def test_logs_that_cannot_be_renamed_are_named_and_the_model_is_free_again(racer, monkeypatch):
-    log = log_file(racer.settings(), racer.folder, "trainer")
+    log = log_file(racer.folder, racer.settings().model_prefix, "trainer")
     log.parent.mkdir(parents=True)
     log.touch()
 

@@ -230,10 +230,10 @@ class Stage:
         (folder / "system.env").write_text("")
         self.folder = folder
         self.settings = load_settings(folder, environ={})
-        self.upload = LogUpload(open_bucket, self.settings, folder, ["trainer", "sim-0"])
+        self.upload = LogUpload(open_bucket, folder, "model", 512, ["trainer", "sim-0"])
 
     def log(self, name):
-        path = log_file(self.settings, self.folder, name)
+        path = log_file(self.folder, self.settings.model_prefix, name)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -320,7 +320,7 @@ def test_a_new_training_uploads_its_log_from_the_beginning(bucket, tmp_path):
     stage.log("sim-0").write_text(lines(0, 500))
     LogCopy(bucket, KEY, stage.log("sim-0"), MAX_BYTES).update()
 
-    begin_logs(stage.settings, tmp_path)
+    begin_logs(tmp_path, stage.settings.model_prefix, stage.settings.log_max_mb)
     fresh = Counting()
     stage.log("sim-0").write_text("begins\n")
     LogCopy(fresh, KEY, stage.log("sim-0"), MAX_BYTES).update()

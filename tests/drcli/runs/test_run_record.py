@@ -1,5 +1,6 @@
 """The notes that runs leave on this machine, whatever state they are in."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import psutil
 import pytest
 
 from drcli.base.process_identity import exists, is_alive, started_s
+from drcli.config.run_config import StorageConfig
+from drcli.config.settings import load_settings
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord, WorkerRecord, run_folder
 from drcli.runs.status import inspect
@@ -31,15 +34,41 @@ def test_a_note_is_read_as_it_was_written(tmp_path):
     assert RunRecord.read(tmp_path) == note
 
 
+def test_the_bucket_of_a_run_that_version_0_1_0_wrote_is_found(tmp_path):
+    storage = {
+        "cloud": "local",
+        "bucket": "mine",
+        "remote_minio_url": "",
+        "profile": "",
+        "aws_app_region": "us-east-1",
+        "local_s3_engine": "rclone",
+        "s3_data_dir": "data/s3",
+    }
+    note = {
+        **{"run_id": 0, "session": "one", "bucket": "mine", "prefix": "model", "world": "oval"},
+        **{"state": "finished", "pid": 17, "pid_started": 1.0, "started_at": 1.0},
+        **{"workers": [], "storage": storage},
+    }
+    (tmp_path / "run.json").write_text(json.dumps(note))
+    now = StorageConfig("aws", "other", tmp_path / "elsewhere", port=4711, profile="me")
+
+    record = RunRecord.read(tmp_path)
+
+    assert record is not None
+    found = record.storage_at_start(now, tmp_path)
+    assert found == StorageConfig("local", "mine", tmp_path / "data/s3", port=4711)
+
+
 @pytest.mark.parametrize("content", DAMAGED)
-def test_a_damaged_note_of_a_training_is_none(racer, content):
-    folder = run_folder(racer.settings(), racer.folder)
+def test_a_damaged_note_of_a_training_is_none(working_folder, content):
+    settings = load_settings(working_folder, environ={})
+    folder = run_folder(working_folder, settings.run_id)
     folder.mkdir(parents=True)
     (folder / "run.json").write_text(content)
 
     assert RunRecord.read(folder) is None
-    assert inspect(racer.settings(), racer.folder).state == "none"
-    assert running_trainings(racer.folder) == []
+    assert inspect(settings.run).state == "none"
+    assert running_trainings(working_folder) == []
 
 
 @pytest.mark.parametrize("content", DAMAGED)

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from drcli.exchange import run_record
-from drcli.exchange.run_record import RunRecord, run_folder, storage_of
+from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
 from drcli.runs.status import inspect
 
 
@@ -26,19 +26,19 @@ def running(racer):
         pid_started=psutil.Process().create_time(),
         started_at=time.time(),
     )
-    note.write(run_folder(racer.settings(), racer.folder))
+    note.write(run_folder(racer.folder, racer.settings().run_id))
     return note
 
 
 def test_a_run_that_ends_while_it_is_looked_at_has_ended_well(racer, running, monkeypatch):
     def ends_in_this_moment(pid: int, pid_started: float) -> bool:
         ended = running.ended("finished", 0, "Training is complete.", "", time.time())
-        ended.write(run_folder(racer.settings(), racer.folder))
+        ended.write(run_folder(racer.folder, racer.settings().run_id))
         return False
 
     monkeypatch.setattr(run_record, "is_alive", ends_in_this_moment)
 
-    report = inspect(racer.settings(), racer.folder)
+    report = inspect(racer.settings().run)
 
     assert (report.state, report.message) == ("finished", "Training is complete.")
 
@@ -46,33 +46,36 @@ def test_a_run_that_ends_while_it_is_looked_at_has_ended_well(racer, running, mo
 def test_a_run_whose_supervisor_is_gone_without_a_word_is_lost(racer, running, monkeypatch):
     monkeypatch.setattr(run_record, "is_alive", lambda pid, pid_started: False)
 
-    report = inspect(racer.settings(), racer.folder)
+    report = inspect(racer.settings().run)
 
     assert report.state == "lost"
     assert "--resume" in report.remedy
 
 
 def test_a_run_with_a_living_supervisor_is_running(racer, running):
-    assert inspect(racer.settings(), racer.folder).state == "running"
+    assert inspect(racer.settings().run).state == "running"
 
 
 def test_a_run_is_looked_at_in_the_bucket_and_under_the_name_it_was_started_with(racer, running):
     began = racer.settings()
-    replace(running, storage=storage_of(began)).write(run_folder(began, racer.folder))
+    replace(running, storage=StorageRecord.of(began.storage, racer.folder)).write(
+        run_folder(racer.folder, began.run_id)
+    )
     now = began.replaced(
         cloud="remote", remote_minio_url="http://127.0.0.1:9", model_prefix="other"
     )
 
-    report = inspect(now, racer.folder)
+    report = inspect(now.run)
 
     assert report.prefix == "model-1"
     assert all("does not answer" not in worker.activity for worker in report.workers)
 
 
-def test_the_settings_of_a_run_are_those_of_its_start(racer, running):
+def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
     began = racer.settings()
-    note = replace(running, storage=storage_of(began))
+    note = replace(running, storage=StorageRecord.of(began.storage, racer.folder))
 
-    found = note.settings(began.replaced(cloud="aws", bucket="another", model_prefix="other"))
+    now = began.replaced(cloud="aws", bucket="another", local_s3_port=4711).storage
+    found = note.storage_at_start(now, racer.folder)
 
-    assert (found.cloud, found.bucket, found.model_prefix) == ("local", began.bucket, "model-1")
+    assert found == replace(began.storage, port=4711)

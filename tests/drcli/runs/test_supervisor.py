@@ -51,8 +51,7 @@ class Stage:
         (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
         (folder / "system.env").write_text("")
         self.job = Job(
-            settings=load_settings(folder, environ={}),
-            directory=folder,
+            config=load_settings(folder, environ={}).run,
             session="start",
             seed=1,
             until_laps=None,
@@ -68,7 +67,7 @@ class Stage:
     def start_process(self, job, name, module, *arguments, gpus=""):
         script = self.scripts[name].pop(0)
         if isinstance(script, Stuck):
-            script.leave(log_file(job.settings, job.directory, name))
+            script.leave(log_file(job.directory, job.config.model.prefix, name))
             script = "import os, signal; os.kill(os.getpid(), signal.SIGPROF)"
         if isinstance(script, LastWords):
             script.leave(job.folder, name)

@@ -24,7 +24,7 @@ STUBBORN = (
 def job(racer) -> Job:
     folder = racer.folder / "data" / "job"
     folder.mkdir(parents=True)
-    return Job(racer.settings(), racer.folder, "ours", 7, None, None, folder, 1)
+    return Job(racer.settings().run, "ours", 7, None, None, folder, 1)
 
 
 @pytest.fixture
@@ -114,5 +114,5 @@ def test_a_process_is_told_the_log_that_it_writes_so_that_it_can_rotate_it(job):
     process = worker_processes.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
 
     assert process.wait(60) == 0
-    path = log_file(job.settings, job.directory, "sim-0")
+    path = log_file(job.directory, job.config.model.prefix, "sim-0")
     assert path.read_text().splitlines()[0] == str(path)

@@ -18,6 +18,8 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
+from drcli.config.run_config import StorageConfig
+from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import idle, server, server_process
 from drcli.store.server.idle import Watch
@@ -28,7 +30,7 @@ USER = """
 import sys
 from pathlib import Path
 from drcli.store.server import server
-from drcli.store.endpoint import StorageConfig
+from drcli.config.run_config import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid, flush=True)
 sys.stdin.read()
 """
@@ -271,7 +273,7 @@ def test_a_command_that_comes_in_the_moment_of_the_end_finds_a_server(local):
         served.watch._was_used()
         ending = threading.Thread(target=served.watch.look)
         ending.start()
-        with closing(server.connect(local, patience_s=0.0)) as bucket:
+        with closing(open_bucket(local, patience_s=0.0)) as bucket:
             ending.join()
             bucket.put("k", b"found")
             assert bucket.get("k") == b"found"
@@ -282,7 +284,7 @@ def test_a_folder_without_a_server_needs_no_hold(tmp_path):
 
     with pytest.raises(StorageError, match="DR_REMOTE_MINIO_URL"):
         server.ensure_running(
-            server.StorageConfig("remote", "bucket", tmp_path)  # starts and holds nothing
+            StorageConfig("remote", "bucket", tmp_path)  # starts and holds nothing
         )
 
     assert not list(tmp_path.iterdir())

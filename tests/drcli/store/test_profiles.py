@@ -50,7 +50,7 @@ def opened(files):
         text = "\n".join(("DR_UPLOAD_S3_BUCKET=uploads", *lines))
         (folder / "system.env").write_text(text)
         (folder / "run.env").write_text("DR_WORLD_NAME=reinvent_base\n")
-        return open_upload_bucket(load_settings(folder, environ={}), patience_s=0)
+        return open_upload_bucket(load_settings(folder, environ={}).transfer.upload, patience_s=0)
 
     return run
 
@@ -77,7 +77,7 @@ def test_the_default_profile_need_not_exist(files):
 
 def test_another_profile_must_exist(files):
     with pytest.raises(
-        StorageError, match=r"no profile 'nobody' in the AWS files \(DR_UPLOAD_S3_P"
+        StorageError, match=r"The profile 'nobody' does not exist in the AWS files \(DR_UPLOAD_S3_P"
     ):
         read_profile("nobody", "DR_UPLOAD_S3_PROFILE")
 

@@ -212,7 +212,9 @@ def test_a_profile_that_does_not_exist_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "none"))
     monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
 
-    with pytest.raises(StorageError, match=r"no profile 'minio'.*DR_LOCAL_S3_PROFILE"):
+    with pytest.raises(
+        StorageError, match=r"The profile 'minio' does not exist.*DR_LOCAL_S3_PROFILE"
+    ):
         S3Bucket(Endpoint("http://127.0.0.1:1", profile="minio"), "bucket")
 
 

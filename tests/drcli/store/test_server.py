@@ -18,7 +18,9 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.store.endpoint import Endpoint, StorageConfig
+from drcli.config.run_config import StorageConfig
+from drcli.store.connect import open_bucket
+from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server, server_process
 from drcli.store.server import state as server_state
@@ -28,7 +30,7 @@ import sys
 import time
 from pathlib import Path
 from drcli.store.server import server
-from drcli.store.endpoint import StorageConfig
+from drcli.config.run_config import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid)
 """
 
@@ -42,7 +44,7 @@ def kill(endpoint: Endpoint) -> None:
 
 
 def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
-    with closing(server.connect(local)) as bucket:
+    with closing(open_bucket(local)) as bucket:
         bucket.probe()
         bucket.put("model/x/y", b"content")
         _, age_s = bucket.get_with_age("model/x/y")
@@ -286,7 +288,7 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
 
 
 def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
-    with closing(server.connect(replace(local, engine="moto"))) as bucket:
+    with closing(open_bucket(replace(local, engine="moto"))) as bucket:
         bucket.probe()
 
     assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None

@@ -4,7 +4,8 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.sample_calls import sample_params
-from drcli.config.settings import Settings, load_settings
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import load_settings
 from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
 from drsim.car.realism import Realism
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
@@ -13,10 +14,10 @@ from drsim.track.worlds import load_track
 
 @pytest.fixture
 def settings(tmp_path):
-    def load(*lines: str) -> Settings:
+    def load(*lines: str) -> RaceConfig:
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
-        return load_settings(tmp_path, environ={})
+        return load_settings(tmp_path, environ={}).race
 
     return load
 

@@ -45,8 +45,7 @@ def goals(tmp_path):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         job = Job(
-            settings=load_settings(tmp_path, environ={}),
-            directory=tmp_path,
+            config=load_settings(tmp_path, environ={}).run,
             session="s",
             seed=1,
             until_laps=until_laps,
@@ -68,7 +67,7 @@ def test_the_time_of_this_start_counts(goals):
     limited = goals(max_minutes=1.0, clock=lambda: next(times))
 
     assert limited.reached([]) is None
-    assert limited.reached([]) == "Training is complete: 1 minutes are over."
+    assert limited.reached([]) == "Training is complete: the time limit of 1 minutes was reached."
 
 
 def test_the_files_that_everybody_has_train_as_long_as_they_did_elsewhere(goals):

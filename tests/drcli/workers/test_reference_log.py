@@ -41,7 +41,8 @@ def started(tmp_path):
         (tmp_path / "system.env").write_text("")
         model = ModelMetadata.from_bytes(json.dumps({**METADATA, **metadata}).encode(), "m")
         settings = load_settings(tmp_path, environ={})
-        return start_lines(settings, model, Hyperparameters(), "TRAINING") + "\n"
+        lines = start_lines("model-1", settings.race, model, Hyperparameters(), "TRAINING")
+        return lines + "\n"
 
     return start
 

@@ -64,12 +64,12 @@ class PaperRun:
         self.lingers = False
         self._started = False
 
-    def prepare(self, settings: Any, options: StartOptions, directory: Path) -> RunPlan:
+    def prepare(self, settings: Any, options: StartOptions) -> RunPlan:
         self.asked.append("prepare")
         self.options = options
         if self.refusal is not None:
             raise self.refusal
-        job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
+        job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)
         names = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
         files = (InputFile(name, b"", f"custom_files/{name}") for name in names)
         return RunPlan(job, Inputs(*files), self.warnings, None, "Ends some day.", wiped=self.wiped)
@@ -84,15 +84,15 @@ class PaperRun:
         self._started = True
         return 0
 
-    def stop(self, settings: Any, *, directory: Path) -> RunReport:
+    def stop(self, config: Any) -> RunReport:
         self.asked.append("stop")
         self.running = self.lingers
-        return self.inspect(settings, directory)
+        return self.inspect(config)
 
-    def is_running(self, settings: Any, directory: Path) -> bool:
+    def is_running(self, config: Any) -> bool:
         return self.running
 
-    def inspect(self, settings: Any, directory: Path) -> RunReport:
+    def inspect(self, config: Any) -> RunReport:
         if not self._started and "stop" not in self.asked:
             return self.before
         if len(self.looks) == 1 and self.between is not None:

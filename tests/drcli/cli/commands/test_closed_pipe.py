@@ -42,7 +42,7 @@ def lost(working_folder: Path) -> Path:
         pid=2**22,
         pid_started=1.0,
         started_at=time.time(),
-    ).write(run_folder(settings, working_folder))
+    ).write(run_folder(working_folder, settings.run_id))
     return working_folder
 
 

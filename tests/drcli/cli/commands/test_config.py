@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.store.connect import stop_default_storage
+from drcli.store.server import server
 
 
 def test_values_are_lines_of_a_file_with_their_places(dr, working_folder, capsys):
@@ -41,12 +41,12 @@ def test_a_named_value_is_explained(dr, working_folder, capsys):
 
     assert capsys.readouterr().out.splitlines() == [
         "DR_WORKERS=2                                   # run.env line 3",
-        "  Simulation processes; analysis tools read at most 10.",
+        "  Number of simulation processes; analysis tools read at most 10.",
         "  Allowed: a whole number from 1 to 10. Default: 1.",
         "DR_HOST_X=False                                # default, no effect",
         "  Use the X server of the host.",
         "  Allowed: True or False. Default: False.",
-        "  No effect here: nothing opens a window and no X server is needed.",
+        "  No effect here: drcli opens no window and needs no X server.",
     ]
 
 
@@ -67,7 +67,7 @@ def test_the_values_for_scripts_have_stable_keys(dr, working_folder, capsys):
                 "changed": True,
                 "effect": "used",
                 "reason": "",
-                "meaning": "Simulation processes; analysis tools read at most 10.",
+                "meaning": "Number of simulation processes; analysis tools read at most 10.",
                 "expected": "a whole number from 1 to 10",
                 "group": "Training",
             }
@@ -95,7 +95,7 @@ def test_right_settings_pass_the_check(dr, working_folder, capsys):
 def served(working_folder):
     """The working folder, whose S3 server ends with the test."""
     yield working_folder
-    stop_default_storage(working_folder)
+    server.stop_default(working_folder)
 
 
 def test_right_settings_are_followed_by_all_other_rules(dr, served, capsys):
@@ -177,7 +177,7 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
         "  no containers are used:",
         "    DR_SIMAPP_SOURCE, DR_SIMAPP_VERSION, DR_MINIO_IMAGE, DR_ANALYSIS_IMAGE, "
         "DR_DOCKER_STYLE",
-        "  nothing opens a window and no X server is needed:",
+        "  drcli opens no window and needs no X server:",
         "    DR_HOST_X",
         "Settings: no errors, no warnings.",
     ]

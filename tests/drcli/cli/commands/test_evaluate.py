@@ -15,8 +15,8 @@ def asked(working_folder, evaluation_report, monkeypatch):
     """What the command asks for; the answer is two laps of three."""
     seen = {}
 
-    def evaluate(settings, *, clone, directory, on_progress):
-        seen.update(clone=clone, directory=directory)
+    def evaluate(settings, *, clone, on_progress):
+        seen.update(clone=clone, directory=settings.directory)
         on_progress("Evaluating 8_Step-4000.ckpt ...")
         return evaluation_report
 
@@ -82,10 +82,10 @@ def launched(working_folder, monkeypatch):
     """What is started in the background; it is nothing."""
     seen = {}
 
-    def prepare(settings, *, clone, directory, on_progress):
+    def prepare(settings, *, clone, on_progress):
         seen["clone"] = clone
         on_progress("Evaluation of model s3://bucket/model starting.")
-        job = Job(settings, directory, "abc", 7, None, None, directory / "data", 1)
+        job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)
         return EvaluationPlan(job, ["8_Step-4000.ckpt"], "20260102030405")
 
     def launch(plan):

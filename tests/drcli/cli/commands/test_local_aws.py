@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from drcli.config.run_config import StorageConfig
 from drcli.runs.aws_command import aws_command
 from drcli.store.endpoint import Endpoint
 
@@ -15,7 +16,7 @@ def server(monkeypatch):
     """Which server the settings mean; none is started."""
 
     def choose(endpoint):
-        monkeypatch.setattr("drcli.runs.aws_command.running_endpoint", lambda *_: endpoint)
+        monkeypatch.setattr("drcli.store.server.server.ensure_running", lambda *_: endpoint)
 
     choose(OURS)
     return choose
@@ -93,7 +94,9 @@ def test_a_missing_aws_program_exits_7_and_says_how_to_get_it(
 def test_other_servers_are_called_with_their_profile(server, tmp_path, endpoint, options):
     server(endpoint)
 
-    arguments, environment = aws_command(None, tmp_path, ["s3", "ls"], {"AWS_PROFILE": "mine"})
+    arguments, environment = aws_command(
+        StorageConfig("aws", "bucket", tmp_path), ["s3", "ls"], {"AWS_PROFILE": "mine"}
+    )
 
     assert arguments == [*options, "s3", "ls"]
     assert environment["AWS_DEFAULT_REGION"] == endpoint.region

@@ -121,7 +121,7 @@ def test_a_bucket_that_fails_is_shown_with_its_reason(dr, working_folder, monkey
     def refuse(*_):
         raise StorageError("The keys are wrong.", remedy="Correct them.")
 
-    monkeypatch.setattr(summary, "known_endpoint", lambda *_: Endpoint("http://far:9000", pid=1))
+    monkeypatch.setattr(summary.server, "last_known", lambda *_: Endpoint("http://far:9000", pid=1))
     monkeypatch.setattr(summary, "open_running_bucket", refuse)
 
     code = dr("summary")
@@ -134,7 +134,7 @@ def test_a_bucket_that_fails_is_shown_with_its_reason(dr, working_folder, monkey
 
 def test_a_bucket_that_never_answers_is_not_waited_for(dr, working_folder, monkeypatch, capsys):
     over = threading.Event()
-    monkeypatch.setattr(summary, "known_endpoint", lambda *_: Endpoint("http://far:9000", pid=1))
+    monkeypatch.setattr(summary.server, "last_known", lambda *_: Endpoint("http://far:9000", pid=1))
     monkeypatch.setattr(summary, "open_running_bucket", lambda *_: over.wait(60) and None)
     monkeypatch.setattr(summary, "BUCKET_PATIENCE_S", 0.0)
 

@@ -7,7 +7,7 @@ import pytest
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.runs.goal_sentence import ending
+from drcli.workers.goals import ending
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def told(tmp_path):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         settings = load_settings(tmp_path, environ={})
-        job = Job(settings, tmp_path, "s", 1, until_laps, max_minutes, Path(), 1)
+        job = Job(settings.run, "s", 1, until_laps, max_minutes, Path(), 1)
         return ending(job, Hyperparameters(**parameters))
 
     return tell
