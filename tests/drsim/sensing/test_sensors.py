@@ -43,7 +43,7 @@ def test_a_camera_with_a_lidar_is_a_dict_in_sorted_order(lidar, values):
         (("LIDAR",), "exactly one of"),
         (("FRONT_FACING_CAMERA", "STEREO_CAMERAS"), "exactly one of"),
         (("observation", "LIDAR", "SECTOR_LIDAR"), "at most one of"),
-        (("observation", "SONAR"), "no sensor SONAR"),
+        (("observation", "SONAR"), "SONAR is not a sensor"),
     ],
 )
 def test_a_suite_that_no_car_carries_is_refused(names, sentence):
