@@ -162,7 +162,7 @@ def test_a_reward_function_that_cannot_be_interrupted_is_named_with_its_line(sta
     assert stage.run() == 3
 
     record = RunRecord.read(stage.job.folder)
-    assert "reward_function.py, line 2, failed: one operation took far longer" in record.message
+    assert "reward_function.py, line 2, failed: one operation takes far longer" in record.message
     assert record.message.endswith("\n  return sum(range(10**12))")
     assert "--resume" in record.remedy
 

@@ -37,7 +37,7 @@ CALLS = {
     f"set-upload-model {MODEL}": "The next upload goes to",
     "init elsewhere": "",
     "config show": "DR_WORLD_NAME=reinvent_base",
-    "config show DR_WORLD_NAME DR_HOST_X": "May be",
+    "config show DR_WORLD_NAME DR_HOST_X": "Allowed",
     "config check --settings": "Settings: no errors",
     "config set DR_WORKERS=1": "DR_WORKERS=1",
     "validate": "V-21",
