@@ -2,10 +2,16 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import pytest
 
 from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, built, parsed
+
+
+class Pair(NamedTuple):
+    word: str
+    number: int | None
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,7 @@ class Outer:
     loss: float = 0.0
     inner: Inner | None = None
     notes: dict[str, float] = field(default_factory=dict)
+    pair: Pair | None = None
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,7 @@ WHOLE = {
     "elapsed_s": 3,
     "inner": {"sizes": [1, 2]},
     "notes": {"a": 1},
+    "pair": ["b", 2],
     "written by a newer version": True,
 }
 
@@ -41,7 +49,8 @@ WHOLE = {
 def test_what_is_whole_comes_back_with_its_types():
     found = built(Outer, WHOLE)
 
-    assert found == Outer("a", 7, 3.0, 0.0, Inner((1, 2)), {"a": 1.0})
+    assert found == Outer("a", 7, 3.0, 0.0, Inner((1, 2)), {"a": 1.0}, Pair("b", 2))
+    assert isinstance(found.pair, Pair)
     assert isinstance(found.elapsed_s, float)
 
 
@@ -59,6 +68,8 @@ def test_what_is_whole_comes_back_with_its_types():
         ({"inner": [1]}, "in 'inner': it is a list"),
         ({"inner": {"sizes": ["x"]}}, "in 'inner': 'sizes' cannot be"),
         ({"inner": {}}, "in 'inner': 'sizes' is missing"),
+        ({"pair": ["b"]}, "'pair' cannot be"),
+        ({"pair": ["b", "x"]}, "'pair' cannot be"),
         ({"notes": {"a": "x"}}, r"'notes\.a' cannot be"),
     ],
 )

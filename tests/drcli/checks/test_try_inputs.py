@@ -12,6 +12,7 @@ from threading import Event
 import pytest
 
 from drcli.checks.before_start import examine
+from drcli.checks.sandbox.sandbox_records import SandboxRequest
 from drcli.checks.try_inputs import request_of, try_inputs
 from drcli.config.settings import load_settings
 from drcli.exchange.job import Job
@@ -110,6 +111,18 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
         examine(settings, job, {}, None)
 
     assert ends == [True]
+
+
+def test_the_sandbox_gets_the_races_and_nothing_else_of_the_settings(folder, tmp_path):
+    folder.write("../worker-2.env", "DR_OA_OBJECT_POSITIONS=0.25,-1;0.5,1\n")
+    folder.write("../run.env", "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\nTEAM_SECRET=hush\n")
+    races = load_settings(folder.path, environ={}).races
+
+    request_of(races, None).write(tmp_path)
+
+    assert SandboxRequest.read(tmp_path).races == list(races)
+    assert len(races) == 2
+    assert all(b"hush" not in path.read_bytes() for path in tmp_path.glob("*.json"))
 
 
 def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):

@@ -62,7 +62,7 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
     ("field", "value", "reason"),
     [
         ("world_name", 7, "'world_name' is not a text"),
-        ("race_type", "FOOTBALL", "'race_type' is none of TIME_TRIAL"),
+        ("race_type", "FOOTBALL", "'race_type' is not one of TIME_TRIAL"),
         ("sim_blur", "100", "'sim_blur' is above 4"),
     ],
 )
