@@ -36,11 +36,11 @@ class StorageError(DrError):
 
 
 class NoAnswer(StorageError):
-    """The server of the bucket is silent: it is down, or stuck with what it was asked for."""
+    """The server of the bucket does not answer: it is down, or stuck."""
 
 
 class DiskFull(StorageError):
-    """The bucket is reached, and has no room left."""
+    """The bucket can be reached, but has no room left."""
 
     final = True
 
@@ -52,21 +52,21 @@ class WorkerDied(DrError):
 
 
 class TrainingFailed(DrError):
-    """Learning cannot go on; everything learned before is kept."""
+    """Learning cannot continue; everything learned before is kept."""
 
     code = 6
     final = True
 
 
 class OwnershipLost(DrError):
-    """Another training has taken the model over; this one must not write there any more."""
+    """Another training has taken over the model; this one must not write there any more."""
 
     code = 8
     final = True
 
 
 class NotAvailable(DrError):
-    """What was asked for is not built yet, or needs a program that is not installed."""
+    """What was asked for is not implemented yet, or needs a program that is not installed."""
 
     code = 7
     final = True
@@ -80,14 +80,14 @@ class Aborted(DrError):
 
 
 class Absent(DrError):
-    """What was asked for does not run, or never ran. Source: the reference's code."""
+    """What was asked for is not running, or never ran. Source: the reference's code."""
 
     code = 1
     final = True
 
 
 class OutputLost(DrError):
-    """The result is there and cannot be printed."""
+    """There is a result, but it cannot be printed."""
 
     code = 1
     final = True

@@ -19,7 +19,7 @@ LONGEST_SHOWN = 80
 
 
 class Place(NamedTuple):
-    """Where a value stands.
+    """Where a value was given.
 
     Attributes:
         file: Name of a file, or another source such as `environment`, `flag` or `default`.
@@ -140,7 +140,7 @@ def few(sentences: Iterable[str]) -> list[str]:
 
 
 def shown(value: str) -> str:
-    """A value as it may stand in a sentence: short, on one line, safe for any terminal."""
+    """A value as it may be shown in a sentence: short, on one line, safe for any terminal."""
     text = value if value.isprintable() else ascii(value)
     return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "..."
 

@@ -64,7 +64,7 @@ class Examined:
     def design(self) -> Design:
         """Both parameter files; only where nothing is wrong."""
         if self.review.design is None:
-            raise ValueError("there is no design where the parameter files are wrong")
+            raise ValueError("the parameter files are wrong, so they have no design")
         return self.review.design
 
 

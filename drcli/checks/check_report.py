@@ -28,7 +28,7 @@ class Report:
         errors: What keeps a training from starting.
         warnings: What may surprise.
         skipped: Rules that could not be checked.
-        notes: What is as it should be, and what a start needs to be told about it.
+        notes: What is not wrong, but what a start will ask for.
     """
 
     directory: str

@@ -32,6 +32,7 @@ class Idle:
     line: int
     text: str
     holds: bool
+    """Whether it is always true; else it never is."""
 
     @property
     def message(self) -> str:
@@ -58,8 +59,7 @@ def idle_conditions(text: str | bytes) -> list[Idle]:
     recognised where it is read from the parameters, and by a name that only ever holds it; values
     that one function passes to another are not followed.
 
-    Args:
-        text: A reward function, or the bytes of its file; what is not Python has no conditions.
+    The text may be bytes; what is not Python has no conditions.
     """
     try:
         with warnings.catch_warnings():

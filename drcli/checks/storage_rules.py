@@ -13,7 +13,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
 
 LARGEST_SKEW_S = 300.0
-"""Servers refuse requests that are signed a quarter of an hour off; a third of that is told."""
+"""Servers refuse requests that are signed 15 minutes off; a third of that is a warning."""
 
 PROBE_FOLDER = ".validate/"
 

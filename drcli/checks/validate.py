@@ -24,7 +24,7 @@ from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import review_settings
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
-from drcli.config.worlds import fetchable
+from drcli.config.worlds import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find
@@ -60,16 +60,16 @@ def validate(
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
-    told = [_relative(each, directory) for each in validation.found]
+    found = [_relative(each, directory) for each in validation.found]
     devices = reviewed.settings.sagemaker_cuda_devices if reviewed.settings else ""
-    told += review_gpu(devices, environ)
+    found += review_gpu(devices, environ)
     return Report(
         str(directory),
         console_compatible,
-        of_severity(told, "error"),
-        of_severity(told, "warning"),
+        of_severity(found, "error"),
+        of_severity(found, "warning"),
         tuple(validation.skipped),
-        of_severity(told, "note"),
+        of_severity(found, "note"),
     )
 
 
@@ -126,7 +126,7 @@ class _Validation:
         self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
 
     def _note_running(self, settings: Settings) -> bool:
-        """Whether this run trains already, which is worth a warning."""
+        """Whether this run is being trained; if so, warn."""
         record = RunRecord.read(run_folder(self.directory, settings.run_id))
         if record is None or not record.alive:
             return False
@@ -189,14 +189,15 @@ class _Validation:
                 folder=Path(folder),
                 launcher_pid=os.getpid(),
             )
-            plans = Plans(wiping=trains)  # the prefix of a running training is in use rightly
+            plans = Plans(wiping=trains)  # the prefix of a running training may be in use
             try:
                 examined = examine(settings, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
                 examined = examine(settings, job, files, None, plans)
-        to_fetch = {track.where: track for track in fetchable(settings.races)}
+        tracks = track_problems(settings.races)
+        to_fetch = {each.where: each for each in tracks if each.severity == "note"}
         self.found += [_without_start(each, to_fetch) for each in examined.problems]
         return examined
 

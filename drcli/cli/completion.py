@@ -5,9 +5,7 @@ scripts are ours, and they ask in Typer's way: with the variables that Typer's s
 Its answer is the plainest, a line `word<Tab>meaning` for each candidate.
 """
 
-import os
 import shlex
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +18,11 @@ Shell = Literal["bash", "zsh", "fish"]
 SHELLS: tuple[Shell, ...] = get_args(Shell)
 
 QUESTION, LINE = "_DR_COMPLETE", "_TYPER_COMPLETE_ARGS"
-_QUESTION = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+"""Variables of Typer: one says that a shell asks, the other holds the line up to the cursor."""
 
-_ASK = f"env {' '.join(f'{name}={value}' for name, value in _QUESTION.items())} {LINE}="
+ASKS = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+
+_ASK = f"env {' '.join(f'{name}={value}' for name, value in ASKS.items())} {LINE}="
 
 _BASH = """\
 # Makes the Tab key complete the dr commands in bash. Written by `dr completion`.
@@ -81,16 +81,6 @@ def script(shell: Shell) -> str:
     """The lines for a shell, for all programs at once."""
     text = _TEMPLATES[shell].replace("{ask}", _ASK)
     return text.replace("{programs}", " ".join(program_names()))
-
-
-def former_program() -> None:
-    """Answer `drcli-complete SHELL WORD...`, which shells call that version 0.1.0 has set up."""
-    words = [word.strip("\"'") for word in sys.argv[2:]]
-    if "=" not in words:
-        os.environ.update({**_QUESTION, LINE: shlex.join(words)})
-        from drcli.cli.app import main  # which imports this module
-
-        main()
 
 
 @dataclass(frozen=True)

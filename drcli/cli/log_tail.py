@@ -1,17 +1,42 @@
-"""Reads the end of a log file, and lines that are added later."""
+"""Shows the end of a log file, and lines that are added later."""
 
 import os
+import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from drcli.base import log_files
+from drcli.cli import console
+
+POLL_S = 0.3
 
 _BLOCK_BYTES = 1 << 20
 
 _MOST_BYTES = 16 << 20
 """Most bytes to read at once: a log may be larger than the free memory."""
+
+
+def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> None:
+    """Print a log, and what is added to it, until Ctrl-C.
+
+    Args:
+        path: The log file.
+        last_lines: Number of lines to begin with; None for all, with the rotated parts.
+        follow: Whether to wait for more lines; asked again and again.
+    """
+    tail = Tail(path, last_lines)
+    try:
+        for piece in older(path) if last_lines is None else ():
+            console.write(piece)
+        while follow():
+            console.write(tail.read(), followed=True)
+            time.sleep(POLL_S)
+        while text := tail.read(unfinished=True):
+            console.write(text)
+    except KeyboardInterrupt:  # the way to end it is not a failure
+        return
 
 
 class Tail:

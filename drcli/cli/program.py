@@ -1,10 +1,13 @@
-"""What every `dr` program runs: the command line, which Ctrl-C may end from its first moment on."""
+"""What our programs run. Ctrl-C may end them from their first moment on."""
 
+import os
+import shlex
 import signal
+import sys
 
 
 def main() -> None:
-    """Run the command line.
+    """Run the command line, for `dr` and every `dr-...`.
 
     Raises:
         SystemExit: Always, with the exit code.
@@ -18,3 +21,13 @@ def main() -> None:
     finally:
         # It is over: a second Ctrl-C must not change how it ended.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def answer_former_shells() -> None:
+    """Answer `drcli-complete SHELL WORD...`, which shells call that version 0.1.0 has set up."""
+    from drcli.cli.completion import ASKS, LINE
+
+    words = [word.strip("\"'") for word in sys.argv[2:]]
+    if "=" not in words:  # bash passes NAME=value in three words, and these scripts expect a part
+        os.environ.update({**ASKS, LINE: shlex.join(words)})
+        main()

@@ -1,4 +1,4 @@
-"""Stays with a training: a live display on a terminal, lines elsewhere, or logs."""
+"""Shows a running training: a live display on a terminal, lines elsewhere, or logs."""
 
 import threading
 import time
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from drcli.runs.status import RunReport
 
 POLL_S = 1.0
-"""How often a run is looked at; a look takes processor time that the training lacks."""
+"""Time between two looks at a run; each look takes processor time from the training."""
 
 NEXT = [
-    ("dr-logs trainer -f", "follow the learner"),
-    ("dr-status", "how far the car gets"),
-    ("dr-stop-training", "stop; nothing is lost"),
+    ("dr-logs trainer -f", "follow the trainer's log"),
+    ("dr-status", "show the progress"),
+    ("dr-stop-training", "stop; what was learned is kept"),
 ]
-"""What somebody may want to do after a start."""
+"""What to do after a start."""
 
 Show = Callable[["RunReport"], None]
-"""Takes each look at a run."""
+"""Shows one report of a run."""
 
 Display = AbstractContextManager[Show]
 
@@ -37,7 +37,7 @@ def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
     """Watch until the training ends.
 
     Returns:
-        The last look, or None when the watcher left with Ctrl-C, or closed the pipe.
+        The last report, or None after Ctrl-C or a closed pipe.
     """
     try:
         with display as show:
@@ -53,12 +53,12 @@ def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
 
 
 class _ReaderLeft(Exception):
-    """Nobody reads any more what is shown."""
+    """The pipe that the output goes to was closed."""
 
 
 @contextmanager
 def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
-    """Watch from a thread while the training runs in this very process."""
+    """Watch from a thread while the training runs in this process."""
     stop = threading.Event()
     with display as show:
         watcher = threading.Thread(
@@ -77,7 +77,7 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
 
 @contextmanager
 def live(*, verbose: bool) -> Iterator[Show]:
-    """One display that is drawn again and again."""
+    """A display that is redrawn."""
     from rich.live import Live
 
     with Live(console=console.err, auto_refresh=False) as screen:
@@ -90,16 +90,16 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
     """A line for every iteration.
 
     Args:
-        before: Iterations of earlier starts, which are not repeated.
-        verbose: Long lines.
+        before: Iterations of earlier starts, which are not printed again.
+        verbose: Whether to print long lines.
     """
-    # An iteration that is driven again has the same number and another time.
+    # An iteration that is repeated has the same number and another time.
     printed = {(record.iteration, record.elapsed_s) for record in before}
     warned = False
 
     def show(report: "RunReport") -> None:
         nonlocal warned
-        # The newest iteration waits for its evaluation, which arrives with the next one.
+        # The newest iteration waits for its evaluation, which comes with the next one.
         ready = report.history if is_over(report) else report.history[:-1]
         for record in ready:
             if (record.iteration, record.elapsed_s) not in printed:
@@ -113,10 +113,10 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
 
 
 def logs(paths: Mapping[str, Path]) -> Display:
-    """What is added to log files from now on.
+    """Lines that are added to log files from now on.
 
     Args:
-        paths: Log files by worker; several are told apart by that name before every line.
+        paths: Log files by worker; with several, each line begins with the worker's name.
     """
     tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
     for tail in tails.values():
@@ -131,17 +131,17 @@ def logs(paths: Mapping[str, Path]) -> Display:
 
 
 def nothing() -> Display:
-    """Silence."""
+    """No display."""
     return nullcontext(lambda report: None)
 
 
 def is_over(report: "RunReport") -> bool:
-    """Whether there is nothing more to watch."""
+    """Whether the run has ended."""
     return report.state not in ("starting", "running")
 
 
 def _watch(config: "RunConfig", show: Show, stop: threading.Event | None = None) -> "RunReport":
-    """Look and show, until the training is over or, where there is a `stop`, once after that."""
+    """Look and show until the training ends or, with a `stop`, once after that is set."""
     from drcli.runs.status import inspect
 
     clock = stop or threading.Event()

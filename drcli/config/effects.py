@@ -13,6 +13,8 @@ OUTSIDE = ("default", "environment")
 """Sources of values that the racer has not written into a file: a shell in which the reference was
 activated holds all of its names."""
 
+REMEDY = "Keep the lines or remove them."
+
 
 @dataclass(frozen=True)
 class Idle:
@@ -38,28 +40,17 @@ def idle(settings: Settings) -> tuple[Idle, ...]:
 
 def without_effect(settings: Settings) -> Iterator[Problem]:
     """Warnings about settings that do nothing: one per reason, and one for all harmless ones."""
-    yield from missed(settings)
-    rest = remainder(settings)
-    if rest is not None:
-        yield rest
-
-
-def missed(settings: Settings) -> Iterator[Problem]:
-    """A warning per reason about settings whose effect somebody may expect."""
     by_reason: dict[str, list[_Useless]] = {}
     for item in _useless(settings):
         if item.missed:
             by_reason.setdefault(item.reason, []).append(item)
     for reason, group in by_reason.items():
-        written = ", ".join(item.written for item in group)
-        verb = "has" if len(group) == 1 else "have"
-        yield setting_problem(
-            group[0].name,
-            settings.place(group[0].name),
-            f"{written} {verb} no effect: {reason}.",
-            "Keep the lines or remove them.",
-            severity="warning",
-        )
+        name, written = group[0].name, ", ".join(item.written for item in group)
+        what = f"{written} {'has' if len(group) == 1 else 'have'} no effect: {reason}."
+        yield setting_problem(name, settings.place(name), what, REMEDY, severity="warning")
+    rest = remainder(settings)
+    if rest is not None:
+        yield rest
 
 
 def remainder(settings: Settings) -> Problem | None:
@@ -68,32 +59,24 @@ def remainder(settings: Settings) -> Problem | None:
     harmless = [name for group in idle(settings) for name in group.names if name not in told]
     if not harmless:
         return None
-    files = sorted({settings.place(name).file for name in harmless})
-    verb = "is" if len(harmless) == 1 else "are"
-    return file_problem(
-        Place(" and ".join(files)),
-        f"{len(harmless)} of the settings {verb} for containers, windows, videos and the like, "
-        "without effect here. `dr config check` names them.",
-        "Keep the lines or remove them.",
-        severity="warning",
+    place = Place(" and ".join(sorted({settings.place(name).file for name in harmless})))
+    what = (
+        f"{len(harmless)} of the settings {'is' if len(harmless) == 1 else 'are'} for containers, "
+        "windows, videos and the like, without effect here. `dr config check` names them."
     )
+    return file_problem(place, what, REMEDY, severity="warning")
 
 
 @dataclass(frozen=True)
 class _Useless:
-    """A name that does nothing here, whoever set it.
-
-    Attributes:
-        name: The name.
-        reason: Why, without a full stop.
-        written: Name and value, as they may be shown.
-        missed: Whether somebody may expect an effect.
-    """
+    """A name that does nothing here, whoever set it."""
 
     name: str
     reason: str
     written: str
+    """Name and value, as they may be shown."""
     missed: bool
+    """Whether somebody may expect an effect."""
 
 
 def _useless(settings: Settings) -> Iterator[_Useless]:

@@ -1,6 +1,6 @@
-"""Reads and edits run.env and system.env: NAME=value lines, each with the place it stands at.
+"""Reads and edits run.env and system.env: NAME=value lines, each with its place.
 
-The lines are read, never executed. Values may hold spaces and `=`, may stand in quotes, and `#`
+The lines are read, never executed. Values may hold spaces and `=`, may be in quotes, and `#`
 after a space starts a comment. `$NAME` is left in place here; `drcli.config.layers` fills it in.
 """
 
@@ -18,7 +18,7 @@ from drcli.base.text_file import decode
 from drcli.config.setting_problems import GENERAL_RULE, file_problem
 
 LARGEST_BYTES = 64 * 1024
-"""No settings file comes near this; a file beyond it was named by mistake."""
+"""A larger file was named by mistake."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LINE_END = re.compile(r"\r\n|\n|\r")
@@ -31,19 +31,13 @@ _BARE = re.compile(
 
 @dataclass(frozen=True)
 class Entry:
-    """One value somebody gave to a name.
-
-    Attributes:
-        name: The variable.
-        value: The text as written, without its quotes.
-        place: Where it stands.
-        expands: Whether `$NAME` inside stands for another value.
-    """
+    """One value that somebody gave to a name, as written but without its quotes."""
 
     name: str
     value: str
     place: Place
     expands: bool
+    """Whether `$NAME` inside stands for another value."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +49,7 @@ class EnvFile:
 
 
 def read_env_file(path: Path, name: str) -> EnvFile:
-    """Read a file.
-
-    Args:
-        path: The file.
-        name: What to call it in messages.
+    """Read a file that messages call by a name.
 
     Raises:
         ProblemsError: It cannot be opened or is not text.
@@ -68,11 +58,7 @@ def read_env_file(path: Path, name: str) -> EnvFile:
 
 
 def content_of(path: Path, name: str) -> bytes:
-    """The bytes of a settings file.
-
-    Args:
-        path: The file.
-        name: What to call it in messages.
+    """The bytes of a file that messages call by a name.
 
     Raises:
         ProblemsError: It cannot be opened.
@@ -86,11 +72,7 @@ def content_of(path: Path, name: str) -> bytes:
 
 
 def parse_env(data: bytes, name: str) -> EnvFile:
-    """Take the content of a settings file apart.
-
-    Args:
-        data: Content, UTF-8 with or without a byte order mark, any line ends.
-        name: What to call the file in messages.
+    """Parse a settings file: UTF-8 with or without a byte order mark, any line ends.
 
     Raises:
         ProblemsError: The content is not text.
@@ -113,12 +95,12 @@ def parse_env(data: bytes, name: str) -> EnvFile:
 def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     """The content of a settings file with other values for some names.
 
-    Everything else stays as it is: comments, also those behind the values, order, quotes, line
-    ends, byte order mark. Where a name stands twice the last line is changed, which is the one
-    that counts; a name that is missing gets a line at the end.
+    Everything else stays as it is: comments, order, quotes, line ends, byte order mark. Of a name
+    that occurs twice the last line is changed, which is the one that counts; a new name gets a
+    line at the end.
 
     Args:
-        data: Content that `parse_env` finds nothing wrong with.
+        data: Content without problems.
         values: New values by name, without quotes or line breaks in them.
         name: What to call the file in messages.
 
@@ -143,18 +125,10 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
 
 
 def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None:
-    """The content of a settings file in which a name reads as one value, and all else as before.
-
-    The value gets quotes where it needs them; a `$` in it stays alive.
-
-    Args:
-        data: Content that `parse_env` finds nothing wrong with.
-        key: The name to give a value to.
-        value: What it shall read as.
-        name: What to call the file in messages.
+    """`with_values` for one value, in quotes where it needs them; a `$` in it keeps its meaning.
 
     Returns:
-        None where no quotes help, or the value is not text.
+        None where quotes do not help, or the value is not text.
 
     Raises:
         ProblemsError: The content is not text.

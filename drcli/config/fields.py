@@ -160,7 +160,7 @@ def setting(
     """Declare a field of a group.
 
     Args:
-        name: Its DR_ name, which stands nowhere else.
+        name: Its DR_ name, which nothing else has.
         default: Its value when nobody sets it; texts may hold `$NAME`.
         meaning: One line for the documentation.
         low: Least value allowed.

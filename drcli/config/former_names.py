@@ -1,7 +1,7 @@
-"""Names that templates and scripts of the reference had once, and that do nothing here.
+"""Names that templates and scripts of the reference used to have, and that do nothing here.
 
 Folders of earlier years hold them, and so do shells in which an earlier version was activated.
-They are no settings, so no value of theirs is read; names that mean a setting of today are its
+They are not settings, so their values are not read; names that mean a setting of today are its
 `old_names`.
 """
 
@@ -23,8 +23,8 @@ class Former:
     Attributes:
         meaning: One line.
         reason: Why it does nothing here, without a full stop.
-        harmless: The values, in small letters, with which nobody counts on it; None where nobody
-            does whatever the value.
+        harmless: The values, in small letters, with which nobody expects an effect; None where
+            that is so for every value.
     """
 
     meaning: str
@@ -32,7 +32,7 @@ class Former:
     harmless: tuple[str, ...] | None = None
 
     def missed(self, value: str) -> bool:
-        """Whether somebody who wrote that value counts on an effect."""
+        """Whether somebody who wrote that value expects an effect."""
         return self.harmless is not None and value.strip().casefold() not in self.harmless
 
 
@@ -91,7 +91,7 @@ FORMER: Mapping[str, Former] = {
     "DR_OA_NUMBER_OF_PSEUDO_RANDOM_PLACEMENTS": Former(
         "How many arrangements.", "obstacles are not drawn from a few arrangements"
     ),
-    # The two stand so in a script of the reference.
+    # These two are in a script of the reference, cut off like this.
     "DR_TRAIN_ALTERNATE_DRIVI": Former(
         "Turn round after every training episode.",
         _CUT_OFF.format("DR_TRAIN_ALTERNATE_DRIVING_DIRECTION"),

@@ -14,7 +14,7 @@ from drcli.config.layers import Layers
 from drcli.config.model import Settings, catalogue
 from drcli.config.secrets import hidden
 from drcli.config.settings import load_settings
-from drcli.config.worlds import fetchable, missing
+from drcli.config.worlds import track_problems
 
 
 @dataclass(frozen=True)
@@ -191,8 +191,8 @@ def warnings_of(problems: Iterable[Problem]) -> list[str]:
 
 
 def _all_problems(settings: Settings) -> tuple[Problem, ...]:
-    """What loading did not refuse, and tracks that do not exist or have to be fetched."""
-    return (*missing(settings.races), *settings.problems, *fetchable(settings.races))
+    """What loading did not refuse, and tracks that are unknown or have to be fetched."""
+    return (*settings.problems, *track_problems(settings.races))
 
 
 def _value(settings: Settings, setting: Setting) -> Value:

@@ -1,6 +1,6 @@
 """Flag, process environment, run.env and system.env on top of each other, with $NAME filled in.
 
-A reference takes the value that wins in the end, wherever it stands: overriding the model prefix
+A reference takes the value that wins in the end, wherever it is set: overriding the model prefix
 with a flag moves the metrics folder that run.env derives from it too. A name that refers to itself
 means the value below its own layer.
 """
@@ -13,7 +13,7 @@ from drcli.config.env_file import Entry
 from drcli.config.setting_problems import setting_problem
 
 LONGEST_VALUE = 4096
-"""Characters of a filled-in value. Names that repeat each other could otherwise fill the memory."""
+"""Characters of a filled-in value, so that names that repeat each other cannot fill the memory."""
 
 DEEPEST_CHAIN = 20
 """Names that may refer to each other in a row."""
@@ -28,12 +28,7 @@ def references(value: str) -> set[str]:
 
 
 class Layers:
-    """Looks up names, the strongest layer first.
-
-    Args:
-        layers: Entries by name, strongest layer first.
-        defaults: Values of the names that nobody set; `$NAME` is filled in there too.
-    """
+    """Looks up names: in entries by name, the strongest layer first, then in defaults."""
 
     def __init__(self, layers: Sequence[Mapping[str, Entry]], defaults: Mapping[str, str]) -> None:
         self.problems: dict[str, Problem] = {}
@@ -47,6 +42,11 @@ class Layers:
     def find(self, name: str) -> Entry | None:
         """What was written in the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
+
+    def place(self, name: str) -> Place:
+        """Where the name was written; `default` where nobody did."""
+        entry = self.find(name)
+        return Place("default") if entry is None else entry.place
 
     def names(self) -> set[str]:
         """Every name that somebody wrote."""
@@ -86,7 +86,7 @@ class Layers:
             if name == entry.name:
                 value = self._text(name, below, trail) if below < len(self._layers) else None
             elif name in trail or len(trail) > DEEPEST_CHAIN:
-                self._reject(entry, f"refers in a circle or through too many names ({name})")
+                self._reject(entry, f"refers to itself or through too many names ({name})")
                 return ""
             else:
                 value = self._text(name, 0, trail)
@@ -95,13 +95,13 @@ class Layers:
             if not value and match[2] is not None:
                 return match[2]
             if value is None:
-                self._reject(entry, f"refers to {name}, which is set nowhere", name)
+                self._reject(entry, f"refers to {name}, which is not set", name)
                 return ""
             return value
 
         text = _REFERENCE.sub(fill, entry.value)
         if len(text) > LONGEST_VALUE:
-            self._reject(entry, f"grows beyond {LONGEST_VALUE} characters once filled in")
+            self._reject(entry, f"is longer than {LONGEST_VALUE} characters once filled in")
             return ""
         return text
 

@@ -22,12 +22,7 @@ from drcli.config.setting_problems import file_problem, setting_problem
 
 
 class Loader:
-    """One load: collects problems until it can raise or return.
-
-    Args:
-        directory: Folder with run.env, absolute.
-        contents: Content of files, by name, that replaces what is on the disk.
-    """
+    """One load: collects problems until it can raise or return. Arguments are those of `Files`."""
 
     def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
         self._files = Files(directory, contents)
@@ -86,11 +81,7 @@ class Loader:
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
     def run_file(self, upper: list[dict[str, Entry]]) -> str:
-        """Name of the run.env that counts.
-
-        Args:
-            upper: Layers above the files.
-        """
+        """Name of the run.env that counts, below these layers."""
         experiment = chosen_experiment(self._files, [*upper, self._system()])
         return run_file(self._files, upper, experiment)
 
@@ -111,16 +102,15 @@ class Loader:
         """The entries of a worker's own file that may differ from worker to worker."""
         name = f"{folder}worker-{worker}.env"
         if not self._files.exist(name):
-            self._problems.append(
-                setting_problem(
-                    "DR_WORKERS",
-                    Place(name),
-                    f"there is no such file in {self._files.directory}, but "
-                    f"DR_TRAIN_MULTI_CONFIG is True and there is a worker {worker}.",
-                    f"Write the track and race of that worker into {name}, or set DR_WORKERS to "
-                    f"{worker - 1}.",
-                )
+            what = (
+                f"there is no such file in {self._files.directory}, but DR_TRAIN_MULTI_CONFIG is "
+                f"True and there is a worker {worker}."
             )
+            remedy = (
+                f"Write the track and race of that worker into {name}, or set DR_WORKERS to "
+                f"{worker - 1}."
+            )
+            self._problems.append(setting_problem("DR_WORKERS", Place(name), what, remedy))
             return {}
         entries = self._files.read(name)
         for key in [key for key in entries if not _is_of_worker(key)]:
@@ -152,7 +142,7 @@ class Loader:
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
         entry = run.pop(EXPERIMENT, None)
         if entry is not None and entry.value not in ("", experiment):
-            what = f"{EXPERIMENT}={shown(entry.value)} comes too late to choose a run.env."
+            what = f"{EXPERIMENT}={shown(entry.value)} is set in the run.env that it should choose."
             remedy = "Move the line to system.env."
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
@@ -191,8 +181,8 @@ class Loader:
             what = f"{name}={shown(hidden(name, texts[name]))} {reason}"
             if written != texts[name]:
                 what += f" (written {shown(hidden(name, written))})"
-            place = entry.place if entry is not None else Place("default")
-            self._blame(name, setting_problem(name, place, f"{what}.", remedy), dropped)
+            problem = setting_problem(name, layers.place(name), f"{what}.", remedy)
+            self._blame(name, problem, dropped)
         return values, dropped & layers.names()
 
     def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
@@ -204,7 +194,7 @@ class Loader:
         self._add([problem])
 
     def _tidy(self, name: str, text: str, layers: Layers) -> str:
-        """Spell choices as they are declared, and make folders independent of where we stand."""
+        """Spell choices as they are declared, and make folders absolute."""
         setting = catalogue()[name]
         if setting.kind == "choice":
             spelt = {choice.casefold(): choice for choice in setting.choices}
@@ -220,11 +210,9 @@ class Loader:
         try:
             return path.expanduser()
         except RuntimeError:  # neither HOME nor the list of users tells
-            entry = layers.find(name)
-            place = entry.place if entry is not None else Place("default")
             what = f"{name}={shown(text)}: the home folder of this user is not known."
             remedy = "Write the whole path, or set HOME."
-            self._add([setting_problem(name, place, what, remedy)])
+            self._add([setting_problem(name, layers.place(name), what, remedy)])
             return path
 
 

@@ -12,17 +12,12 @@ from drcli.config.secrets import hidden
 from drcli.config.setting_problems import file_problem, setting_problem
 
 TYPO_SIMILARITY = 0.85
-"""From here on an unknown DR_ name is taken for a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
+"""From here on an unknown DR_ name is a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
 
 
 @dataclass(frozen=True)
 class UnknownNames:
-    """Names that are not settings.
-
-    Attributes:
-        values: Their values, with everything filled in.
-        problems: Misspelt settings, and warnings about names that nothing refers to.
-    """
+    """Names that are not settings, with their filled-in values, and what is wrong with them."""
 
     values: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
@@ -34,14 +29,7 @@ def old_names() -> dict[str, str]:
 
 
 def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
-    """Let old names stand for the present ones.
-
-    Args:
-        layers: Entries by name, strongest layer first; they are changed.
-
-    Returns:
-        A warning about each old name.
-    """
+    """Let old names stand for the present ones, in the layers; a warning about each of them."""
     warnings = []
     for old, name in old_names().items():
         layer = next((layer for layer in layers if old in layer), None)
@@ -63,7 +51,7 @@ def unknown_names(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Unkn
 
     Args:
         looked_up: Knows which names the values of settings refer to.
-        layers: Entries by name, strongest layer first.
+        layers: The layers that were looked up in.
     """
     found = UnknownNames()
     known = catalogue().keys() | old_names().keys()

@@ -16,7 +16,7 @@ from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings, load_settings
 from drcli.config.shipped import activate_script, model_file, settings_file
 from drcli.config.value_types import FOLDER_NAME
-from drcli.config.worlds import ROUTE_FILES, built_in, is_here, own
+from drcli.config.worlds import ROUTE_FILES, built_in, is_installed, own
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
@@ -203,7 +203,7 @@ def _gitignore(path: Path) -> bytes:
 def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
     """The track where it is still to be fetched, and a sentence about that."""
     world = settings.world_name
-    if is_here(settings.race) or world.endswith(ROUTE_FILES):
+    if is_installed(settings.race) or world.endswith(ROUTE_FILES):
         return None, ()
     known = sorted({*built_in(), *own(settings.tracks_folder)})
     warning = (

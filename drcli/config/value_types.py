@@ -13,10 +13,10 @@ FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""
 
 HOME_REGION = "us-east-1"
-"""What stands for no region."""
+"""Used where no region is given."""
 
 LONGEST_KEY, LONGEST_PART = 800, 255
-"""Characters of a name in the bucket, and of what stands between its slashes: S3 takes 1024 bytes,
+"""Characters of a name in the bucket, and of the parts between its slashes: S3 takes 1024 bytes,
 of which a model's files need some, and file systems take 255."""
 
 BESIDE_MODELS = ("runs", "rollouts")
@@ -62,7 +62,7 @@ def _object_key(value: str) -> str:
     bad = re.search(r"[^A-Za-z0-9._/-]", value)
     if bad is not None:
         raise BadValue(
-            f"holds {bad[0]!a}, which cannot stand in a name in the bucket",
+            f"holds {bad[0]!a}, which is not allowed in a name in the bucket",
             "Use only letters, digits, and the characters . _ - /.",
         )
     if len(value) > LONGEST_KEY or any(len(part) > LONGEST_PART for part in value.split("/")):

@@ -1,7 +1,7 @@
-"""Which tracks there are, by name, without loading the simulation that drives on them."""
+"""Knows the names of all tracks, without loading the simulation."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,16 +52,12 @@ def built_in() -> list[str]:
 
 
 def own(folder: Path) -> list[str]:
-    """The racer's own tracks.
-
-    Args:
-        folder: Where their route files lie; it need not exist.
-    """
+    """The racer's own tracks, by the route files in a folder, which need not exist."""
     return _stems(folder, ROUTE_FILES)
 
 
-def is_here(race: "RaceConfig") -> bool:
-    """Whether the track of a race is here; also where that cannot be known."""
+def is_installed(race: "RaceConfig") -> bool:
+    """Whether the track of a race is installed; also where that cannot be known."""
     if not built_in():
         return True
     world = race.world_name
@@ -75,44 +71,36 @@ def is_here(race: "RaceConfig") -> bool:
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def missing(races: "Sequence[RaceConfig]") -> Iterator[Problem]:
-    """The tracks that are neither here nor the community's, each place that names one once."""
-    for chosen in _absent(races):
-        if not can_be_fetched(chosen):
-            yield setting_problem(
-                "DR_WORLD_NAME",
-                chosen.place("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={shown(chosen.world_name)} is not a known track.",
-                remedy(chosen),
-            )
+def track_problem(race: "RaceConfig") -> Problem | None:
+    """What is wrong with the track of a race; a note where it can be fetched."""
+    place, name = race.place("DR_WORLD_NAME"), race.world_name
+    if is_installed(race):
+        return None
+    if _name(race) in COMMUNITY:
+        what = f"DR_WORLD_NAME={name} is a community track that is not installed yet."
+        return setting_problem("DR_WORLD_NAME", place, what, remedy(race), severity="note")
+    what = f"DR_WORLD_NAME={shown(name)} is not a known track."
+    return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
 
 
-def fetchable(races: "Sequence[RaceConfig]") -> Iterator[Problem]:
-    """The tracks of the community that are not here yet, each place that names one once."""
-    for chosen in _absent(races):
-        if can_be_fetched(chosen):
-            yield setting_problem(
-                "DR_WORLD_NAME",
-                chosen.place("DR_WORLD_NAME"),
-                f"DR_WORLD_NAME={chosen.world_name} is a community track that is not installed "
-                "yet.",
-                remedy(chosen),
-                severity="note",
-            )
+def track_problems(races: "Sequence[RaceConfig]") -> list[Problem]:
+    """The same for the tracks of all workers, each place once."""
+    problems = map(track_problem, races)
+    return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
 def to_fetch(races: "Sequence[RaceConfig]") -> list[str]:
     """Names of the community's tracks that a start has to fetch first."""
-    return list(dict.fromkeys(_name(chosen) for chosen in _absent(races) if can_be_fetched(chosen)))
+    return list(dict.fromkeys(_name(race) for race in races if can_be_fetched(race)))
 
 
 def can_be_fetched(race: "RaceConfig") -> bool:
-    """Whether the track of a race is the community's and not here."""
-    return _name(race) in COMMUNITY and not is_here(race)
+    """Whether the track of a race is a community track that is not installed."""
+    return _name(race) in COMMUNITY and not is_installed(race)
 
 
 def remedy(race: "RaceConfig") -> str:
-    """What to do about a track that is not here."""
+    """What to do about a track that is not installed."""
     name = _name(race)
     if name in COMMUNITY:
         return (
@@ -125,18 +113,8 @@ def remedy(race: "RaceConfig") -> str:
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _absent(races: "Sequence[RaceConfig]") -> Iterator["RaceConfig"]:
-    """The races whose track is not here, one for each place that names one."""
-    places = set()
-    for chosen in races:
-        place = chosen.place("DR_WORLD_NAME")
-        if place not in places and not is_here(chosen):
-            places.add(place)
-            yield chosen
-
-
 def _name(race: "RaceConfig") -> str:
-    """The track without the ending of a file that people write behind it."""
+    """The track without the ending of a file, which people may write."""
     world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 

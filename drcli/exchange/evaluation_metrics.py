@@ -14,20 +14,9 @@ REPORT_FILE = "evaluation.json"
 
 @dataclass(frozen=True)
 class TrialMetrics(JsonRecord):
-    """One trial, or one lap of a continuous race.
+    """One trial, or one lap of a continuous race. Times are milliseconds of the simulation clock.
 
-    Attributes:
-        completion_percentage: Of the lap, 0 to 100.
-        metric_time: Simulation clock at its end, milliseconds.
-        start_time: Simulation clock at its start, milliseconds.
-        elapsed_time_in_milliseconds: Simulated time between them.
-        episode_status: How it ended, in the words of `STATUS_LABELS`.
-        crash_count: Steps in which the car was put back for a crash.
-        immobilized_count: The same for standing still.
-        off_track_count: The same for leaving the track.
-        reversed_count: The same for driving the wrong way.
-        reset_count: How often the car was put back.
-        trial: Its number, from 1.
+    The counts are violations, and `reset_count` says how many of them put the car back.
     """
 
     completion_percentage: int

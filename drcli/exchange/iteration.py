@@ -12,7 +12,7 @@ from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, parsed
 class IterationRecord(JsonRecord):
     """One iteration: what was driven with a checkpoint and what was learned from it.
 
-    Numbers that nobody knows any more are NaN in a history that was reconstructed.
+    Numbers that are unknown are NaN, as in a history that was reconstructed.
 
     Attributes:
         iteration: Number of the checkpoint that drove, from 0.

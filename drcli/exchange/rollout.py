@@ -28,42 +28,34 @@ SCHEMA = "2"
 
 _ZSTD_LEVEL = 1
 
-_OF_STEPS = {
-    "actions": "actions",
-    "log_probs": "log_probs",
-    "values": "values",
-    "rewards": "rewards",
-    "scans": "extra.scans",
-    "states": "extra.states",
+_STEP = {
+    "actions": ("actions", None),
+    "log_probs": ("log_probs", np.float32),
+    "values": ("values", np.float64),
+    "rewards": ("rewards", np.float64),
+    "scans": ("extra.scans", np.float32),
+    "states": ("extra.states", np.float32),
 }
-"""Columns of a rollout with a row for each step, and their names in the file."""
+"""Columns with a row for each step, beside the frames: name in the file, and type."""
 
-_OF_EPISODES = {
-    "lengths": "episode_lengths",
-    "last_values": "extra.last_values",
-    "cut": "extra.cut",
+_EPISODE = {
+    "lengths": ("episode_lengths", np.int64),
+    "last_values": ("extra.last_values", np.float64),
+    "cut": ("extra.cut", np.bool_),
+    "numbers": ("episode_numbers", np.int64),
+    "progress": ("extra.progress", np.float64),
+    "completed": ("extra.completed", np.bool_),
+    "duration_s": ("extra.duration_s", np.float64),
 }
-"""Columns of a rollout with a row for each episode, and their names in the file."""
-
-_OF_OUTCOMES = {
-    "numbers": "episode_numbers",
-    "progress": "extra.progress",
-    "completed": "extra.completed",
-    "duration_s": "extra.duration_s",
-}
-"""Columns beside the rollout with a row for each episode, and their names in the file."""
-
-_TYPES = {
-    **dict.fromkeys(("log_probs", "scans", "states"), np.float32),
-    **dict.fromkeys(("values", "rewards", "last_values", "progress", "duration_s"), np.float64),
-    **dict.fromkeys(("lengths", "numbers"), np.int64),
-    **dict.fromkeys(("cut", "completed"), np.bool_),
-}
+"""Columns with a row for each episode: name in the file, and type."""
 
 LARGEST_FRAMES_BYTES = 1 << 20
 """What the frames of one step take at most. Two cameras of 160 x 120 take 38,400."""
 
 _LARGEST_HEADER_BYTES = 1 << 20
+
+_OUTCOMES = ("numbers", "progress", "completed", "duration_s")
+"""Columns that the learner does not take."""
 
 
 @dataclass(frozen=True)
@@ -96,22 +88,19 @@ class Episodes:
             raise ValueError(f"frames are (T, eyes, height, width) uint8, not {_shape(frames)}")
         if actions.dtype not in (np.int64, np.float32):
             raise ValueError(f"actions are int64 or float32, not {actions.dtype}")
-        for names, rows, what in (
-            (_OF_STEPS, steps, "frames"),
-            (_OF_EPISODES, count, "episodes"),
-            (_OF_OUTCOMES, count, "episodes"),
-        ):
-            for name in names:
-                column = self._column(name)
+        for columns, rows, what in ((_STEP, steps, "frames"), (_EPISODE, count, "episodes")):
+            for name, (_, kind) in columns.items():
+                column = self.column(name)
                 if len(column) != rows:
                     raise ValueError(f"{name} has {len(column)} rows for {rows} {what}")
-                if column.dtype != _TYPES.get(name, column.dtype):
-                    raise ValueError(f"{name} is {_TYPES[name].__name__}, not {column.dtype}")
+                if kind is not None and column.dtype != kind:
+                    raise ValueError(f"{name} is {kind.__name__}, not {column.dtype}")
         if int(self.rollout.lengths.sum()) != steps:
             raise ValueError(f"episodes of {self.rollout.lengths.sum()} steps, {steps} frames")
 
-    def _column(self, name: str) -> NDArray[Any]:
-        column: NDArray[Any] = getattr(self if name in _OF_OUTCOMES else self.rollout, name)
+    def column(self, name: str) -> NDArray[Any]:
+        """A column by its name, whether the learner takes it or not."""
+        column: NDArray[Any] = getattr(self if name in _OUTCOMES else self.rollout, name)
         return column
 
     @property
@@ -133,8 +122,8 @@ class Episodes:
         ends = np.cumsum(self.rollout.lengths)
         begins = ends - self.rollout.lengths
         rows = np.concatenate([np.arange(begins[i], ends[i]) for i in which])
-        columns = {name: self._column(name)[rows] for name in ("frames", *_OF_STEPS)}
-        columns |= {name: self._column(name)[which] for name in (*_OF_EPISODES, *_OF_OUTCOMES)}
+        columns = {name: self.column(name)[rows] for name in ("frames", *_STEP)}
+        columns |= {name: self.column(name)[which] for name in _EPISODE}
         return _episodes(columns)
 
 
@@ -143,8 +132,8 @@ def encode_episodes(episodes: Episodes) -> bytes:
     frames = np.ascontiguousarray(episodes.rollout.frames)
     packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(frames.data.cast("B"))
     tensors = {"frames": np.frombuffer(packed, np.uint8)}
-    for name, key in {**_OF_STEPS, **_OF_EPISODES, **_OF_OUTCOMES}.items():
-        tensors[key] = np.ascontiguousarray(episodes._column(name))
+    for name, (key, _) in (_STEP | _EPISODE).items():
+        tensors[key] = np.ascontiguousarray(episodes.column(name))
     header = {"schema": SCHEMA, "frames_shape": json.dumps(frames.shape), "notes": "{}"}
     return bytes(save(tensors, metadata=header))
 
@@ -183,7 +172,7 @@ def decode_episodes(parts: Iterable[bytes], steps: int) -> Episodes:
 
 
 def _episodes(columns: dict[str, NDArray[Any]]) -> Episodes:
-    outcomes = {name: columns.pop(name) for name in _OF_OUTCOMES}
+    outcomes = {name: columns.pop(name) for name in _OUTCOMES}
     return Episodes(Rollout(**columns), **outcomes)
 
 
@@ -201,12 +190,9 @@ class _Packed:
         if header.get("schema") != SCHEMA:
             raise ValueError(f"schema {header.get('schema')} instead of {SCHEMA}")
         tensors = load(data)
-        columns = {}
-        for name, key in {**_OF_STEPS, **_OF_EPISODES, **_OF_OUTCOMES}.items():
-            column = tensors[key]
-            if _TYPES.get(name) is np.float64:  # float32 in rollouts of version 0.1.0
-                column = column.astype(np.float64, copy=False)
-            columns[name] = column
+        columns = {name: tensors[key] for name, (key, _) in (_STEP | _EPISODE).items()}
+        for name in ("values", "rewards", "last_values"):  # float32 in rollouts of version 0.1.0
+            columns[name] = columns[name].astype(np.float64, copy=False)
         frames_shape = _checked_shape(json.loads(header["frames_shape"]))
         found = _Packed(columns, tensors["frames"], frames_shape)
         found.refuse_false_claims()

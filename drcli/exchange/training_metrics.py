@@ -17,17 +17,11 @@ FILE_VERSION = 2.0
 
 @dataclass(frozen=True)
 class EpisodeMetrics(JsonRecord):
-    """One episode.
+    """One episode. Times are milliseconds of the simulation clock.
 
     Attributes:
-        reward_score: Sum of its rewards, rounded.
-        metric_time: Simulation clock at its end, milliseconds.
-        start_time: Simulation clock at its start, milliseconds.
-        elapsed_time_in_milliseconds: Simulated time between them.
         episode: Number of the (last) training episode, from 1.
         trial: Number of the (last) training episode within the iteration, from 1.
-        phase: Training or evaluation.
-        completion_percentage: Of the lap, 0 to 100.
         episode_status: How it ended, in the words of `STATUS_LABELS`.
         iteration: In which it was driven; None in files of version 0.1.0.
     """
@@ -97,6 +91,8 @@ def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
     file = parsed(data)
     if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
         raise Misfit("it has no list of 'metrics'")
+    if file.get("version", FILE_VERSION) != FILE_VERSION:
+        raise Misfit(f"its version is {str(file['version'])[:20]}, not {FILE_VERSION}")
     return [EpisodeMetrics.from_json(record) for record in file["metrics"]]
 
 

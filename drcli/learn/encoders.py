@@ -109,6 +109,9 @@ class Encoder(nn.Module):
                 nn.init.xavier_uniform_(parameter)
             else:
                 nn.init.zeros_(parameter)
+            if parameter.dim() == 4:
+                # oneDNN trains these convolutions two to four times faster with channels last.
+                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, seen: Observation) -> Tensor:
         """Features of n observations. Shape (n, features)."""

@@ -49,9 +49,6 @@ class SACAgent(nn.Module):
         self.critics = _TwinCritic(spec.state_dims or self.body.features, spec.num_actions)
         self.targets = deepcopy(self.critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(max(sac_alpha, _LEAST_ALPHA))))
-        for parameter in self.body.parameters():
-            if parameter.dim() == 4:
-                parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """The policy before tanh: mean and log standard deviation, each of shape (n, dims)."""

@@ -1,4 +1,4 @@
-"""The racer's three files: found, checked, and frozen below the model prefix."""
+"""Finds the racer's three files, and copies them to where the bucket keeps them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,22 +21,17 @@ FILE_RULES = {
 
 @dataclass(frozen=True)
 class InputFile:
-    """One of the racer's files.
-
-    Attributes:
-        name: File name.
-        data: Its content.
-        origin: Where it was found, for people.
-    """
+    """One of the racer's files, with its content."""
 
     name: str
     data: bytes
     origin: str
+    """Where it was found, for messages."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Everything a training is made of besides its settings."""
+    """What a training starts from, besides its settings."""
 
     reward: InputFile
     hyperparameters: InputFile
@@ -47,14 +42,7 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
     """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
 
     The shipped examples are only used when there is no file at all: one file missing among
-    others is a mistake.
-
-    Args:
-        config: Where they are.
-        bucket: None where it cannot be read.
-
-    Returns:
-        What was found, by file name.
+    others is a mistake. The bucket is None where it cannot be read.
 
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
@@ -77,7 +65,7 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
 
 
 def places(config: CustomFilesConfig) -> dict[str, str]:
-    """Where the three files lie in the bucket, by file name."""
+    """Keys of the three files in the bucket, by file name."""
     return {
         keys.REWARD_FUNCTION_FILE: config.reward_key,
         keys.HYPERPARAMETERS_FILE: config.hyperparameters_key,
@@ -106,18 +94,13 @@ def missing_files(
 
 def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
     """Copy the racer's local files to where the bucket keeps them for the next start."""
-    places = (
-        (inputs.reward, config.reward_key),
-        (inputs.hyperparameters, config.hyperparameters_key),
-        (inputs.metadata, config.metadata_key),
-    )
-    for file, key in places:
+    for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
         if Path(file.origin).parent == config.folder:
-            bucket.put(key, file.data)
+            bucket.put(places(config)[file.name], file.data)
 
 
 def _content(path: Path) -> bytes | None:
-    """What a racer's own file holds; None where there is no such file."""
+    """The content of a file; None where it does not exist."""
     try:
         return path.read_bytes() if path.is_file() else None
     except OSError as e:

@@ -30,7 +30,7 @@ _Loss = Annotated[
 _Schedule = Annotated[Schedule, choice(Schedule)]
 
 USUAL_SCORES = (350.0, 100_000.0)
-"""`term_cond_avg_score` in the files that everybody has: nobody expects anything of these."""
+"""`term_cond_avg_score` in the shipped files: nobody expects an effect of these values."""
 
 FEW_ITERATIONS = 100
 """A `term_cond_max_episodes` below this was probably meant in episodes."""
@@ -127,7 +127,7 @@ class Hyperparameters(BaseModel):
         return self.loss_type == "huber"
 
     def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
-        """All values filled in, in the layout of the copy that lies beside a model.
+        """All values filled in, in the layout of the copy beside a model.
 
         Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
         12 for sac, and those beyond the reference that differ from its behaviour.

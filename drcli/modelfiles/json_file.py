@@ -199,7 +199,7 @@ def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeVa
 
 
 def as_written(value: Any) -> str:
-    """A value of such a file as it may stand in a sentence, in the letters of its author."""
+    """A value of such a file as it may be shown in a sentence, in the letters of its author."""
     return shown(json.dumps(value, ensure_ascii=False))
 
 

@@ -11,14 +11,7 @@ from drcli.store.bucket import Bucket
 
 @dataclass(frozen=True)
 class Design:
-    """The two parameter files of a model, with the places they were read from.
-
-    Attributes:
-        metadata: Actions, sensors, network and algorithm.
-        parameters: Hyperparameters, some of which shape the network too.
-        metadata_origin: Where the first was found, for people.
-        parameters_origin: Where the second was found.
-    """
+    """The two parameter files of a model, with the places they were read from."""
 
     metadata: ModelMetadata
     parameters: Hyperparameters

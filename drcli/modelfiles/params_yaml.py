@@ -1,6 +1,6 @@
 """training_params.yaml and evaluation_params.yaml, as the reference's launcher writes them.
 
-Nothing of ours reads them back: upload and import tools, and people, expect them in the bucket.
+We do not read them back: upload and import tools, and people, expect them in the bucket.
 """
 
 from typing import Any
@@ -48,11 +48,11 @@ def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
 
     Args:
         data: The file of the model that is copied.
-        bucket: Where the copy lies.
+        bucket: Of the copy.
         prefix: Its folder there, which holds all that the file names.
 
     Raises:
-        ValueError: The data is no such file.
+        ValueError: The data is not such a file.
     """
     try:
         values = yaml.safe_load(data)

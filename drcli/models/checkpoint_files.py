@@ -72,8 +72,8 @@ def read_model_files(
                 )
     root = keys.MODEL_METADATA_FILE
     items[root] = Item(root, items[METADATA].data)
-    if bucket.exists(keys.run_note(prefix)):
-        items[NOTE] = Item(NOTE, bucket.get(keys.run_note(prefix)))
+    if bucket.exists(keys.training_start(prefix)):
+        items[NOTE] = Item(NOTE, bucket.get(keys.training_start(prefix)))
     parameters = _parameters(model, bucket, prefix, target, described)
     items[PARAMETERS_FILE] = Item(PARAMETERS_FILE, parameters)
     return list(items.values())

@@ -7,6 +7,7 @@ from drcli.base.problems import Place, Problem, ProblemsError, refuse
 from drcli.config.run_config import PretrainedConfig
 from drcli.config.setting_problems import setting_problem
 from drcli.exchange.checkpoint import CheckpointRecord
+from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, misfits
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -15,25 +16,6 @@ from drcli.store.model_prefix import contains
 from drcli.store.repair import Model, readable_scores
 
 PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
-
-
-@dataclass(frozen=True)
-class Pretrained:
-    """Weights to start from.
-
-    Attributes:
-        prefix: The model they are from.
-        checkpoint: Which of its checkpoints: last or best.
-        name: That checkpoint, such as `12_Step-7824.ckpt`.
-        metric: How it was evaluated there, None where it was not.
-        sha256: Fingerprint of the weights.
-    """
-
-    prefix: str
-    checkpoint: Literal["last", "best"]
-    name: str
-    metric: float | None
-    sha256: str
 
 
 @dataclass(frozen=True)

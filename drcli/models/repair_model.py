@@ -1,18 +1,18 @@
-"""Looks after the small objects of a model before a command relies on them.
+"""Checks and repairs the small objects of a model before a command relies on them.
 
 It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
 """
 
-import json
 import re
 from collections.abc import Callable
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.run_config import ModelConfig
+from drcli.exchange.training_start import TrainingStart
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.models.run_metadata import read_note
+from drcli.models.run_metadata import read_start
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.reconstruct import readable_records
@@ -29,14 +29,14 @@ def look_after(
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
-    """Say what is damaged of a model, and repair it where nobody trains it.
+    """Tell what is damaged of a model, and repair it where nobody trains it.
 
     Args:
         config: The model of the settings, whose metrics may lie elsewhere.
         bucket: Holds the model.
         prefix: The model.
         may_write: Whether the command may change something.
-        missing: Whether a pointer to a checkpoint that is not there counts as damaged.
+        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
@@ -49,13 +49,17 @@ def look_after(
 def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     """Put every damaged object of a model aside and reconstruct it; only while nobody trains it.
 
+    Args:
+        model: Which.
+        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
+
     Returns:
         What was damaged and what became of it, a sentence each.
     """
     return [
         *repair(model, missing=missing),
         *_repair_parameters(model),
-        *_repair_run_metadata(model),
+        *_repair_start(model),
     ]
 
 
@@ -80,7 +84,7 @@ def _repair_parameters(model: Model) -> list[str]:
             try:
                 check(saved, name)
             except SettingsError:
-                continue  # whoever needs the file says what is wrong with it
+                continue  # the command that needs the file tells what is wrong with it
             kept = set_aside(model.bucket, model.prefix, key)
             model.bucket.put(key, saved)
             told.append(
@@ -99,11 +103,11 @@ def _saved(model: Model, name: str) -> bytes:
     return b""
 
 
-def _repair_run_metadata(model: Model) -> list[str]:
+def _repair_start(model: Model) -> list[str]:
     """Keep the seed at least, which a training goes on with."""
-    bucket, key = model.bucket, keys.run_note(model.prefix)
+    bucket, key = model.bucket, keys.training_start(model.prefix)
     try:
-        read_note(bucket, model.prefix)
+        read_start(bucket, model.prefix)
     except ObjectDamaged as error:
         found = _SEED.search(bucket.get(key))
         seeds = [record.counters.seed for record in readable_records(bucket, model.prefix)]
@@ -113,7 +117,7 @@ def _repair_run_metadata(model: Model) -> list[str]:
         kept = set_aside(bucket, model.prefix, key)
         became = "Its seed is lost; the training goes on with a new one."
         if seed is not None:
-            bucket.put(key, json.dumps({"seed": seed}).encode())
+            bucket.put(key, TrainingStart(seed).encode())
             became = f"Its seed, {seed}, was brought back."
         return [f"{error} {became} The damaged one is kept as {bucket.name}/{kept}."]
     return []

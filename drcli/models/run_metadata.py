@@ -1,24 +1,21 @@
 """What a training was started with: seed, settings, versions, code and machine.
 
-The note lies below the model prefix, so that a model tells where it is from wherever it is copied
-to. The three files that the racer wrote lie beside it.
+The record is kept below the model prefix, so that a model tells where it is from wherever it is
+copied to. The three files that the racer wrote are beside it.
 """
 
-import json
 import os
 import platform
 import subprocess
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-from drcli.base.json_record import built, parsed
 from drcli.config.settings import Settings, catalogue, hidden
-from drcli.models.pretrained import Pretrained
+from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
@@ -28,51 +25,13 @@ PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 GIT_PATIENCE_S = 5.0
 
 
-@dataclass(frozen=True)
-class GitState:
-    """Which version of some files git knows.
-
-    Attributes:
-        dirty: Whether a file that git tracks was changed since.
-    """
-
-    commit: str
-    dirty: bool
-
-
-@dataclass(frozen=True)
-class RunNote:
-    """One start of a training.
-
-    Attributes:
-        seed: What its random numbers are derived from.
-        started_at: Time in UTC, ISO 8601.
-        settings: DR_ settings that differ from their defaults.
-        versions: Python and the packages that matter; None where one is not installed.
-        git: State of the racer's `working_folder` and of our own `package`; None outside git.
-        machine: `platform`, `processor`, number of `cores`, and `threads` where OMP_NUM_THREADS
-            limits them.
-        pretrained: Whose weights the model began with; None where they were fresh.
-        earlier: The notes of the starts before that this one resumes, oldest first.
-    """
-
-    seed: int
-    started_at: str
-    settings: dict[str, Any]
-    versions: dict[str, str | None]
-    git: dict[str, GitState | None]
-    machine: dict[str, Any]
-    pretrained: Pretrained | None
-    earlier: list[dict[str, Any]]
-
-
-def take_note(
+def describe_start(
     settings: Settings,
     directory: Path,
     seed: int,
     pretrained: Pretrained | None,
-    before: Mapping[str, Any] | None,
-) -> RunNote:
+    before: TrainingStart | None,
+) -> TrainingStart:
     """Look at everything that decides how a training goes.
 
     Args:
@@ -80,12 +39,9 @@ def take_note(
         directory: The racer's working folder.
         seed: Of this start.
         pretrained: Whose weights a new model begins with.
-        before: The note of the start that this one resumes; None for a new model.
+        before: The start that this one resumes; None for a new model.
     """
-    past = dict(before or {})
-    earlier = [*past.pop("earlier", []), past] if past else []
-    origin = past.get("pretrained")
-    return RunNote(
+    return TrainingStart(
         seed=seed,
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),
         settings=chosen_settings(settings),
@@ -100,45 +56,27 @@ def take_note(
             "cores": os.cpu_count(),
             "threads": os.environ.get("OMP_NUM_THREADS"),
         },
-        pretrained=Pretrained(**origin) if origin else pretrained,
-        earlier=earlier,
+        pretrained=pretrained if before is None else before.pretrained or pretrained,
+        earlier=[] if before is None else [*before.earlier, replace(before, earlier=[])],
     )
 
 
-def write_note(bucket: Bucket, prefix: str, note: RunNote) -> None:
-    """Put the note below the model prefix."""
-    bucket.put(keys.run_note(prefix), json.dumps(asdict(note), allow_nan=False).encode())
+def write_start(bucket: Bucket, prefix: str, start: TrainingStart) -> None:
+    """Put the record below the model prefix."""
+    bucket.put(keys.training_start(prefix), start.encode())
 
 
-def read_note(bucket: Bucket, prefix: str) -> dict[str, Any] | None:
-    """The note of a model's last start, None where there is none.
-
-    Older notes hold the seed only, so what is read stays a dictionary.
+def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
+    """The last start of a model, None where there is none.
 
     Raises:
         ObjectDamaged: It is unreadable.
     """
     remedy = "Go on with `dr-start-training --resume`, which writes it again."
     try:
-        return read_record(bucket, keys.run_note(prefix), _decode, remedy)
+        return read_record(bucket, keys.training_start(prefix), TrainingStart.decode, remedy)
     except ObjectMissing:
         return None
-
-
-def _decode(data: bytes) -> dict[str, Any]:
-    note: dict[str, Any] = parsed(data)
-    built(_Known, note)
-    return note
-
-
-@dataclass(frozen=True)
-class _Known:
-    """What a start needs of the note of the one before."""
-
-    seed: int
-    settings: dict[str, Any] = field(default_factory=dict)
-    pretrained: Pretrained | None = None
-    earlier: list[dict[str, Any]] = field(default_factory=list)
 
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 import io
 import itertools
+import logging
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +38,7 @@ _STYLE: dict[Any, Any] = {
     "grid.color": "#e2e4e6",
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
+    "text.parse_math": False,  # a file may have dollar signs in its name
 }
 _INK, _UNKNOWN = "#262a30", "#cdcfd1"
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
@@ -190,7 +193,10 @@ def _png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> byte
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    with matplotlib.rc_context(_STYLE):
+    # It tells of letters that its font lacks and of its cache, which no racer asks about.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
         figure = Figure(size_in, dpi=_DPI, layout=layout)
         FigureCanvasAgg(figure)

@@ -7,7 +7,8 @@ from drcli.config.run_config import StorageConfig
 from drcli.config.run_env import Edit, plan_edit, raised, refuse_stronger_values, written
 from drcli.config.settings import Settings, load_settings
 from drcli.exchange.run_record import run_folder
-from drcli.models.pretrained import Pretrained, read_weights
+from drcli.exchange.training_start import Pretrained
+from drcli.models.pretrained import read_weights
 from drcli.models.repair_model import look_after
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_second_run
 from drcli.store import lease

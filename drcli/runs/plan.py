@@ -2,11 +2,11 @@
 
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
@@ -18,12 +18,12 @@ from drcli.config.run_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
-from drcli.models.pretrained import Pretrained
 from drcli.models.repair_model import repair_all
-from drcli.models.run_metadata import read_note, take_note, write_note
+from drcli.models.run_metadata import describe_start, read_start, write_start
 from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
@@ -115,7 +115,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             notices.warn(
                 sentence
             )  # now, because the plan's warnings are lost if the start is refused
-    before = read_note(bucket, prefix) if options.resume else None
+    before = read_start(bucket, prefix) if options.resume else None
     going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
     job = Job(
         config=settings.run,
@@ -147,7 +147,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             wipe(bucket, prefix, spared=[keys.lease(prefix)])
         _freeze(settings, bucket, inputs, design)
         warnings += _forget_other_scores(settings, bucket, before)
-        write_note(bucket, prefix, take_note(settings, directory, job.seed, source, before))
+        start = describe_start(settings, directory, job.seed, source, before)
+        write_start(bucket, prefix, start)
         if transfer is not None:
             transfer.hand_over(bucket, prefix)
         if not options.resume:
@@ -259,19 +260,19 @@ def _parameter_files(settings: Settings) -> dict[str, Settings]:
     return files
 
 
-def _seed(settings: Settings, options: StartOptions, before: Mapping[str, Any] | None) -> int:
+def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:
     """The seed; a resumed training keeps its first one unless another is given."""
     if options.seed is not None:
         return options.seed
     if settings.train_seed is not None:
         return settings.train_seed
     if before is not None:
-        return int(before["seed"])
+        return before.seed
     return secrets.randbelow(2**31)
 
 
 def _forget_other_scores(
-    settings: Settings, bucket: Bucket, before: Mapping[str, Any] | None
+    settings: Settings, bucket: Bucket, before: TrainingStart | None
 ) -> list[str]:
     """Forget the score of the best checkpoint if DR_TRAIN_BEST_MODEL_METRIC has changed.
 
@@ -279,9 +280,9 @@ def _forget_other_scores(
         A warning about it.
     """
     name = "DR_TRAIN_BEST_MODEL_METRIC"
-    if before is None or "settings" not in before:
+    if before is None or before.settings is None:
         return []
-    metric = before["settings"].get(name, catalogue()[name].default)
+    metric = before.settings.get(name, catalogue()[name].default)
     if metric == settings.train_best_model_metric:
         return []
     CheckpointStore(bucket, settings.model_prefix).forget_scores()

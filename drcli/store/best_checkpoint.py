@@ -1,4 +1,4 @@
-"""Which checkpoint is the best: what an evaluation counts, what beats what, and where it is kept.
+"""Which checkpoint is the best: what an evaluation is worth, what beats what, where it is kept.
 
 Worker 0 writes an evaluation result for a checkpoint, the trainer compares it with the best one so
 far (`drcli.workers.scoring`) and keeps best and last in `deepracer_checkpoints.json`.
@@ -32,14 +32,20 @@ def tie_break_of(metric: str, result: EvaluationResult) -> float:
     return -_mean(result.progress) if metric == "laptime" else _mean_lap_ms(result)
 
 
-def with_evaluation(scores: Scores, score: Score, *, lower_is_better: bool) -> Scores:
+def score_of(result: EvaluationResult, metric: str, time_stamp: float) -> Score:
+    """The score of a checkpoint that was made at some simulated time, seconds."""
+    tie_break = tie_break_of(metric, result)
+    return Score(result.checkpoint, metric_of(metric, result), time_stamp, tie_break)
+
+
+def with_evaluation(scores: Scores, score: Score, metric: str) -> Scores:
     """The scores once a checkpoint was evaluated.
 
-    Equal means are told apart by their tie-breaks; what is equal in both, or has no tie-break
-    to compare, goes to the one evaluated later.
+    Anything beats a checkpoint that was never evaluated. Equal means are told apart by their
+    tie-breaks; what is equal in both, or has no tie-break, goes to the one evaluated later.
     """
     best, last = scores.best_checkpoint, scores.last_checkpoint
-    is_best = score.name == best.name or _beats(score, best, lower_is_better)
+    is_best = score.name == best.name or _beats(score, best, lower_is_better=metric == "laptime")
     return Scores(
         best_checkpoint=score if is_best else best,
         last_checkpoint=score if score.name == last.name else last,
@@ -118,7 +124,7 @@ def _mean_lap_ms(result: EvaluationResult) -> float:
     return _mean([1000.0 * lap_s for lap_s in result.lap_s] + [UNFINISHED_MS] * unfinished)
 
 
-def _beats(score: Score, best: Score, lower_is_better: bool) -> bool:
+def _beats(score: Score, best: Score, *, lower_is_better: bool) -> bool:
     if best.avg_eval_metric is None:
         return True
     if score.avg_eval_metric is None:

@@ -1,4 +1,4 @@
-"""The bucket as everything above storage sees it: a few verbs, kept by S3 or by memory."""
+"""The bucket as the rest of the program sees it: a few verbs, on any S3 server or in memory."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from drcli.base.json_record import Misfit
 
 
 class ObjectMissing(StorageError):
-    """There is no object under this key."""
+    """No object has this key."""
 
 
 class ObjectDamaged(StorageError):
-    """The object is there, but it is not what was written."""
+    """The object exists, but it is not what was written."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ObjectInfo:
 
 
 Watch = Callable[[int], None]
-"""Takes how many more bytes have travelled; less than none when they have to travel again."""
+"""Takes how many more bytes were transferred; negative when they must be sent again."""
 
 T = TypeVar("T")
 
@@ -40,24 +40,14 @@ Listing = list[ObjectInfo]
 
 
 class Bucket(Protocol):
-    """What everything above storage needs from it. Every method may raise StorageError."""
+    """What the rest of the program needs from it. Every method may raise StorageError."""
 
     @property
     def name(self) -> str:
         """Name of the bucket."""
-        ...
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read a whole object.
-
-        Args:
-            key: The object.
-            watch: Told how far it is.
-
-        Raises:
-            ObjectMissing: There is none.
-        """
-        ...
+        """Read a whole object; ObjectMissing when there is none."""
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
         """Read a whole object, and how long ago it was written.
@@ -69,19 +59,15 @@ class Bucket(Protocol):
         Raises:
             ObjectMissing: There is none.
         """
-        ...
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
         """Write an object, which other readers see whole or not at all. May be repeated."""
-        ...
 
     def delete(self, keys: Iterable[str]) -> None:
-        """Delete objects; those that do not exist are no failure."""
-        ...
+        """Delete objects; it is not an error if one does not exist."""
 
     def exists(self, key: str) -> bool:
         """Whether there is an object under this key."""
-        ...
 
     def list(self, folder: str) -> Listing:
         """All objects below a folder, sorted by key.
@@ -89,7 +75,6 @@ class Bucket(Protocol):
         Args:
             folder: Ends with a slash, so that `model-1/` does not list `model-10/`; empty for all.
         """
-        ...
 
 
 def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:

@@ -1,4 +1,4 @@
-"""Checkpoints of a model in the bucket: written so that a reader never takes a damaged one.
+"""Checkpoints of a model in the bucket, written so that a reader never takes a damaged one.
 
 A checkpoint is its tensors, optionally its optimizer's, and a small record with sizes, hashes and
 counters. It counts from the moment the pointer names it, which is written after all of these. The
@@ -18,7 +18,7 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.scores import Score
+from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -95,7 +95,7 @@ class CheckpointStore:
 
         The weights are what everybody waits for, so they are published alone; the state, twice
         their size, follows while the workers already drive. The state of the checkpoint before
-        stays: whoever has to fall back on that one goes on with it.
+        stays, for a trainer that has to go back to that one.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
@@ -121,7 +121,7 @@ class CheckpointStore:
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
-            known = None  # the best is forgotten, which is no reason to end a training
+            known = None  # the best is forgotten; the training can go on
         scores = best_checkpoint.with_newest(known, record.name, record.sim_time_s)
         write_scores(self._bucket, self._prefix, scores)
 
@@ -230,35 +230,24 @@ class CheckpointStore:
         scores = read_scores(self._bucket, self._prefix)
         return None if scores is None else scores.best_checkpoint.name
 
-    def record_evaluation(
-        self,
-        name: str,
-        average: float,
-        *,
-        lower_is_better: bool = False,
-        tie_break: float | None = None,
-    ) -> bool:
-        """Note how a checkpoint was evaluated; True when it is now the best.
+    def record_evaluation(self, result: EvaluationResult, metric: str) -> bool:
+        """Record how a checkpoint was evaluated; True when it is now the best.
 
-        Equal means are told apart by the tie-break, and go to the newer one if that is equal too;
-        anything beats a checkpoint that was never evaluated. One that was pruned meanwhile cannot
-        become the best any more.
+        One that was pruned meanwhile cannot become the best any more.
 
         Args:
-            name: Checkpoint that was driven.
-            average: Mean of its evaluation episodes, in the unit the settings chose.
-            lower_is_better: Whether that unit is a lap time.
-            tie_break: What decides between equal means, the lower the better:
-                `drcli.store.best_checkpoint.tie_break_of`.
+            result: Of its evaluation.
+            metric: DR_TRAIN_BEST_MODEL_METRIC.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
-            score = Score(name, average, self.record(name).sim_time_s, tie_break)
+            time_stamp = self.record(result.checkpoint).sim_time_s
         except ObjectMissing:
             return False
         if scores is None:
             return False
-        after = best_checkpoint.with_evaluation(scores, score, lower_is_better=lower_is_better)
+        score = best_checkpoint.score_of(result, metric, time_stamp)
+        after = best_checkpoint.with_evaluation(scores, score, metric)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 

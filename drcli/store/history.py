@@ -45,7 +45,7 @@ class History:
         write_history(self._bucket, self._prefix, self.records)
 
     def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
-        """Note how a checkpoint's evaluation went, and publish."""
+        """Add how a checkpoint's evaluation went, and publish."""
         self.records = [
             replace(r, evaluation_progress=progress, evaluation_lap_s=lap_s)
             if r.iteration == iteration

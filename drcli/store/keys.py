@@ -76,8 +76,8 @@ def learner_metrics(prefix: str) -> str:
     return metrics_prefix(prefix) + "/learner.csv"
 
 
-def run_note(prefix: str) -> str:
-    """What the next start of this training must know of the last one, such as its seed."""
+def training_start(prefix: str) -> str:
+    """What the last start of the training was started with, such as its seed."""
     return folder(prefix) + "ip/run.json"
 
 

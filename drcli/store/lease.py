@@ -48,7 +48,7 @@ def write_lease(bucket: Bucket, prefix: str, lease: Lease) -> None:
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """Who trains on the prefix now, or None; a note that says nothing is as good as a stale one."""
+    """Who trains on the prefix now; None where nobody does, or the lease is too old."""
     lease = read_lease(bucket, prefix)
     if lease is None or lease.released or lease.age_s >= STALE_S:
         return None
@@ -59,9 +59,9 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
     """Refuse a prefix that is trained on from another folder or machine.
 
     Args:
-        bucket: Holds the note.
+        bucket: Holds the lease.
         prefix: Where somebody wants to train.
-        session: The start that asks, whose own note is no obstacle.
+        session: The start that asks; its own lease does not count.
 
     Raises:
         SettingsError: It is.
@@ -78,14 +78,14 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
 
 
 def is_owner_alive(lease: Lease) -> bool:
-    """Whether the owner may still be at work: on this machine we can look, elsewhere we believe."""
+    """Whether the owner may still run; of another machine's owner, that is assumed."""
     if lease.machine != this_machine():
         return True
     return is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:
-    """Say that this process trains on the prefix from now on, whoever did before.
+    """Make this process the owner of the prefix, whoever was before.
 
     Returns:
         The lease, to be renewed.
@@ -123,7 +123,7 @@ def elapsed_s() -> float:
 
 
 def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
-    """What a start says that has lost the prefix to another."""
+    """The failure of a start that has lost the prefix to another."""
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
         f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
@@ -138,7 +138,7 @@ class Ownership:
     """Tells a process of a training whether the prefix is still its own. For several threads.
 
     Args:
-        bucket: Where the lease lies.
+        bucket: Holds the lease.
         prefix: Of the model.
         session: The start that this process belongs to.
         term: Of its lease, as far as that is known.
@@ -164,7 +164,7 @@ class Ownership:
     def check(self, key: str) -> None:
         """Return while the prefix is this start's own; called before everything that is written.
 
-        A note that is missing or unreadable is no other owner's: the supervisor writes it again.
+        A lease that is missing or damaged is not another owner's: the supervisor writes it again.
 
         Args:
             key: What is to be written or deleted.

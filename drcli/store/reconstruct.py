@@ -20,9 +20,8 @@ from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
 from drcli.store.best_checkpoint import (
     evaluated_numbers,
-    metric_of,
     read_evaluation,
-    tie_break_of,
+    score_of,
     with_evaluation,
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -131,8 +130,8 @@ def reconstruct_record(
         history: All iterations, as far as they are known.
 
     Returns:
-        None where its weights cannot be read, or nobody knows how many episodes it has learned
-        from: an older checkpoint has to do then.
+        None where its weights cannot be read, or it is unknown how many episodes it has learned
+        from: an older checkpoint is used then.
     """
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:
@@ -177,9 +176,8 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
         record = by_name.get(result.checkpoint)
         if record is None:
             continue
-        average, tie_break = metric_of(metric, result), tie_break_of(metric, result)
-        score = Score(record.name, average, record.sim_time_s, tie_break)
-        scores = with_evaluation(scores, score, lower_is_better=metric == "laptime")
+        score = score_of(result, metric, record.sim_time_s)
+        scores = with_evaluation(scores, score, metric)
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)
     return scores

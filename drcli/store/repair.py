@@ -1,8 +1,8 @@
 """Puts damaged objects of a model aside, and writes them anew from what is whole.
 
-A disk that fills up, a copy that breaks off or an editor leaves an object empty, cut short or full
-of something else. The damaged one is kept under `runs/<prefix>/damaged/`. Only who may write to the
-model may repair it: the trainer, or a command while nobody trains; others say what `damages` finds.
+A full disk, an interrupted copy or an editor can leave an object empty, cut short or wrong. The
+damaged one is kept under `runs/<prefix>/damaged/`. Only those who may write to the model repair it:
+the trainer, or a command while nobody trains; others tell what `damages` finds.
 """
 
 import time
@@ -40,14 +40,14 @@ from drcli.store.reconstruct import (
 
 @dataclass(frozen=True)
 class Model:
-    """A model whose objects are looked after.
+    """A model whose objects are checked and repaired.
 
     Attributes:
         bucket: Holds it.
         prefix: Where.
         metrics_prefix: Where its metrics lie.
         metric: DR_TRAIN_BEST_MODEL_METRIC.
-        workers: The simulation workers whose metrics are looked after.
+        workers: The simulation workers whose metrics are checked.
     """
 
     bucket: Bucket
@@ -94,7 +94,7 @@ def repair_metrics(model: Model) -> list[str]:
 
 
 def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
-    """The learning curve for those who only look, and a sentence where it is damaged."""
+    """The learning curve for a reader that writes nothing, and a sentence where it is damaged."""
     try:
         return read_history(model.bucket, model.prefix), []
     except ObjectDamaged as error:
@@ -103,7 +103,7 @@ def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
-    """The index for those who only look, and a sentence where it is damaged."""
+    """The scores for a reader that writes nothing, and a sentence where they are damaged."""
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
@@ -114,7 +114,7 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json.
 
     Raises:
-        ObjectMissing: There is no file.
+        ObjectMissing: It does not exist.
         ObjectDamaged: It is something else.
     """
     remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
@@ -122,7 +122,7 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
-    """Keep a damaged object where nothing takes it for a part of the model, and delete it.
+    """Move a damaged object to where nothing takes it for a part of the model.
 
     Returns:
         The key under which it is kept.

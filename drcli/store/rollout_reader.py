@@ -26,7 +26,7 @@ class Waiting:
 
     Args:
         iteration: Iteration whose rollouts are missing.
-        missing: Workers that have not handed in theirs, in order.
+        missing: Workers that have not delivered theirs, in order.
         waited_s: Seconds since the wait began.
         gave_up: Whether this was the last look.
     """
@@ -46,7 +46,7 @@ class Waiting:
 
 
 def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
-    """What a worker has handed in already, None where it has not; damaged counts as not."""
+    """What a worker has delivered; None where there is nothing yet, or it is damaged."""
     key = keys.rollout_manifest(prefix, iteration, worker)
     try:
         return read_record(bucket, key, Manifest.decode, "The worker drives the iteration again.")
@@ -98,11 +98,11 @@ class RolloutReader:
         report_every_s: float = 10.0,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> dict[int, Manifest]:
-        """Wait until the workers have handed in their rollouts; fetch parts that lie there already.
+        """Wait until the workers have delivered their rollouts, and fetch the parts that are there.
 
         Args:
             iteration: Which rollouts.
-            checkpoints: those that may have driven them; others are left over from a run that
+            checkpoints: Those that may have driven them; others are left over from a run that
                 was stopped or went back, and count as missing.
             workers: Who drives.
             patience_s: After that long, go on with what is there.
@@ -136,7 +136,7 @@ class RolloutReader:
         return dict(sorted(known.items()))
 
     def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
-        """What some workers handed in for an iteration, whichever checkpoint drove it."""
+        """What some workers delivered for an iteration, whichever checkpoint drove it."""
         found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
         return [manifest for manifest in found if manifest is not None]
 
@@ -216,7 +216,7 @@ class RolloutReader:
     ) -> None:
         """Take manifests that have come, and begin to fetch parts that have."""
         listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
-        for worker in self._handed_in(listing):
+        for worker in self._delivered_by(listing):
             if worker in wanted and worker not in arrived:
                 manifest = find_manifest(self._bucket, self._prefix, iteration, worker)
                 if (
@@ -233,7 +233,7 @@ class RolloutReader:
     def _is_ours(self, worker_session: str) -> bool:
         return not self._session or belongs(worker_session, self._session)
 
-    def _handed_in(self, listing: Listing) -> list[int]:
+    def _delivered_by(self, listing: Listing) -> list[int]:
         found = (keys.rollout_key(self._prefix, info.key) for info in listing)
         return [key.worker for key in found if key is not None and key.is_manifest]
 

@@ -62,7 +62,7 @@ class RolloutWriter:
         return manifest
 
     def abandon(self) -> None:
-        """Send nothing more and write no manifest; the trainer sweeps up what was sent."""
+        """Send nothing more and write no manifest; the trainer deletes what was sent."""
         self._sender.shutdown(wait=True, cancel_futures=True)
 
     def _send(self, number: int, episodes: Episodes) -> Part:

@@ -1,4 +1,4 @@
-"""A bucket of any S3 server, patient with servers that are starting again."""
+"""A bucket on any S3 server, which waits for a server that is starting again."""
 
 import copy
 import io
@@ -140,7 +140,7 @@ class S3Bucket:
         )
 
     def accepts_keys(self) -> bool:
-        """Whether a server answers now and knows our access keys."""
+        """Whether a server answers now and accepts our access keys."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         try:
@@ -150,7 +150,7 @@ class S3Bucket:
         return True
 
     def ensure_exists(self) -> None:
-        """Create the bucket where it is missing, as befits our own server only."""
+        """Create the bucket where it is missing; only on our own server."""
         from botocore.exceptions import ClientError
 
         def ensure() -> None:
@@ -283,7 +283,7 @@ class S3Bucket:
 
 @contextmanager
 def _counting(watch: Watch | None) -> Iterator[Watch]:
-    """Pass on how many bytes travel, and take it back when they did so in vain."""
+    """Pass on how many bytes were transferred, and take it back when the transfer failed."""
     travelled = 0
 
     def count(more: int) -> None:

@@ -89,7 +89,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
     if patience_share(error) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
     return NoAnswer(
-        f"Cannot {attempt} ({attempt.endpoint.setting}): nothing answers there.",
+        f"Cannot {attempt} ({attempt.endpoint.setting}): no server answers there.",
         remedy=_wake_up(attempt.endpoint),
     )
 
@@ -134,7 +134,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         f"Cannot {attempt}: the server answered {status} {code}.",
         remedy=f"Look at {endpoint.data_dir / '.server.log'}."
         if endpoint.engine is not None and endpoint.data_dir is not None
-        else "Try again; if it stays so, ask whoever runs that server.",
+        else "Try again; if it fails again, ask the person who runs that server.",
     )
 
 

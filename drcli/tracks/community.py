@@ -15,7 +15,7 @@ from drcli.tracks.track_facts import TrackFacts
 from drcli.tracks.tracks_folder import add_track, target_of
 
 PATIENCE_S = 20.0
-"""Longest wait for a file, and for each answer on the way to it."""
+"""Longest wait for a file, and for each answer of the server."""
 
 _MOST_BYTES = 1_000_000
 _PIECE = 65_536
@@ -29,10 +29,10 @@ _HANDLERS = (
     urllib.request.HTTPErrorProcessor,
     urllib.request.UnknownHandler,
 )
-"""Those of `urlopen` that speak HTTP: a redirect must not lead to ftp, files or data."""
+"""The HTTP handlers of `urlopen`: a redirect must not lead to ftp, files or data."""
 
 _GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
-"""A folder of a repository on GitHub, which lists its files at another address."""
+"""A folder of a repository on GitHub, which lists its files under another address."""
 
 _LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 
@@ -44,15 +44,16 @@ def fetch_track(
 
     Args:
         name: Name of a world, as `Oval_track`.
-        url: Folder on the web in which NAME.npy lies.
-        folder: Where tracks of the racer's own lie.
-        called: Name to give it here; its own when left out.
+        url: Folder on the web that holds NAME.npy.
+        folder: The racer's folder of tracks.
+        called: Name of the new track; None keeps the name of the world.
         replace: Overwrite a track of that name.
 
     Raises:
-        SettingsError: The name or the address is none, it is taken, or what came is no track.
-        StorageError: The server has no such file, cannot be reached, is too slow or sends too
-            much.
+        SettingsError: The name or the address is not valid, the name is taken, or the file is not
+            a track.
+        StorageError: The server does not have the file, cannot be reached, is too slow or sends
+            too much.
     """
     name = name.removesuffix(".npy")
     called = called or name
@@ -67,7 +68,7 @@ def fetch_track(
             raise StorageError(
                 f"There is no track {name} at {address}.", remedy=_similar(name, url)
             ) from None
-        reason = " ".join(str(error.reason).split())  # three lines for redirects in a circle
+        reason = " ".join(str(error.reason).split())  # a redirect in a circle gives three lines
         raise StorageError(
             f"{address} answered {error.code} {reason}.",
             remedy="Try again later, or fetch it from another address with --from.",
@@ -75,12 +76,12 @@ def fetch_track(
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
             f"{address} cannot be reached: {_reason(error)}.",
-            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add a file that you "
-            "have with `dr-tracks add FILE.npy`.",
+            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add a file of your "
+            "own with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
         raise StorageError(
-            f"{address} is larger than {_MOST_BYTES} bytes, which no route is.",
+            f"{address} is larger than {_MOST_BYTES} bytes, so it is not a route.",
             remedy="Fetch it from another address with --from.",
         )
     with tempfile.TemporaryDirectory() as scratch:
@@ -97,27 +98,27 @@ def _address(url: str) -> str:
     """The address without a slash at its end.
 
     Raises:
-        SettingsError: It is none on the web.
+        SettingsError: It is not a web address.
     """
     try:
         parts = urlsplit(url)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:  # a bracket without its partner, a port that is no number
+    except ValueError:  # an unclosed bracket, a port that is not a number
         good = False
     if not good or not url.isascii() or not url.isprintable() or " " in url:
         raise SettingsError(
-            f"{url!r} (--from or DR_TRACKS_URL) is no address on the web.",
+            f"{url!r} (--from or DR_TRACKS_URL) is not a web address.",
             remedy="Write it as in https://example.org/routes, or leave it out.",
         )
     return url.rstrip("/")
 
 
 def _download(address: str) -> bytes:
-    """What lies there; one byte too many if it is too much.
+    """The content of an address; one byte more than allowed if it is too large.
 
     Raises:
-        OSError: No answer, one that says no, or one that takes too long.
-        HTTPException: What answers does not speak HTTP.
+        OSError: The server does not answer, refuses, or takes too long.
+        HTTPException: The server does not speak HTTP.
     """
     deadline = time.monotonic() + PATIENCE_S
     pieces, size = [], 0
@@ -134,24 +135,24 @@ def _download(address: str) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    """Why there is no answer, in words, without the number of an error."""
+    """Why there is no answer, in words."""
     cause = getattr(error, "reason", error)
     return str(getattr(cause, "strerror", None) or cause)
 
 
 def _similar(name: str, url: str) -> str:
-    """What to do about a name that the folder on the web does not have."""
+    """What to do about a name that the folder on the web does not contain."""
     listing = url + "/"
     if match := _GITHUB.fullmatch(url):
         repository, version, path = match.groups()
         listing = f"https://api.github.com/repos/{repository}/contents/{path}?ref={version}"
     try:
         text = _download(listing).decode("utf-8", "replace")
-    except (OSError, ValueError, http.client.HTTPException):  # it need not list what it has
+    except (OSError, ValueError, http.client.HTTPException):  # not every server lists its files
         text = ""
     by_lower = {found.lower(): found for found in _LISTED.findall(text)}
     close = difflib.get_close_matches(name.lower(), by_lower, n=5, cutoff=0.5)
     if not close:
-        return "Correct the name: upper and lower case count, as in Oval_track."
+        return "Correct the name; upper and lower case matter, as in Oval_track."
     names = ", ".join(by_lower[found] for found in close)
-    return f"The closest names there are {names}; upper and lower case count."
+    return f"The closest names there are {names}; upper and lower case matter."

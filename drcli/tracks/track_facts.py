@@ -1,11 +1,11 @@
-"""What there is to know about tracks."""
+"""What `dr tracks` tells about tracks."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class TrackFacts:
-    """What there is to know about a track.
+    """What is known about a track.
 
     Attributes:
         name: Its name.
@@ -16,11 +16,11 @@ class TrackFacts:
         closed: Whether it is a loop.
         direction: "clockwise", "counterclockwise" or "open".
         waypoints: How many there are.
-        repeated: Numbers of those that repeat the one before, as in many routes of the community.
+        repeated: Numbers of those that repeat the one before, as in many community routes.
         spacing_m: Mean distance between the others.
         line_family: "in" when the white line belongs to the road, else "out".
-        source: "own" for one that is built in, else its file.
-        difficulty: "easy", "medium" or "hard"; None where nobody said.
+        source: "own" for a built-in track, else its file.
+        difficulty: "easy", "medium" or "hard"; None if unknown.
         about: A line about it.
     """
 
@@ -42,12 +42,12 @@ class TrackFacts:
 
 @dataclass(frozen=True)
 class TrackList:
-    """Every track that a name finds.
+    """All tracks that can be named.
 
     Attributes:
-        folder: Where tracks of the racer's own lie.
+        folder: The racer's folder of tracks.
         tracks: All of them, by name.
-        unreadable: Sentences about files that are no tracks.
+        unreadable: Sentences about files that are not tracks.
     """
 
     folder: str

@@ -1,7 +1,6 @@
-"""Lists the tracks without reading them again, as long as their files are the ones last listed.
+"""Lists the tracks; their files are only read again when one of them has changed.
 
-To measure a track takes the simulation's compiled geometry, two seconds to load; who lists tracks
-wants to see names.
+To measure a track needs the simulation's compiled geometry, which takes two seconds to load.
 """
 
 import json
@@ -14,18 +13,18 @@ from drcli import __version__
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
 _MEASURED = 2
-"""Counts up when the same files are measured otherwise; 2: repeated rows count as waypoints."""
+"""Version of the way tracks are measured; 2: repeated rows count as waypoints."""
 
 
 def list_tracks(folder: Path, memory: Path) -> TrackList:
-    """All tracks that are built in or lie in the folder.
+    """All built-in tracks and those in the folder.
 
     Args:
-        folder: Where tracks of the racer's own lie; it need not exist.
-        memory: File in which the last list is kept. Where it cannot be written, none is.
+        folder: The racer's folder of tracks; it need not exist.
+        memory: File that keeps the last list, if it can be written.
     """
     state = _state(folder)
-    with suppress(OSError, ValueError, TypeError, KeyError):  # none yet, or not ours
+    with suppress(OSError, ValueError, TypeError, KeyError):  # missing, or something else
         known = json.loads(memory.read_bytes())
         if known["state"] == state:
             tracks = [TrackFacts(**facts) for facts in known["tracks"]]
@@ -33,7 +32,7 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
     from drcli.tracks.tracks_folder import measure_tracks
 
     found = measure_tracks(folder)
-    with suppress(OSError):  # a folder that may only be read
+    with suppress(OSError):  # a read-only folder
         memory.parent.mkdir(parents=True, exist_ok=True)
         kept = {
             "state": state,
@@ -45,14 +44,14 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
 
 
 def _state(folder: Path) -> list[list[str | int]]:
-    """Names, sizes and times of all files that define tracks, our version, and how it measures."""
+    """Names, sizes and times of all files that define tracks, and two version numbers."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [folder, *(Path(package) / "track" / "definitions" for package in packages)]
     files = sorted(path for place in folders for path in place.glob("*"))
     state: list[list[str | int]] = [[__version__, _MEASURED]]
     for path in files:
-        with suppress(OSError):  # gone again
+        with suppress(OSError):  # removed meanwhile
             status = path.stat()
             state.append([str(path), status.st_size, status.st_mtime_ns])
     return state

@@ -1,4 +1,4 @@
-"""The racer's tracks: what there is to know about each, and files that are added to them."""
+"""The racer's tracks: measures and shows them, and adds files to them."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ from drsim.track.worlds import WorldInfo, describe, known_worlds, load_track
 from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 MAP_COLUMNS = 78
-"""Letters in a line of a map where there is room for them."""
+"""Letters in a line of a map, if there is room."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
@@ -24,9 +24,9 @@ class TrackView:
     """A track and its map.
 
     Attributes:
-        facts: About the track.
-        map_lines: A map in the letters of a terminal, top line first.
-        picture: File that the picture was written to, if one was asked for.
+        facts: What is known about the track.
+        map_lines: A map in letters for a terminal, top line first.
+        picture: File of the picture, if one was asked for.
     """
 
     facts: TrackFacts
@@ -35,7 +35,7 @@ class TrackView:
 
 
 def measure_tracks(folder: Path) -> TrackList:
-    """All tracks that are built in or lie in the folder, each read and measured."""
+    """All built-in tracks and those in the folder, each read and measured."""
     tracks, unreadable = [], []
     for name in known_worlds(folder):
         try:
@@ -51,9 +51,9 @@ def show_track(
     """A track's facts and map.
 
     Args:
-        name: Of the track, or a route file.
-        folder: Where tracks of the racer's own lie.
-        picture: Where to write a picture, if one is asked for.
+        name: Name of the track, or a route file.
+        folder: The racer's folder of tracks.
+        picture: Where to write a picture, if one is wanted.
         columns: Most letters in a line of the map.
 
     Raises:
@@ -70,7 +70,7 @@ def show_track(
         except OSError as error:
             raise SettingsError(
                 f"--png {picture} cannot be written: {error.strerror}.",
-                remedy="Name a file in a folder that exists and is yours.",
+                remedy="Name a file in a folder that exists and that you may write to.",
             ) from None
     return TrackView(facts, text_map(track, columns), str(picture) if picture else None)
 
@@ -86,18 +86,18 @@ def add_track(
 ) -> TrackFacts:
     """Check a route file and put it into the folder.
 
-    A file wins over a built-in track of its name.
+    It takes the place of a built-in track of the same name.
 
     Args:
         file: A .npy, .csv or .svg file.
-        folder: Where tracks of the racer's own lie; made if it is not there.
-        name: Name of the new track; that of the file when left out.
-        width_m: Width of the road of a file that tells its centre line only.
-        length_m: Length of the lap; files are scaled to it.
+        folder: The racer's folder of tracks; it is made if it does not exist.
+        name: Name of the new track; None takes that of the file.
+        width_m: Width of the road, for a file that only has a centre line.
+        length_m: Length of the lap; the track is scaled to it.
         replace: Overwrite a track of that name.
 
     Raises:
-        SettingsError: The file is no track, or there is one of that name.
+        SettingsError: The file is not a track, or the name is taken.
     """
     wanted = name or file.stem
     target = target_of(wanted, folder, replace=replace)
@@ -115,10 +115,11 @@ def add_track(
     except OSError as error:
         raise SettingsError(
             f"{target} cannot be written: {error.strerror}.",
-            remedy="Make room or correct the rights, or set DR_TRACKS_DIR to another folder.",
+            remedy="Make room on the disk, correct the permissions or set DR_TRACKS_DIR to another "
+            "folder.",
         ) from None
     finally:
-        with contextlib.suppress(OSError):  # it is still there only if something went wrong
+        with contextlib.suppress(OSError):  # it only still exists if something went wrong
             unfinished.unlink()
     return _facts(describe(str(target)))
 
@@ -127,7 +128,7 @@ def target_of(name: str, folder: Path, *, replace: bool) -> Path:
     """The file of a new track.
 
     Raises:
-        SettingsError: The name is none, or it is taken.
+        SettingsError: The name is not valid, or it is taken.
     """
     if not _NAME.fullmatch(name):
         raise SettingsError(
@@ -137,7 +138,7 @@ def target_of(name: str, folder: Path, *, replace: bool) -> Path:
     target = folder / f"{name}.npy"
     if target.exists() and not replace:
         raise SettingsError(
-            f"There is a track {name} already: {target}.",
+            f"The track {name} already exists: {target}.",
             remedy="Choose another name with --name, or replace it with --force.",
         )
     return target
@@ -163,11 +164,11 @@ def _facts(info: WorldInfo) -> TrackFacts:
 
 
 def _refused(error: TrackError, options: dict[str, str] | None = None) -> SettingsError:
-    """The simulation's sentence, whose end is its remedy.
+    """The error of the simulation, whose last sentence is the remedy.
 
     Args:
-        error: The simulation's refusal.
-        options: Names of its parameters, and of the options that a racer knows them by.
+        error: What the simulation refuses.
+        options: The command's option for each parameter of the simulation.
     """
     text = str(error).strip()
     for parameter, option in (options or {}).items():

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -82,16 +83,22 @@ class Collector:
             drive the iteration once more then.
         """
         everybody = set(range(self._workers))
-        manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
+        wait = partial(
+            self._reader.wait_manifests,
+            iteration,
+            checkpoints,
+            range(self._workers),
+            on_wait=_say,
+            should_stop=should_stop,
+        )
+        manifests = wait(enough=1, patience_s=FIRST_PATIENCE_S)
         while not manifests and not should_stop():
-            manifests = self._wait(iteration, checkpoints, {}, 1, FIRST_PATIENCE_S, should_stop)
+            manifests = wait(enough=1, patience_s=FIRST_PATIENCE_S)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
             patience_s = max(LEAST_PATIENCE_S, took_s)
-            manifests = self._wait(
-                iteration, checkpoints, manifests, len(expected), patience_s, should_stop
-            )
+            manifests = wait(enough=len(expected), arrived=manifests, patience_s=patience_s)
         if not manifests:
             return None
         self._absent = everybody - manifests.keys()
@@ -101,39 +108,19 @@ class Collector:
             # Not in the order in which they arrived: equal seeds, equal minibatches.
             return self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
-            # Workers that wait for the trainer look after their manifests.
+            # Workers that wait for the trainer notice that their manifests are gone.
             _logger.warning("%s Iteration %d is driven again.", error, iteration)
             self._reader.reject(iteration, manifests)
             return None
 
     def recall(self, iteration: int) -> Rollout | None:
-        """What is still there of an older iteration, whoever drove it; None if nothing is whole."""
+        """What is left of an older iteration, of any start; None if a part is damaged."""
         try:
             manifests = self._reader.find_manifests(iteration, range(self._workers))
             return self._read(manifests).rollout if manifests else None
         except (ObjectMissing, ObjectDamaged) as error:
             _logger.warning("Cannot learn from iteration %d again: %s", iteration, error)
             return None
-
-    def _wait(
-        self,
-        iteration: int,
-        checkpoints: Sequence[str],
-        arrived: dict[int, Manifest],
-        enough: int,
-        patience_s: float,
-        should_stop: Callable[[], bool],
-    ) -> dict[int, Manifest]:
-        return self._reader.wait_manifests(
-            iteration,
-            checkpoints,
-            range(self._workers),
-            enough=enough,
-            arrived=arrived,
-            patience_s=patience_s,
-            on_wait=_say,
-            should_stop=should_stop,
-        )
 
     def _read(self, manifests: list[Manifest]) -> Collected:
         driven = self._within_cap(self._reader.read(manifests))

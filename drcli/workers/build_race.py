@@ -1,13 +1,14 @@
 """Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
-from drcli.config.worlds import can_be_fetched, remedy
+from drcli.config.worlds import remedy, track_problem
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -35,21 +36,20 @@ nothing."""
 
 
 def load_world(config: RaceConfig) -> Track:
-    """The track that DR_WORLD_NAME names."""
+    """The track that DR_WORLD_NAME names.
+
+    Raises:
+        ProblemsError: It is not installed or damaged (V-05).
+    """
     try:
         return load_track(config.world_name, config.tracks_folder)
     except TrackError as error:
-        where = config.source("DR_WORLD_NAME")
-        if can_be_fetched(config):
-            raise SettingsError(
-                f"DR_WORLD_NAME={config.world_name} ({where}) is a community track that is "
-                "not installed yet.",
-                remedy=remedy(config),
-            ) from None
-        raise SettingsError(
-            f"DR_WORLD_NAME={config.world_name:.80} ({where}): {error}",
-            remedy=remedy(config),
-        ) from None
+        problem = track_problem(config)
+        if problem is None:
+            name, place = "DR_WORLD_NAME", config.place("DR_WORLD_NAME")
+            what = f"{name}={config.world_name:.80}: {error}"
+            problem = Problem("V-05", "error", *place, what, remedy(config), name)
+        raise ProblemsError([replace(problem, severity="error")]) from None
 
 
 def race_of(config: RaceConfig) -> Race:

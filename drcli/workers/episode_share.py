@@ -39,7 +39,7 @@ class Share:
 
 
 class EvaluationBudget:
-    """Sees to it that evaluations take no more than a share of a training's time."""
+    """Keeps evaluations within a share of a training's time."""
 
     def __init__(self, share: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._share = share
@@ -52,5 +52,5 @@ class EvaluationBudget:
         return self._spent_s <= self._share * (self._clock() - self._began_s)
 
     def spend(self, seconds: float) -> None:
-        """Note how long an evaluation took."""
+        """Count how long an evaluation took."""
         self._spent_s += seconds

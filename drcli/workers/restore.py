@@ -1,4 +1,4 @@
-"""How a trainer goes on from a checkpoint: weights, optimizer, and what is no longer true."""
+"""How a trainer goes on from a checkpoint: weights, optimizer, and results that no longer count."""
 
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors

@@ -1,4 +1,7 @@
-"""How the trainer scores checkpoints by what the simulation worker evaluated."""
+"""The trainer takes evaluations as they arrive, and keeps the best checkpoint up to date.
+
+Which of two checkpoints is the better one: `drcli.store.best_checkpoint`.
+"""
 
 from collections.abc import Callable, Iterable
 
@@ -8,7 +11,7 @@ from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.iteration import IterationRecord
 from drcli.store import keys
-from drcli.store.best_checkpoint import metric_of, read_evaluation, tie_break_of
+from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
@@ -24,7 +27,7 @@ LAST_EVALUATION_S = 10.0
 
 
 class Scoring:
-    """Takes evaluations as they arrive, and decides which checkpoint is the best.
+    """The evaluations that are still expected.
 
     Args:
         bucket: Where they arrive.
@@ -56,7 +59,7 @@ class Scoring:
         self._expected = {r.iteration for r in newest if not r.evaluation_progress}
 
     def expect(self, iteration: int, evaluates: int | None) -> None:
-        """Note that an iteration was learned from.
+        """Tell that an iteration was learned from.
 
         Args:
             iteration: Its number.
@@ -69,7 +72,7 @@ class Scoring:
         self._expected = {n for n in self._expected if n > iteration - REMEMBERED_SCORES}
 
     def score(self, newest: CheckpointName) -> None:
-        """Take note of evaluations that have arrived, and of the best checkpoint.
+        """Score the checkpoints whose evaluations have arrived.
 
         Args:
             newest: Named in the log beside it.
@@ -82,7 +85,7 @@ class Scoring:
                 self._compare(result, newest)
 
     def score_all(self, newest: CheckpointName) -> None:
-        """Score the newest checkpoint, too, whose iteration nobody has learned from yet.
+        """Score the newest checkpoint too, whose iteration is not learned from yet.
 
         It is done where a trainer leaves, so that nothing that was driven is lost, and where one
         begins, for what arrived while there was none.
@@ -125,12 +128,7 @@ class Scoring:
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
         """Let an evaluated checkpoint be the best one, if it is."""
-        self._checkpoints.record_evaluation(
-            result.checkpoint,
-            metric_of(self._metric, result),
-            lower_is_better=self._metric == "laptime",
-            tie_break=tie_break_of(self._metric, result),
-        )
+        self._checkpoints.record_evaluation(result, self._metric)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             plain.info(

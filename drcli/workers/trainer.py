@@ -207,7 +207,7 @@ class Trainer:
     def _doubt(self) -> None:
         """Point to the newest checkpoint again where the workers cannot see it any more.
 
-        By whatever accident that is so, they and the trainer would wait for each other for ever.
+        Else they and the trainer would wait for each other forever.
         """
         if time.monotonic() < self._doubted + DOUBT_S:
             return
@@ -284,7 +284,7 @@ class Trainer:
         self._watch_health()
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
-        """What to say when the loss is no number any more."""
+        """The failure of a training whose loss is NaN."""
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         back = "" if best is None else f" Or start a new model from checkpoint {best.number}, the "
         back += "" if best is None else "best, with DR_LOCAL_S3_PRETRAINED=True."

@@ -21,8 +21,8 @@ POLL_S = 0.06
 """Pause between two looks for a new checkpoint, seconds."""
 
 QUIET_SHARE = 0.7
-"""Share of the time that learning takes in which nobody looks for the next checkpoint: each look
-takes processor time from the learner that is waited for."""
+"""Share of the time that learning takes in which the worker does not look for the next checkpoint:
+each look takes processor time from the learner."""
 
 REMEMBERED = 5
 """Of how many checkpoints the time that learning took is remembered. The shortest of them counts,
@@ -35,12 +35,12 @@ FINISHED_EVERY_S = 1.0
 """How often a waiting worker looks whether the training is over."""
 
 DOUBT_S = 10.0
-"""How often a waiting worker looks whether what it handed in is still in the bucket. Where it is
-not, by whatever accident, trainer and worker would wait for each other for ever."""
+"""How often a waiting worker looks whether what it delivered is still in the bucket. Where it is
+not, trainer and worker would wait for each other forever."""
 
 
 class CheckpointWaiter:
-    """Waits for checkpoints, and takes as little as it can from whoever computes them."""
+    """Waits for checkpoints, and takes little processor time from the trainer that makes them."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class CheckpointWaiter:
             self._learn_s_per_step.append(learned.learn_s / learned.steps)
 
     def _quiet_s(self, steps: int) -> float:
-        """How long nobody need look for a checkpoint that is learned from so many own steps."""
+        """How long not to look for a checkpoint made from so many steps of this worker."""
         if len(self._learn_s_per_step) < 2:
             return 0.0
         return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
@@ -142,7 +142,7 @@ class CheckpointWaiter:
                 self._pause(min(left_s, LONGEST_NAP_S))
 
     def _is_lost(self, newest: CheckpointName) -> bool:
-        """Whether the trainer waits for an iteration that this worker has handed in long since."""
+        """Whether the trainer waits for an iteration that this worker has already delivered."""
         manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
         if (
             manifest is not None

@@ -1,4 +1,4 @@
-"""What can go wrong in the simulation through no fault of its own; each message says what to do."""
+"""Exceptions for wrong input to the simulation; each message says what to do."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,20 +10,15 @@ that does not return, a value that is not a number, a number outside the limits.
 
 
 class TrackError(ValueError):
-    """A track that cannot be found or whose numbers make no track."""
+    """A track that cannot be found, or a route that is not a track."""
 
 
 class RewardError(RuntimeError):
-    """A reward function that cannot be loaded, fails, or returns something that is no reward.
+    """A reward function that cannot be loaded, fails, or returns something that is not a reward.
 
-    Attributes:
-        file: The user's file, where known.
-        line: Line in that file, counted from 1, where known.
-        source: The text of that line, or an empty string.
-        params: The parameters of the failing call in short form; empty when loading failed.
-        kind: What is wrong.
-        reason: What went wrong in a call, such as "KeyError: 'sped'", without place and parameters;
-            empty when loading failed.
+    `file` and `line` (from 1) say where, if known, `source` is the text of that line, and `params`
+    are the parameters of the failing call in short form. `kind` says what is wrong, `reason` what
+    went wrong, without the place: in a call such as "KeyError: 'sped'", else a whole sentence.
     """
 
     def __init__(
@@ -37,7 +32,7 @@ class RewardError(RuntimeError):
         kind: RewardErrorKind = "load",
         reason: str = "",
     ) -> None:
-        """Keep the place beside the sentence; the sentence alone must suffice for a reader."""
+        """Keep the details beside the message, which is complete without them."""
         super().__init__(message)
         self.file = file
         self.line = line

@@ -1,4 +1,4 @@
-"""The one way this package compiles its hot loops with numba."""
+"""How this package compiles its kernels with numba."""
 
 import os
 import stat
@@ -11,22 +11,24 @@ import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_numba_config: Any = numba.config  # its names are made when it is loaded
+_numba_config: Any = numba.config  # numba sets its names at run time
 
 
 def kernel(function: F) -> F:
     """Compile a function of numbers and arrays to machine code that runs without the GIL.
 
-    The compiled code is cached, so that only the first run on a machine pays for the compilation:
-    where NUMBA_CACHE_DIR says, else beside the module, else in the user's home, else in a folder of
-    the user's own below the temporary one. Where none of them can be written, every process
-    compiles for itself.
+    The machine code is cached, so that only the first run compiles: in NUMBA_CACHE_DIR, else beside
+    the module, else in the user's home, else in a private folder below the temporary one. If none
+    of them can be written, every process compiles.
+
+    A cached kernel is compiled again when its own file changes, not when a kernel in another file
+    does. So kernels that call each other are in one file.
     """
     try:
         if not _numba_config.CACHE_DIR and _home_is_unknown():
             _use_temporary_folder()
         return _compiled(function, cache=True)
-    except RuntimeError:  # how numba says that it found no place for a cache
+    except RuntimeError:  # numba found no place for a cache
         pass
     try:
         _use_temporary_folder()

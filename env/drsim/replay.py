@@ -1,8 +1,8 @@
 """How faithful the car is: `python -m drsim.replay FOLDER --world NAME`.
 
 FOLDER holds simtrace CSV files of the reference simulator. Our car drives the recorded actions from
-each recorded pose, and a horizon later its pose is compared with the recorded one (`fidelity`).
-What the recording says of its track is derived again from the poses (`rederive`).
+each recorded pose, and a horizon later its pose is compared with the recorded one
+(`fidelity.motion`). The track columns are derived again from the poses (`fidelity.track_columns`).
 """
 
 import argparse
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from drsim.errors import TrackError
-from drsim.fidelity.motion import Windows, compare
+from drsim.fidelity.motion import Windows, compare_motion
 from drsim.fidelity.recordings import RecordingError, load_recordings
-from drsim.fidelity.track_columns import Agreement, rederive
+from drsim.fidelity.track_columns import Agreement, compare_track_columns
 from drsim.track.worlds import load_track
 
 EXIT_SETTINGS = 3
@@ -34,16 +34,10 @@ _REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Errors a horizon ahead, as `--json` prints them.
+    """Errors a horizon ahead, as `--json` prints them; nine of ten windows are within `p90_m`.
 
-    Attributes:
-        median_m: Median distance between our car and the recorded one.
-        p90_m: Distance that nine of ten windows keep below.
-        median_yaw_deg: Median angle between them.
-        windows: How many windows were compared.
-        bicycle_median_m: Median distance of a bicycle that does at once what it is asked.
-        bicycle_median_yaw_deg: Median angle of it.
-        driven_median_m: Median distance, as the crow flies, that the recorded car got.
+    The bicycle does at once what it is asked. `driven_median_m` is how far the recorded car got, in
+    a straight line.
     """
 
     median_m: float
@@ -56,7 +50,7 @@ class Fidelity:
 
 
 def summary(windows: Windows) -> Fidelity:
-    """Medians over windows, of which there must be one."""
+    """Medians over windows, at least one."""
     return Fidelity(
         median_m=float(np.median(windows.position_m)),
         p90_m=float(np.percentile(windows.position_m, 90)),
@@ -69,21 +63,18 @@ def summary(windows: Windows) -> Fidelity:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print.
-
-    Returns:
-        The exit code: 0, or 3 after a sentence on stderr that says what to change.
-    """
+    """Measure and write; the exit code is 3 after a sentence on stderr that says what to change."""
     options = _parser().parse_args(arguments)
     try:
         report, agreement = _measure(options)
     except RecordingError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         return EXIT_SETTINGS
     if options.json:
-        print(json.dumps(_as_json(report, agreement)))
+        text = json.dumps(_as_json(report, agreement))
     else:
-        _show(options, report, agreement)
+        text = _as_text(options, report, agreement)
+    sys.stdout.write(f"{text}\n")
     return 0
 
 
@@ -129,7 +120,7 @@ def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
         _note(f"{recordings.left_out} lines could not be read and were left out.")
     wanted = _REMAINDERS[options.episodes]
     drives = [drive for drive in recordings.drives if drive.episode % 2 in wanted]
-    windows = compare(drives, horizon_s=options.horizon)
+    windows = compare_motion(drives, horizon_s=options.horizon)
     if not len(windows.position_m):
         raise RecordingError(
             f"No drive in the {options.episodes} episodes of {options.folder} goes on for "
@@ -140,7 +131,7 @@ def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
     except TrackError as error:
         _note(f"What is recorded of the track was not checked. {error}")
         return summary(windows), None
-    agreement = rederive(drives, track)
+    agreement = compare_track_columns(drives, track)
     if not agreement.fits:
         _note(
             f"The recording does not fit {options.world} (length {agreement.length_m:.2f} m, "
@@ -150,7 +141,7 @@ def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
 
 
 def _note(sentence: str) -> None:
-    print(f"Note: {sentence}", file=sys.stderr)
+    sys.stderr.write(f"Note: {sentence}\n")
 
 
 def _as_json(report: Fidelity, agreement: Agreement | None) -> dict[str, Any]:
@@ -163,8 +154,8 @@ def _as_json(report: Fidelity, agreement: Agreement | None) -> dict[str, Any]:
     return {**vars(report), "track": track}
 
 
-def _show(options: argparse.Namespace, report: Fidelity, agreement: Agreement | None) -> None:
-    print(
+def _as_text(options: argparse.Namespace, report: Fidelity, agreement: Agreement | None) -> str:
+    text = (
         f"{options.horizon:g} s ahead, medians of {report.windows} windows in {options.episodes} "
         f"episodes, {report.driven_median_m:.2f} m driven\n"
         f"  our car   {report.median_m:7.3f} m {report.median_yaw_deg:6.1f} degrees off; "
@@ -173,9 +164,10 @@ def _show(options: argparse.Namespace, report: Fidelity, agreement: Agreement | 
         f"{report.bicycle_median_yaw_deg:6.1f} degrees off, following at once"
     )
     if agreement is None:
-        return
+        return text
     backwards = ", driven backwards" if agreement.reverse else ""
-    print(
+    return (
+        f"{text}\n"
         f"Recorded columns derived again on {options.world}{backwards}, {agreement.rows} rows\n"
         f"  progress             {_percent(agreement.progress)} within 0.02\n"
         f"  closest_waypoint     {_percent(agreement.closest_waypoint)} equal\n"

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from drcli.cli.completion import LINE, QUESTION
+from drcli.cli.completion import ASKS, LINE
 from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_folder
 from drcli.store.server import server
@@ -91,8 +91,7 @@ def main() -> None:
 
 def question(line: str) -> dict[str, str]:
     """Variables by which a shell asks what may follow on a line."""
-    asks = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
-    return {**asks, LINE: line}
+    return {**ASKS, LINE: line}
 
 
 def measure(

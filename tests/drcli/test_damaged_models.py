@@ -29,12 +29,12 @@ from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.repair import read_metrics
 from drcli.workers.sim import SimWorker
 from drcli.workers.trainer import Trainer
 from drcli.workers.worker_process import StopRequested
+from memory_bucket import MemoryBucket
 
 PREFIX = "team/model"
 ITERATIONS = 2
@@ -201,7 +201,7 @@ OBJECTS = {
     "history": keys.history(PREFIX),
     "metrics": keys.training_metrics(keys.metrics_prefix(PREFIX)),
     "record": "record",
-    "note": keys.run_note(PREFIX),
+    "note": keys.training_start(PREFIX),
     "hyperparameters": keys.hyperparameters(PREFIX),
     "metadata": keys.model_metadata(PREFIX),
     "evaluation": keys.evaluation_result(PREFIX, 0),
@@ -280,7 +280,7 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
 
 
 def is_told(name: str, damage: str) -> bool:
-    """Whether whoever mends a model needs the object, so that its damage is worth a word."""
+    """Whether the repair of a model needs the object, so that its damage is told."""
     if name in ("lease", "trainer"):
         return damage in ("empty", "cut short", "a list")
     if (name, damage) == ("hyperparameters", "no keys"):

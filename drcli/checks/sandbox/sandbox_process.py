@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from time import monotonic, perf_counter, sleep  # which racers' code may replace in `time`
+from types import FunctionType
 from typing import Any, NoReturn, TextIO
 
 from drcli.base import signal_guard
@@ -39,7 +40,6 @@ from drcli.checks.sandbox.sandbox_records import (
 from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter, growth, sizes
 from drcli.store.keys import REWARD_FUNCTION_FILE
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
-from drsim.episode.reward_errors import code_of, place
 from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
@@ -124,7 +124,7 @@ class _Passes:
             ],
             failures=[*self._failures.values(), *self._replaced()],
             returned=dict(self._returned),
-            line=getattr(code_of(function), "co_firstlineno", None) if function else None,
+            line=function.__code__.co_firstlineno if isinstance(function, FunctionType) else None,
             timing=_timing(self._took_s),
             calls=len(values),
             effects=self._effects.noted(),
@@ -234,10 +234,9 @@ class _Passes:
             self._failures[key] = replace(known, times=known.times + 1)
             return
         missing = error.__cause__.name if isinstance(error.__cause__, ImportError) else None
-        sentence = str(error).splitlines()[0].replace(place(error.file, error.line), "")
         self._failures[key] = Failure(
             kind=error.kind,
-            reason=error.reason or sentence.replace(str(self._file), self._request.name),
+            reason=error.reason.replace(str(self._file), self._request.name),
             line=error.line,
             source=error.source,
             params=str(error.params) if error.params else "",

@@ -10,7 +10,7 @@ from drcli.models import copy_custom_files
 def upload_custom_files(as_json: AsJson = False) -> None:
     """Copy custom_files/, or that of the experiment, to DR_LOCAL_S3_CUSTOM_FILES_PREFIX.
 
-    Copies all files in it, and the settings files. Nothing is deleted in the bucket.
+    Copies every file in the folder. Nothing is deleted in the bucket.
 
     Example: dr-upload-custom-files
     """

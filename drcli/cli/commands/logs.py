@@ -1,19 +1,17 @@
 """`dr logs`."""
 
 import re
-import time
 from typing import Annotated
 
 import typer
 
 from drcli.base.errors import Absent
 from drcli.cli import candidates, console
-from drcli.cli.log_tail import Tail, older
+from drcli.cli.log_tail import show_log
 from drcli.cli.working_folder import settings, working_folder
 from drcli.runs.run_logs import log_file
 
 TAIL_LINES = 20
-POLL_S = 0.3
 
 
 def logs(
@@ -50,17 +48,7 @@ def logs(
         if not follow:
             raise Absent(f"There is no log yet: {path}.", remedy=_remedy(name, loaded.workers))
         console.say(f"Waiting for {path} ...")
-    tail = Tail(path, None if whole else TAIL_LINES)
-    try:
-        for piece in older(path) if whole else ():
-            console.write(piece)
-        while text := tail.read(unfinished=not follow):
-            console.write(text)
-        while follow:
-            time.sleep(POLL_S)
-            console.write(tail.read(), followed=True)
-    except KeyboardInterrupt:  # the way to end -f is not a failure
-        return
+    show_log(path, None if whole else TAIL_LINES, lambda: follow)
 
 
 def _name(worker: str, number: int) -> str:

@@ -10,7 +10,7 @@ import typer
 
 from drcli.base.errors import Absent
 from drcli.cli import console
-from drcli.cli.log_tail import Tail, older
+from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
@@ -19,8 +19,6 @@ from drcli.runs.status import Process, ProcessReport
 
 TAIL_LINES = 100
 """Lines of an existing log that are shown; the reference shows the last five minutes."""
-
-POLL_S = 0.3
 
 _Wait = Annotated[
     float,
@@ -166,18 +164,7 @@ def _follow(
         found = look()
     if not found:
         raise _absent(wanted)
-    tail = Tail(Path(found[0].log), None if whole else TAIL_LINES)
-    try:
-        for piece in older(Path(found[0].log)) if whole else ():
-            console.write(piece)
-        while found:
-            console.write(tail.read(), followed=True)
-            time.sleep(POLL_S)
-            found = look()
-        while text := tail.read(unfinished=True):
-            console.write(text)
-    except KeyboardInterrupt:  # the way to end it is not a failure
-        return
+    show_log(Path(found[0].log), None if whole else TAIL_LINES, lambda: bool(look()))
 
 
 def _print(found: list[Process], wanted: "_Wanted", *, as_json: bool) -> None:

@@ -22,7 +22,7 @@ _Force = Annotated[bool, typer.Option("--force", help="Replace a track of the sa
 
 @app.command("list")
 def list_all(as_json: AsJson = False) -> None:
-    """List all tracks: those built in, and those in the folder DR_TRACKS_DIR.
+    """List all tracks: the built-in ones, and those in the folder DR_TRACKS_DIR.
 
     Example: dr-tracks list --json
     """
@@ -52,11 +52,11 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli.config.worlds import ROUTE_FILES, is_here, remedy
+    from drcli.config.worlds import ROUTE_FILES, is_installed, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
     wanted = settings().race.replaced(world_name=name)
-    if not name.endswith(ROUTE_FILES) and not is_here(wanted):
+    if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
     view = show_track(name, wanted.tracks_folder, png, columns=columns)
@@ -104,7 +104,7 @@ def fetch(
     force: _Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fetch a route of the community from the web into the folder DR_TRACKS_DIR.
+    """Download a community track into the folder DR_TRACKS_DIR.
 
     Example: dr-tracks fetch Oval_track
     """
@@ -117,11 +117,11 @@ def fetch(
 
 
 def _say_what_it_hides(name: str) -> None:
-    """Tell that a new file takes the place of a built-in track."""
+    """Warn that a new file takes the place of a built-in track."""
     from drcli.config.worlds import built_in
 
     if name in built_in():
         console.warn(
-            f"{name} is a built-in track too. From now on the name means your file; remove the "
+            f"{name} is also a built-in track. From now on the name means your file; remove the "
             "file to get the built-in track back."
         )

@@ -1,4 +1,4 @@
-"""How reports about reward functions look."""
+"""Shows reports about reward functions."""
 
 from typing import TYPE_CHECKING
 
@@ -60,7 +60,7 @@ def plot(report: "PlotReport") -> RenderableType:
 def comparison(report: "ComparisonReport") -> RenderableType:
     """What two functions pay the same drivers."""
     table = Rows(
-        ("driver", "steps", "time", "A a lap", "B a lap", "A a step", "B a step"),
+        ("driver", "steps", "time", "A per lap", "B per lap", "A per step", "B per step"),
         [
             (
                 driver.name,
@@ -120,8 +120,8 @@ def _facts(report: "RewardReport") -> Table:
     if report.time is not None:
         table.add_row(
             "time",
-            f"{_time(report.time.median_us)} a call, worst {_time(report.time.worst_us)}; driving "
-            f"takes {report.time.slower_percent:.1f} % longer",
+            f"{_time(report.time.median_us)} per call, worst {_time(report.time.worst_us)}; "
+            f"driving takes {report.time.slower_percent:.1f} % longer",
         )
     reads = [parameter.name for parameter in report.parameters if parameter.read]
     if reads:
@@ -132,7 +132,7 @@ def _facts(report: "RewardReport") -> Table:
 
 def _drivers(report: "RewardReport") -> Rows:
     return Rows(
-        ("driver", "steps", "time", "progress", "ended", "reward", "a step"),
+        ("driver", "steps", "time", "progress", "ended", "reward", "per step"),
         [
             (
                 driver.name,

@@ -1,4 +1,4 @@
-"""How tracks look: a list of them, a map, the facts of one."""
+"""Shows tracks: a list, a map, the facts of one."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from drcli.tracks.tracks_folder import TrackView
 
 _REPEATS = 3
-"""Repeated waypoints that are told one by one."""
+"""Repeated waypoints that are listed one by one."""
 
 
 def track_list(found: "TrackList") -> RenderableType:
-    """All tracks, a line each, and where the racer's own lie."""
+    """All tracks, a line each, and the racer's folder of tracks."""
     table = Rows(
         ("track", "length", "width", "direction", "from"),
         [
@@ -34,7 +34,7 @@ def track_list(found: "TrackList") -> RenderableType:
     )
     own, here = Path(found.folder), Path.cwd()
     place = own.relative_to(here) if own.is_relative_to(here) else own
-    return Group(table, Text(f"{len(found.tracks)} tracks; your own lie in {place}/."))
+    return Group(table, Text(f"{len(found.tracks)} tracks; your own are in {place}/."))
 
 
 def track(view: "TrackView") -> RenderableType:
@@ -47,8 +47,8 @@ def track(view: "TrackView") -> RenderableType:
 
 
 def track_facts(facts: "TrackFacts") -> RenderableType:
-    """What there is to know about a track, in three lines."""
-    line = "is part of the road" if facts.line_family == "in" else "lies beside the road"
+    """What is known about a track, in three lines."""
+    line = "is part of the road" if facts.line_family == "in" else "is beside the road"
     width = (
         f"{facts.width_m:.2f} m"
         if facts.greatest_width_m - facts.least_width_m < 0.02

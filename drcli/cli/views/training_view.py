@@ -9,7 +9,7 @@ from drcli.cli.views import iterations
 from drcli.cli.views.layout import Fitted, indented
 
 if TYPE_CHECKING:
-    from drcli.models.pretrained import Pretrained
+    from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import RunPlan
     from drcli.runs.status import RunReport

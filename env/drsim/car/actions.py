@@ -1,4 +1,4 @@
-"""Action spaces: from what a policy puts out to a steering angle and a speed."""
+"""Action spaces: they turn the output of a policy into a steering angle and a speed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,16 +13,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DiscreteActions:
-    """A list of requests; the action is a position in the list.
-
-    Attributes:
-        choices: Steering in degrees (left positive) and speed in m/s of each action.
-    """
+    """A list of steering in degrees (left positive) and speed in m/s; the action is an index."""
 
     choices: Sequence[tuple[float, float]]
 
     def space(self) -> gym.Space[Any]:
-        """One of as many numbers as there are choices."""
+        """`Discrete`: an index into the choices."""
         return gym.spaces.Discrete(len(self.choices))
 
     def requests(self, actions: NDArray[Any]) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""The front camera of the car: where it is mounted and what its lens covers."""
+"""The front camera of the car: its mount, field of view and resolution."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The DeepRacer car: a batch of MuJoCo cars that turns actions into poses."""
+"""The car: many MuJoCo cars that turn steering and speed requests into poses."""
 
 import math
 from dataclasses import dataclass
@@ -55,15 +55,15 @@ REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
 _SETTLE_STEPS = 30
 
 _VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
-"""Numbers of the model in which cars may differ from each other."""
+"""Arrays of the model in which cars may differ from each other."""
 
 _BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
-"""Attributes of a batch of cars that are MuJoCo's batch, or views of it."""
+"""Attributes of `CarBatch` that are MuJoCo's batch, or views of it."""
 
 
 @dataclass(frozen=True)
 class CarParameters:
-    """What may differ between one version 5 car and the next; masses and geometry stand in car.xml.
+    """The calibrated numbers of the car; masses and geometry are in car.xml.
 
     The defaults were found by replaying recorded actions of the reference simulator (release 6,
     continuous actions), every other episode, and comparing where the car ended one second later. On
@@ -106,14 +106,9 @@ class CarParameters:
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
 ) -> mujoco.MjModel:
-    """Compile the car's MJCF with the given parameters written over it.
+    """The model of one car on an endless floor: car.xml with the given parameters.
 
-    Args:
-        parameters: Calibrated values; the defaults when left out.
-        longest_latency_s: By how much the delays may be lengthened afterwards, seconds.
-
-    Returns:
-        A model of one car on an endless floor.
+    The delays can be lengthened by up to `longest_latency_s` afterwards.
     """
     p = parameters or CarParameters()
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
@@ -140,15 +135,9 @@ def car_model(
 def motor_commands(
     steering_deg: Floats, speed_mps: Floats, parameters: CarParameters
 ) -> tuple[Floats, Floats]:
-    """What the motors are asked for, within the limits of the car.
+    """Steering angles in radians and wheel speeds in rad/s for the motors, each of shape (n,).
 
-    Args:
-        steering_deg: Requested wheel angles, left positive. Shape (n,).
-        speed_mps: Requested speeds. Shape (n,).
-        parameters: The car.
-
-    Returns:
-        Steering angle in radians and wheel speed in rad/s, each of shape (n,).
+    Requests (left positive, shape (n,)) are clipped to the limits of the car.
     """
     steering_rad = np.radians(np.clip(steering_deg, -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(speed_mps, MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
@@ -158,7 +147,7 @@ def motor_commands(
 
 
 class CarBatch:
-    """Cars that know nothing of each other, stepped together on MuJoCo's thread pool.
+    """Independent cars, stepped together on MuJoCo's thread pool.
 
     The same actions give bit-identical motion on one machine, whatever the number of threads.
     All attributes are refreshed by `place` and `drive`.
@@ -183,11 +172,8 @@ class CarBatch:
     ) -> None:
         """Build cars that stand at the world's origin.
 
-        Args:
-            num_cars: How many cars, at least 1.
-            num_threads: Threads that step them, the caller's included, at least 1.
-            parameters: Calibrated values; the defaults when left out.
-            longest_latency_s: Largest latency that `vary` will be given, seconds.
+        `num_threads` step them, the caller's included; `longest_latency_s` is the largest latency
+        that `vary` will get.
         """
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
@@ -201,10 +187,19 @@ class CarBatch:
         self.lens_pos: Floats = np.zeros((num_cars, 3))
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
+        self._motion = _Motion(
+            self.origin_xy,
+            self.front_xy,
+            self.yaw_rad,
+            self.wheel_xy,
+            self.lens_pos,
+            self.lens_mat,
+            self.speed,
+        )
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that the motion of the cars depends on. MuJoCo's own batch cannot be copied."""
+        """Everything that the motion depends on. MuJoCo's own batch cannot be copied."""
         varied = {name: self._batch.expanded(name) for name in _VARIED}
         return {
             **{name: value for name, value in self.__dict__.items() if name not in _BOUND},
@@ -214,7 +209,7 @@ class CarBatch:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build a batch of its own for a copy, in the same state."""
+        """Build a new batch in the same state."""
         num_threads, physics, varied = (
             state.pop(name) for name in ("num_threads", "physics", "varied")
         )
@@ -234,7 +229,7 @@ class CarBatch:
         self._ctrl: Floats = self._batch.bind("ctrl")
 
     def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
-        """Make cars unlike the calibrated one, until told otherwise. Call it before `place`.
+        """Change cars from the calibrated one until the next call. Call it before `place`.
 
         Args:
             cars: Which cars. Shape (k,).
@@ -291,20 +286,7 @@ class CarBatch:
 
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
-        _poses_of(
-            self._qpos,
-            self._qvel,
-            _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad),
-            _Motion(
-                self.origin_xy,
-                self.front_xy,
-                self.yaw_rad,
-                self.wheel_xy,
-                self.lens_pos,
-                self.lens_mat,
-                self.speed,
-            ),
-        )
+        _poses_of(self._qpos, self._qvel, _MOUNT, self._motion)
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
@@ -333,6 +315,9 @@ class _Motion(NamedTuple):
     lens_pos: Floats
     lens_mat: Floats
     speed: Floats
+
+
+_MOUNT = _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad)
 
 
 @kernel

@@ -1,6 +1,6 @@
-"""Sim-to-real extras: what a real car has and the simulation has not, drawn anew for each episode.
+"""Sim-to-real extras: noise, delays and other differences of real cars, drawn for each episode.
 
-Everything is off by default. With the same seed an episode is disturbed in the same way.
+Everything is off by default. The same seed disturbs an episode in the same way.
 """
 
 import math
@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 Frames = NDArray[np.uint8]
 
 _WIDEST_BLUR = 12
-"""Most pixels on either side that a blur reaches, whatever its setting."""
+"""Most pixels on either side that a blur reaches."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,7 @@ class Realism:
     mass: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no camera and no car can be.
-
-        Raises:
-            ValueError: A value is negative, not finite, or takes all light, grip or mass away.
-        """
+        """Raise ValueError for a value that is negative, not finite, or takes all light or grip."""
         for name, value in vars(self).items():
             if not 0.0 <= value < np.inf:
                 raise ValueError(f"{name} is {value}; it must be 0 or more.")
@@ -60,27 +56,27 @@ class Realism:
 
     @property
     def spoils_frames(self) -> bool:
-        """Whether frames need any work after they were rendered."""
+        """Frames are changed after they were rendered."""
         return self.image_noise > 0 or self.brightness > 0 or self.blur_px > 0
 
     @property
     def moves_camera(self) -> bool:
-        """Whether the lens is anywhere but where it was built in."""
+        """The lens is not exactly where it should be."""
         return self.camera_angle_deg > 0 or self.camera_shift_m > 0
 
     @property
     def changes_car(self) -> bool:
-        """Whether cars drive differently from the calibrated one."""
+        """Cars drive differently from the calibrated one."""
         return self.friction > 0 or self.mass > 0 or self.longest_latency_s > 0
 
     @property
     def longest_latency_s(self) -> float:
-        """Most seconds by which an action can be late."""
+        """Longest delay of an action, seconds."""
         return self.latency_s + self.latency_jitter_s
 
 
 class Disturbances:
-    """What the running episodes of n cars have drawn.
+    """The random differences of the running episodes of n cars.
 
     Attributes:
         friction: Factor on the grip of the wheels. Shape (n,).
@@ -101,12 +97,7 @@ class Disturbances:
         self._noise_key: NDArray[np.uint64] = np.zeros(num_cars, np.uint64)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw what a new episode of a car is like.
-
-        Args:
-            car: Which car.
-            random: Where the numbers come from; always the same count is taken.
-        """
+        """Draw for a new episode of a car; the same count of random numbers each time."""
         r = self.realism
         either_way = random.uniform(-1.0, 1.0, 9)
         upwards = random.random(2)
@@ -120,14 +111,11 @@ class Disturbances:
         self._noise_key[car] = random.integers(2**64, dtype=np.uint64)
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """Where the lenses of all cars really are.
+        """Where the lenses of all cars are, given where they should be.
 
         Args:
-            lens_pos: Where they should be, metres. Shape (n, 3).
-            lens_mat: How they should look: columns forward, left, up. Shape (n, 3, 3).
-
-        Returns:
-            The same, disturbed.
+            lens_pos: Positions, metres. Shape (n, 3).
+            lens_mat: Axes in the world: columns forward, left, up. Shape (n, 3, 3).
         """
         if not self.realism.moves_camera:
             return lens_pos, lens_mat
@@ -135,15 +123,13 @@ class Disturbances:
         return shifted, lens_mat @ self._turn
 
     def next_frames(self, cars: Ints) -> None:
-        """Tell that cars are about to see a new frame, whose noise is another. Shape (k,)."""
+        """Give the next frames of cars new noise. Shape (k,)."""
         self._noise_key[cars] += np.uint64(1)
 
     def spoil(self, frames: Frames, cars: slice) -> None:
-        """Blur, brighten and add noise to the frames of some cars, in place. Holds no lock.
+        """Blur, brighten and add noise to frames of some cars in place, without the GIL.
 
-        Args:
-            frames: Frames of all cars. Shape (n, eyes, rows, columns).
-            cars: Which cars.
+        `frames` are those of all cars. Shape (n, eyes, rows, columns).
         """
         _spoil(
             frames[cars],
@@ -194,7 +180,7 @@ def _spoil(
 
 @kernel
 def _normal(state: int) -> float:
-    """A number nearly normal, of variance 1: the sum of eight bytes of a well mixed word."""
+    """A nearly normal number of variance 1: eight bytes of a hash (SplitMix64) summed."""
     mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed ^= mixed >> np.uint64(31)

@@ -14,8 +14,8 @@ LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
 """Lanes by their index."""
 
 _PARKED_BESIDE_M = 0.3
-"""How far outside the rectangle around the road a racer stands that is done while the others go on.
-Right beside its border it could stand on a neighbouring stretch of the track."""
+"""How far outside the rectangle around the road a racer is parked that has finished. Right beside
+the border it could stand on a neighbouring stretch of the track."""
 
 
 class Placing:

@@ -1,4 +1,4 @@
-"""What a simulation knows and a camera does not tell: features for a critic, never for a policy."""
+"""Privileged information: what a simulation knows and no camera shows. For a critic only."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 
 _AHEAD_M = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
-"""Places on the centre line, that far ahead, whose direction is told."""
+"""The direction of the centre line is given this far ahead."""
 
 _OBJECTS = 2
-"""How many of the nearest objects ahead are told."""
+"""How many of the nearest objects ahead are given."""
 
 _HORIZON_M = 4.0
-"""Objects beyond are as if they were there: distances are told as shares of this."""
+"""Distances of objects are given as shares of this; what is farther counts as 1."""
 
 PRIVILEGED_DIMS = 6 + 2 * len(_AHEAD_M) + 2 * _OBJECTS
 """Length of the features of one car."""
@@ -32,7 +32,7 @@ def features(
     along_m: Floats,
     traffic: Traffic | None,
 ) -> Singles:
-    """What a critic may know of each car.
+    """Features of each car for a critic.
 
     In this order: offset from the centre line in half widths, left positive; sine and cosine of
     the heading against the line; speed in m/s; sine and cosine of the place on the lap as an

@@ -9,7 +9,7 @@ from drsim.track.track import Track
 Floats = NDArray[np.float64]
 
 JUMP_M = 1.0
-"""No car gets this far along the line in one step (the fastest drives 0.24 m)."""
+"""No car drives this far in one step (the fastest drives 0.24 m)."""
 
 _SAMPLES = 81
 
@@ -50,8 +50,8 @@ def fraction_at(progress: Floats, start_fraction: Floats) -> Floats:
 def without_jump(track: Track, xy: Floats, found_m: float, before_m: float) -> float:
     """Distance along the centre line, unless it belongs to a neighbouring stretch of the track.
 
-    The nearest point of the whole line may lie on another stretch that passes nearby. A car that
-    seems to have got there in one step is looked for again near the place where it was.
+    The nearest point of the whole line may lie on another stretch that passes nearby. If a car
+    seems to have jumped there in one step, its place is searched again near where it was.
 
     Args:
         track: The track.

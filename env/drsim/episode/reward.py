@@ -1,4 +1,4 @@
-"""The user's reward function: loading it, calling it safely, and naming the line that failed."""
+"""The user's reward function: load it, call it with a deadline, name the line that failed."""
 
 import importlib.util
 import inspect
@@ -36,8 +36,7 @@ REWARD_LIMIT = 1e5
 """Rewards beyond +-1e5 end the run. Source: the reference simulator."""
 
 _IMPORT_DEADLINE_S = 60.0
-"""Importing scientific packages may take seconds; an endless loop at the top of the file does not
-end."""
+"""Importing scientific packages may take seconds; this ends an endless loop in the file."""
 
 _FUNCTION_NAME = "reward_function"
 _MODULE_NAME = "_drsim_reward_function"
@@ -46,18 +45,13 @@ _MODULE_NAME = "_drsim_reward_function"
 def load_reward_function(path: Path) -> RewardFunction:
     """Load `reward_function` from a user's file.
 
-    The file becomes a module of a private name, and its folder is not added to the import path.
-    What it keeps in module globals lives as long as the process, across episodes.
-
-    Args:
-        path: A Python file that defines `reward_function(params)`.
-
-    Returns:
-        The function, unguarded: call it through `checked_reward`.
+    The file becomes a module with a private name; its folder is not added to the import path. Its
+    global variables live as long as the process, across episodes. Call the function through
+    `checked_reward`.
 
     Raises:
         RewardError: The file is missing, does not parse, fails while it is imported, or has no
-            function of that name that takes one argument and returns a value of its own.
+            function `reward_function` that takes one argument and returns a value.
     """
     text = _read(path)
     try:
@@ -67,11 +61,10 @@ def load_reward_function(path: Path) -> RewardFunction:
     module = _run_module(path, code)
     function = getattr(module, _FUNCTION_NAME, None)
     if not callable(function):
-        raise RewardError(
-            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`.",
-            file=path,
-            kind="signature",
+        what = (
+            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`."
         )
+        raise _refused(what, path, None, kind="signature")
     _check_arity(path, function)
     _check_kind(path, function)
     checked: RewardFunction = function
@@ -92,10 +85,10 @@ def checked_rewards(
 ) -> list[float]:
     """Call a reward function once for each car.
 
-    The deadline rests on a timer signal, so it exists only in the main thread and only where the
-    system has such timers; elsewhere the calls are made without it. A function that swallows what
-    is raised in it then and goes on for seconds ends the process: `sys.excepthook` is told why.
-    So does an operation that Python cannot interrupt, by the signal `guard.STUCK`.
+    The deadline uses a timer signal, so it exists only in the main thread and only where the system
+    has such timers. A function that swallows the exceptions raised at its deadline and goes on for
+    seconds ends the process; `sys.excepthook` gets the reason. An operation that Python cannot
+    interrupt ends it too, by the signal `reward_deadline.STUCK`.
 
     Args:
         functions: The user's function, or one for each call.
@@ -106,8 +99,8 @@ def checked_rewards(
         The rewards, in the order of the calls.
 
     Raises:
-        RewardError: The function raised, did not return in time, or returned something that is no
-            finite number within +-1e5. Carries the place and the parameters.
+        RewardError: The function raised, did not return in time, or returned something that is not
+            a finite number within +-1e5.
     """
     rewards = []
     process = os.getpid()
@@ -127,18 +120,17 @@ def checked_rewards(
             except BaseException as error:
                 clock.armed = False
                 if isinstance(error, KeyboardInterrupt):
-                    raise  # whoever sits at the keyboard wants to end
+                    raise  # the user wants to end
                 _raise_failed(function, params, error, deadline_s)
             rewards.append(value)
     return rewards
 
 
 def as_number(value: object) -> float | None:
-    """A float of what a reward function returned; infinite where it is too large for one.
+    """What a reward function returned as a float; infinite where it is too large for one.
 
-    Returns:
-        None for what is no number: text, complex numbers, arrays of several. Booleans and integers
-        are numbers.
+    None for what is not a number: text, complex numbers, arrays of several values. Booleans and
+    integers are numbers.
     """
     if isinstance(value, str | bytes | complex) or not hasattr(value, "__float__"):
         return None
@@ -164,7 +156,7 @@ def centre_line_reward(params: RewardParams) -> float:
 
 
 class _NoRewardError(Exception):
-    """The value returned is no reward; the text says why."""
+    """The value returned is not a reward; the text says why."""
 
     def __init__(self, reason: str, kind: RewardErrorKind) -> None:
         super().__init__(reason)
@@ -182,14 +174,14 @@ def _read(path: Path) -> str:
         return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        what = f"holds byte 0x{data[error.start]:02x}, which is no UTF-8"
+        what = f"holds byte 0x{data[error.start]:02x}, which is not UTF-8"
         raise _refused(f"The reward function{place(path, line)} {what}.", path, line) from error
 
 
 def _run_module(path: Path, code: CodeType) -> ModuleType:
     spec = importlib.util.spec_from_loader(_MODULE_NAME, loader=None, origin=str(path))
     if spec is None:  # never for a spec without a loader, but the signature allows it
-        raise RewardError(f"{path} cannot be made a module.", file=path)
+        raise RewardError(f"{path} cannot become a module.", file=path)
     module = importlib.util.module_from_spec(spec)
     module.__file__ = str(path)
     # Dataclasses and pickling look their module up by name.
@@ -228,16 +220,16 @@ def _check_arity(path: Path, function: Callable[..., Any]) -> None:
 
 
 def _check_kind(path: Path, function: Callable[..., Any]) -> None:
-    """Refuse what Python never carries out by calling it."""
+    """Refuse a function whose body does not run when it is called."""
     if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
         why = "begins with `async`"
     elif inspect.isgeneratorfunction(function):
-        why = "holds `yield`"
+        why = "contains `yield`"
     else:
         return
     line = function.__code__.co_firstlineno
     raise _refused(
-        f"`{_FUNCTION_NAME}`{place(path, line)} {why}, so that calling it returns no number. "
+        f"`{_FUNCTION_NAME}`{place(path, line)} {why}, so calling it does not return a number. "
         "Write `def` and `return`.",
         path,
         line,
@@ -256,8 +248,14 @@ def _refused(
     what: str, path: Path, line: int | None, *, kind: RewardErrorKind = "load"
 ) -> RewardError:
     """A file that cannot be used, with the line in question."""
-    text = f"{what}{quoted(path, line)}"
-    return RewardError(text, file=path, line=line, source=source(path, line), kind=kind)
+    return RewardError(
+        f"{what}{quoted(path, line)}",
+        file=path,
+        line=line,
+        source=source(path, line),
+        kind=kind,
+        reason=what.replace(place(path, line), ""),
+    )
 
 
 def _number(value: object) -> float:
@@ -275,7 +273,7 @@ def _late(deadline_s: float) -> str:
 
 
 def _end_for(what: str, frame: FrameType | None) -> NoReturn:
-    """End this process, whose code at the frame swallows every exception, with last words."""
+    """End this process, whose code at the frame swallows every exception, with a message."""
     while frame is not None and frame.f_globals.get("__name__") != _MODULE_NAME:
         frame = frame.f_back
     path, line = (Path(frame.f_code.co_filename), frame.f_lineno) if frame else (None, None)

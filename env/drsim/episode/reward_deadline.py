@@ -1,4 +1,4 @@
-"""Carries out a user's code with a deadline, and in this process only."""
+"""Runs a user's code with a deadline, and in this process only."""
 
 import contextlib
 import faulthandler
@@ -7,59 +7,57 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from functools import cache
-from time import monotonic  # which users' code may put elsewhere in time
+from time import monotonic  # the function itself: users' code may replace `time.monotonic`
 from types import FrameType
 
 REPEAT_S = 0.25
-"""Time between two exceptions after a deadline, for a bare `except:` in a loop swallows them."""
+"""Time between two exceptions after a deadline: a bare `except:` in a loop swallows the first."""
 
 PATIENCE_S = 5.0
-"""How long they are raised in vain before the process has to end."""
+"""How long they are raised without effect before the process ends."""
 
 STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
-"""What ends a process whose user's code is in one operation that lasts too long: Python raises
-nothing before the operation ends. The stacks of all threads go to the standard error first."""
+"""Signal that ends a process whose user's code is inside one endless operation, where Python cannot
+raise anything. The stacks of all threads are written to standard error first."""
 
 _STUCK_FACTOR = float(max(2, os.cpu_count() or 1))
-"""Processor seconds of a process for one of the clock: other threads may compute beside."""
+"""Processor seconds per second of wall time: other threads may compute at the same time."""
 
 _STDERR = 2
 
 _LEAST_S = 1e-3
-"""What is left of a time that is over: 0 would stop the timer."""
+"""Shortest time to set: 0 would stop the timer."""
 
 
 class DeadlinePassed(BaseException):
-    """Raised inside the user's code; no `except Exception` of theirs may swallow it."""
+    """Raised inside the user's code; `except Exception` does not catch it."""
 
 
 class Alarm:
     """Raises DeadlinePassed in a user's call that takes too long, again and again until it ends.
 
-    Attributes:
-        armed: Whether a call goes on. It ends by setting this to False, which unlike a function of
-            ours nothing can interrupt.
+    A call ends by setting `armed` to False: unlike a function call, nothing can interrupt that.
     """
 
-    def __init__(self, deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> None:
+    def __init__(self, deadline_s: float, give_up: Callable[[FrameType | None], object]) -> None:
         self.armed = False
         self._over = False
         self._deadline_s = deadline_s
-        self._in_vain = in_vain
+        self._give_up = give_up
         self._begun_s = 0.0
         self._rings = 0
         self._last_s = _STUCK_FACTOR * (deadline_s + PATIENCE_S) if _may_end_stuck() else 0.0
 
     def begin(self) -> None:
-        """A call begins. The timer is left as it is: to wind it would cost more than most calls."""
+        """A call begins. Setting the timer again would cost more than most calls, so it runs on."""
         self._begun_s = monotonic()
         self._rings = 0
         self.armed = True
 
     def wind(self) -> None:
-        """Have the timer ring when the call has had its time, or the next one could have.
+        """Set the timer to the deadline of this call, or to the earliest one of a following call.
 
-        Where that is not heard, because Python is inside one operation, a second timer ends it all.
+        If Python is inside one operation and cannot react, a second timer ends the process.
         """
         if self._last_s:
             _switch.is_on = True
@@ -68,7 +66,7 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
 
     def stop(self) -> None:
-        """No call follows. A ring that came before and is heard only now winds nothing any more."""
+        """No call follows. A signal that is still to be handled sets no timer again."""
         self.armed = False
         self._over = True
         if self._last_s:
@@ -77,15 +75,15 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
-        """The timer has rung, perhaps for an earlier call than the one that goes on."""
+        """Handle the signal, which may have been meant for an earlier call."""
         if self._over:
             return
         if not self.armed or self._left_s() > 0.0:
             self.wind()
             return
         if self._rings * REPEAT_S >= PATIENCE_S:
-            self.armed = False  # nothing may interrupt the last words
-            self._in_vain(frame)
+            self.armed = False  # nothing may interrupt the last message
+            self._give_up(frame)
         self._rings += 1
         raise DeadlinePassed
 
@@ -94,16 +92,13 @@ class Alarm:
 
 
 @contextlib.contextmanager
-def alarm(deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> Iterator[Alarm]:
-    """Install the timer once for many calls.
+def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> Iterator[Alarm]:
+    """Install the timer once for many calls, each of which may take `deadline_s`.
 
-    It works in the main thread only, and only where the system has such timers.
-
-    Args:
-        deadline_s: How long each call may take.
-        in_vain: Ends the process, where the code at this frame swallows all that is raised.
+    It works in the main thread only, and only where the system has such timers. `give_up` ends the
+    process when the code at the frame that it gets swallows all exceptions.
     """
-    clock = Alarm(deadline_s, in_vain)
+    clock = Alarm(deadline_s, give_up)
     usable = hasattr(signal, "setitimer") and (
         threading.current_thread() is threading.main_thread()
     )
@@ -119,13 +114,13 @@ def alarm(deadline_s: float, in_vain: Callable[[FrameType | None], object]) -> I
     finally:
         clock.stop()
         signal.signal(signal.SIGALRM, handler_before)
-        if left_s:  # somebody else's timer ran before: it goes on, less the time we took
+        if left_s:  # another timer ran before: it goes on, less the time we took
             rest_s = max(left_s - (monotonic() - since_s), _LEAST_S)
             signal.setitimer(signal.ITIMER_REAL, rest_s, interval_s)
 
 
 class _Switch:
-    """Whether it is we who have set the second timer of this process."""
+    """Whether we have set the second timer of this process."""
 
     is_on = False
 
@@ -134,10 +129,7 @@ _switch = _Switch()
 
 
 def _may_end_stuck() -> bool:
-    """Whether the second timer is free: a profiler may use it, and its signal.
-
-    One that Ctrl-C kept us from stopping is ours, too.
-    """
+    """Whether the second timer and its signal are free: a profiler may use them."""
     if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not _switch.is_on):
         return False
     if signal.getsignal(STUCK) is not signal.SIG_DFL:
@@ -148,11 +140,11 @@ def _may_end_stuck() -> bool:
 
 @cache
 def _show_stacks(number: signal.Signals) -> None:
-    """Have a signal show where Python is before it ends the process."""
+    """Make a signal show where Python is before it ends the process."""
     faulthandler.register(number, file=_STDERR, chain=True)
 
 
 def end_copy_of(process: int) -> None:
-    """End this process if it is a copy of that one, which the user's code has made by forking."""
+    """End this process if it is a copy of that one, made by a fork in the user's code."""
     if os.getpid() != process:
         os._exit(0)

@@ -1,4 +1,4 @@
-"""Words for what a user's code did wrong: where, in which line, and what it said or returned."""
+"""Error texts for a user's code: file and line, the exception, the value that it returned."""
 
 import inspect
 import linecache
@@ -10,14 +10,14 @@ from types import CodeType, TracebackType
 from typing import Any
 
 LONGEST_TEXT = 300
-"""Characters of an exception's text that are told."""
+"""Most characters of an exception's text that are shown."""
 
 LONGEST_VALUE = 100
-"""A value that takes more characters is told by its type."""
+"""Of a longer value only the type is shown."""
 
 
 def code_of(function: Callable[..., Any]) -> CodeType | None:
-    """The code behind a function, whatever is wrapped round it; None where a library has it."""
+    """The code behind a function and its wrappers; None for a function in C."""
     try:
         inner: Any = inspect.unwrap(function)
     except ValueError:  # it is wrapped in itself
@@ -25,14 +25,13 @@ def code_of(function: Callable[..., Any]) -> CodeType | None:
     while isinstance(inner, partial):
         inner = inner.func
     if not hasattr(inner, "__code__"):
-        # An object that can be called: the code of its method is wanted, where the linter thinks
-        # that somebody asks whether it can be.
+        # The code of `__call__`. The linter takes this for a test whether the object is callable.
         inner = getattr(type(inner), "__call__", None)  # noqa: B004
     return getattr(inner, "__code__", None)
 
 
 def line_in(filename: str, trace: TracebackType | None) -> int | None:
-    """The deepest line of the user's file in a traceback: their code, not the library's."""
+    """The deepest line of the user's file in a traceback, not that of a library."""
     lines = [
         line for frame, line in traceback.walk_tb(trace) if frame.f_code.co_filename == filename
     ]
@@ -40,25 +39,25 @@ def line_in(filename: str, trace: TracebackType | None) -> int | None:
 
 
 def place(path: Path | None, line: int | None) -> str:
-    """Where in a sentence; nothing where it is not known."""
+    """In FILE, line N," to put into a sentence; empty where the file is not known."""
     if path is None:
         return ""
     return f" in {path}, line {line}," if line else f" in {path}"
 
 
 def source(path: Path | None, line: int | None) -> str:
-    """The text of a line; empty where it is not known."""
+    """The text of a line; empty if unknown."""
     return _printable(linecache.getline(str(path), line).strip()) if path and line else ""
 
 
 def quoted(path: Path | None, line: int | None) -> str:
-    """The same on a line of its own, to follow a sentence."""
+    """The text of a line, on a line of its own."""
     text = source(path, line)
     return f"\n  {text}" if text else ""
 
 
 def described(error: BaseException) -> str:
-    """Type and text of an exception, on one line; the type alone where it has no text to give."""
+    """Type and text of an exception on one line; only the type if it has no text."""
     kind = type(error).__name__
     try:
         text = " ".join(str(error).split())
@@ -70,15 +69,15 @@ def described(error: BaseException) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as Python writes it; by its type where that is long, fails or tells an address."""
+    """`repr` of a value; its type where that is long, fails or contains an address."""
     text = _written(value)
     return f"an object of type {type(value).__qualname__}" if text is None else text
 
 
 def compact(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters short enough for a message: the waypoints counted, floats with four decimals.
+    """Parameters short enough for a message: number of waypoints, floats with four decimals.
 
-    The user's code may have put anything among them: `shown` tells what is neither short nor plain.
+    The user's code may have put anything among them; `shown` shortens what is not plain.
     """
     short: dict[str, Any] = {}
     for key, value in params.items():
@@ -91,7 +90,7 @@ def compact(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rounded(value: object, depth: int) -> Any:
-    """Numbers and texts, and lists of them to a depth; of anything else, what is shown of it."""
+    """Numbers, texts, and lists of them to a depth; anything else as `shown`."""
     if type(value) is float:
         return round(value, 4)
     if type(value) in (bool, int, str, type(None)):
@@ -102,7 +101,7 @@ def _rounded(value: object, depth: int) -> Any:
 
 
 def _written(value: object) -> str | None:
-    """A value as Python writes it; None where that is long, fails or tells an address."""
+    """`repr` of a value; None where that is long, fails or contains an address."""
     try:
         text = repr(value)
     except Exception:  # its own method fails, or an integer has thousands of digits
@@ -113,5 +112,5 @@ def _written(value: object) -> str | None:
 
 
 def _printable(text: str) -> str:
-    """The text without anything that steers a terminal."""
+    """The text with control characters escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -1,4 +1,4 @@
-"""Many cars on one track: motion, sensors, reward and episodes, all cars in one array pass."""
+"""Many cars on one track: motion, observations, rewards and episodes, all cars at once."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewa
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic
-from drsim.sensing.observations import Randomize, Senses
+from drsim.sensing.observations import Observations, Randomize
 from drsim.sensing.scene import Scene, build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.polyline import Location
@@ -37,7 +37,7 @@ class Simulation:
         track: The track in the direction given.
         frames: Current camera frames of each car, grey. A live view. Shape (n, eyes, 120, 160).
         scans: Current values of the lidar sensor; of width 0 without one. Shape (n, d).
-        traffic: The obstacles, bots and rivals of each car; None where a car is alone.
+        traffic: The obstacles, bots and opponents of each car; None where a car is alone.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Simulation:
             randomize: Lights and colours that change from episode to episode.
 
         Raises:
-            ValueError: The race does not fit on the track, or the cars not into the race.
+            ValueError: The race does not fit on the track, or the number of cars not the race.
         """
         if num_cars % race.racers:
             raise ValueError(f"{num_cars} cars cannot race in groups of {race.racers}.")
@@ -92,7 +92,7 @@ class Simulation:
         realism = realism or Realism()
         self._disturbances = Disturbances(num_cars, realism)
         self._draws = realism != Realism() or randomize != "nothing"
-        self._senses = Senses(
+        self._observations = Observations(
             scene or build_scene(track),
             num_cars,
             num_threads,
@@ -102,8 +102,8 @@ class Simulation:
             disturbances=self._disturbances,
             randomize=randomize,
         )
-        self.frames = self._senses.frames
-        self.scans = self._senses.scans
+        self.frames = self._observations.frames
+        self.scans = self._observations.scans
         self._cars = CarBatch(
             num_cars, num_threads, car_parameters, longest_latency_s=realism.longest_latency_s
         )
@@ -127,7 +127,7 @@ class Simulation:
         reverse: bool | Bools = False,
         seeds: NDArray[np.uint64] | None = None,
     ) -> StepResult:
-        """Begin episodes: put cars on the track at rest and take the `prepare` step.
+        """Begin episodes: put cars on the track at rest, for the `prepare` step.
 
         Cars start on the centre line, or on the lane away from an obstacle that stands there;
         racers start side by side, each second one a little further back.
@@ -151,7 +151,7 @@ class Simulation:
         if self._draws:
             self._draw(cars, seeds)
         self._place_at_start(cars, start_fraction, seeds)
-        self._senses.start(np.sort(cars), self._cars)
+        self._observations.start(np.sort(cars), self._cars)
         self._ticks[cars] += 1
         self._look_again(cars)
         self._along_m[cars] = self._where.distance_m[cars]
@@ -163,7 +163,7 @@ class Simulation:
         status[self._episodes.state.pause_steps > 0] = Status.PAUSE
         status[cars] = Status.PREPARE
         result = self._result(nobody, nothing, nobody, nobody, status)
-        self._senses.finish()
+        self._observations.finish()
         return result
 
     def step(self, steering_deg: Floats, speed_mps: Floats) -> StepResult:
@@ -172,9 +172,6 @@ class Simulation:
         Args:
             steering_deg: Wheel angles asked for, left positive. Shape (n,).
             speed_mps: Speeds asked for. Shape (n,).
-
-        Returns:
-            What became of it.
 
         Raises:
             RewardError: The reward function failed.
@@ -188,9 +185,9 @@ class Simulation:
         if self.traffic is not None:
             self.traffic.advance(running)
             self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
-        # Whoever waits sees the traffic go on.
+        # A car that waits sees the traffic go on.
         sees = driven if self.traffic is None else running
-        self._senses.start(np.flatnonzero(sees), self._cars)
+        self._observations.start(np.flatnonzero(sees), self._cars)
         try:
             self._ticks[running] += 1
             self._look()
@@ -208,7 +205,7 @@ class Simulation:
             )
             rewards = self._rewards(situation, driven)
         finally:
-            self._senses.finish()
+            self._observations.finish()
         status = np.where(waiting, Status.PAUSE, np.where(driven, verdict.status, Status.PARK))
         result = self._result(driven, rewards, verdict.terminated, verdict.truncated, status)
         if verdict.put_back.any():
@@ -229,14 +226,7 @@ class Simulation:
         return np.column_stack([self._cars.origin_xy, self._cars.yaw_rad])
 
     def privileged(self, cars: Ints) -> NDArray[np.float32]:
-        """What a critic may know beside what the cars perceive.
-
-        Args:
-            cars: Which cars. Shape (k,).
-
-        Returns:
-            As `privileged.features` tells. Shape (k, PRIVILEGED_DIMS).
-        """
+        """The `privileged_features` of some cars, shape (k,). Shape (k, PRIVILEGED_DIMS)."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
         return features(
             self._tracks,
@@ -250,7 +240,7 @@ class Simulation:
 
     def close(self) -> None:
         """Stop the threads that render."""
-        self._senses.close()
+        self._observations.close()
 
     def _episode_seeds(self, cars: Ints) -> NDArray[np.uint64]:
         """A seed for the next episode of each car. Racers of one group meet the same traffic."""
@@ -271,7 +261,7 @@ class Simulation:
         for car, seed in zip(cars.tolist(), seeds.tolist(), strict=True):
             key = np.array([seed, car % self._race.racers], np.uint64)
             random = np.random.Generator(np.random.Philox(key=key))
-            self._senses.draw(car, random)
+            self._observations.draw(car, random)
             self._disturbances.draw(car, random)
         if self._disturbances.realism.changes_car:
             d = self._disturbances
@@ -328,8 +318,8 @@ class Simulation:
         self._episodes.put_back(cars, self._along_m[cars] / self.track.length_m)
         if self.traffic is not None:
             self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
-        self._senses.start(cars, self._cars)
-        self._senses.finish()
+        self._observations.start(cars, self._cars)
+        self._observations.finish()
 
     def _look(self) -> None:
         """Find where all cars are on the track."""

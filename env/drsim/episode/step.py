@@ -1,4 +1,4 @@
-"""What one step of the simulation led to: a row of the trace for every car."""
+"""The result of one step of the simulation: a row of the trace for every car."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,7 @@ class StepResult:
 
     Attributes:
         driven: The action of this step moved the car; false while it waits or is parked, and in
-            the first step of an episode. Only driven steps are something to learn from.
+            the first step of an episode. Only driven steps can be learned from.
         reward: What the reward function returned; 0 where the car was not driven.
         terminated: The episode ended by its rules in this step.
         truncated: The episode was cut off by the step limit in this step.

@@ -1,13 +1,13 @@
-"""How far our car ends from where a recorded one did, given the same actions for the same times.
+"""How far our car ends from a recorded one, given the same actions for the same times.
 
-Our car is put at each recorded pose, with the speed, the wheel angles and the requests under way
-that it has after the recorded actions that led there. It then drives the recorded actions for the
-recorded durations. A bicycle that does at once what it is asked drives beside it.
+Our car is put at each recorded pose, with the speed, the wheel angles and the delayed requests that
+it has after the recorded actions up to there. It then drives the recorded actions for the recorded
+durations. A bicycle that does at once what it is asked drives beside it.
 
-The floor is flat and endless, so how a car goes on does not depend on where it is. So every drive
-is driven once, from its recorded start to its end, and each window takes its own piece of that,
-moved and turned to begin at the recorded pose. That is the same as stepping the actions before
-every window again, and thirty times faster.
+The floor is flat and endless, so a car drives the same way everywhere. So every drive is driven
+once, from its recorded start to its end, and each window takes its piece of that, moved and turned
+to begin at the recorded pose. That equals stepping the earlier actions again before every window,
+and is thirty times faster.
 """
 
 import math
@@ -58,14 +58,9 @@ _CARS = 256
 
 @dataclass(frozen=True)
 class Windows:
-    """Where our car and the bicycle ended after a while, against where the recorded one did.
+    """How far our car and the bicycle ended from the recorded car; arrays of shape (w,).
 
-    Attributes:
-        position_m: Distance between our car and the recorded one, each window. Shape (w,).
-        yaw_deg: Angle between them, 0 .. 180. Shape (w,).
-        bicycle_position_m: Distance between the bicycle and the recorded car. Shape (w,).
-        bicycle_yaw_deg: Angle between them. Shape (w,).
-        driven_m: How far the recorded car got, as the crow flies. Shape (w,).
+    Angles are 0 .. 180. `driven_m` is how far the recorded car got, in a straight line.
     """
 
     position_m: Floats
@@ -75,21 +70,16 @@ class Windows:
     driven_m: Floats
 
 
-def compare(
+def compare_motion(
     drives: Sequence[Recording],
     parameters: CarParameters | None = None,
     *,
     horizon_s: float = 1.0,
 ) -> Windows:
-    """Replay drives and compare poses a while ahead, from every row that allows it.
+    """Replay drives and compare poses `horizon_s` ahead, from every row that allows it.
 
-    Args:
-        drives: Recorded drives.
-        parameters: The car to replay them with; the calibrated one when left out.
-        horizon_s: Length of a window in seconds.
-
-    Returns:
-        The errors of all windows; none if no drive is long enough.
+    The car is the calibrated one if `parameters` are left out. There are no windows if no drive is
+    long enough.
     """
     found = [np.empty((0, 5))]
     for drive, replayed in zip(drives, replay(drives, parameters), strict=True):
@@ -109,10 +99,6 @@ def compare(
 
 def replay(drives: Sequence[Recording], parameters: CarParameters | None = None) -> list[Floats]:
     """Drive the recorded actions, each for the time that the recorded car drove it.
-
-    Args:
-        drives: Recorded drives.
-        parameters: The car; the calibrated one when left out.
 
     Returns:
         For each drive the pose at the start of every row, from the world's origin and the recorded
@@ -196,7 +182,7 @@ def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
 
 
 def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
-    """Where a bicycle ends that does at once, and without slip, what it is asked. Shape (w, 3)."""
+    """Where a bicycle ends that follows its requests at once and never slips. Shape (w, 3)."""
     steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
     way_m = wheel_rad_s * _WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)

@@ -1,8 +1,7 @@
-"""Recorded drives: simtrace CSV files of the reference simulator, or ours, read as they come.
+"""Recorded drives: simtrace CSV files of the reference simulator, or ours.
 
-A file may have been cut off in the middle of a line, hold nothing but its header, or come from an
-older simulator that knew fewer columns. Lines that cannot be read are left out and counted, and the
-drive is cut in two where they are missing.
+A file may end in the middle of a line, hold only a header, or come from an older simulator with
+fewer columns. Lines that cannot be read are left out and counted, and the drive is cut there.
 """
 
 import csv
@@ -39,7 +38,7 @@ _ACTION = re.compile(r"\s*\[\s*(\S+?)[\s,]+(\S+?)\s*\]\s*")
 
 
 class RecordingError(ValueError):
-    """Recordings that are missing or cannot be used; the sentence says what to do."""
+    """Recordings that are missing or cannot be used; the message says what to do."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +80,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Recordings:
-    """What a folder held.
-
-    Attributes:
-        drives: All stretches, in the order of files and rows.
-        left_out: How many lines could not be read.
-    """
+    """The drives of a folder, in order, and how many lines could not be read."""
 
     drives: list[Recording]
     left_out: int
@@ -95,14 +89,10 @@ class Recordings:
 def load_recordings(folder: Path) -> Recordings:
     """Read every simtrace file in a folder and in the folders below it.
 
-    Args:
-        folder: Where `*-iteration.csv` files lie, or one such file.
-
-    Returns:
-        Every stretch that was driven without a break.
+    `folder` holds `*-iteration.csv` files, or is one such file.
 
     Raises:
-        RecordingError: Nothing can be read there. The sentence says what to do.
+        RecordingError: Nothing can be read there. The message says what to do.
     """
     drives: list[Recording] = []
     left_out = 0
@@ -122,7 +112,7 @@ def _trace_files(folder: Path) -> list[Path]:
     if folder.is_file():
         return [folder]
     if not folder.is_dir():
-        raise RecordingError(f"There is no folder {folder}. Correct the path.")
+        raise RecordingError(f"The folder {folder} does not exist. Correct the path.")
     files = folder.rglob("*-iteration.csv")
     found = sorted(files, key=lambda file: (file.parent, len(file.name), file.name))
     if not found:
@@ -168,7 +158,9 @@ def _read(file: Path) -> tuple[list[_Step], int]:
         _check_columns(file, reader.fieldnames or ())
         rows = [_step(row, line) for line, row in enumerate(reader)]
     except csv.Error as error:
-        raise RecordingError(f"{file} is no table ({error}). Take it out of the folder.") from None
+        raise RecordingError(
+            f"{file} is not a table ({error}). Take it out of the folder."
+        ) from None
     steps = [row for row in rows if row is not None]
     return steps, len(rows) - len(steps) + unfinished
 

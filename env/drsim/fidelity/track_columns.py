@@ -1,4 +1,4 @@
-"""What a simulator wrote about recorded poses, derived again with our own geometry."""
+"""Track columns of recordings (progress, closest waypoint ...), derived again from the poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,15 +26,15 @@ lie no further than this from its centre line."""
 
 @dataclass(frozen=True)
 class Agreement:
-    """Shares of recorded rows whose columns come out the same, 0 .. 1; NaN where none tells.
+    """Shares of recorded rows whose columns agree, 0 .. 1; NaN where the column is missing.
 
     Attributes:
-        progress: Progress is the recorded one within `PROGRESS_TOLERANCE`, given the row before.
-        closest_waypoint: The closest waypoint is the recorded one.
-        all_wheels_on_track: So is whether all wheels are on the track.
+        progress: Within `PROGRESS_TOLERANCE`, given the row before.
+        closest_waypoint: Equal.
+        all_wheels_on_track: Equal.
         rows: How many rows were compared.
         length_m: Length of the track.
-        recorded_length_m: Its length according to the recording; NaN where that does not tell.
+        recorded_length_m: Its length in the recording; NaN if not recorded.
         reverse: The recording was driven against the direction of the track.
         fits: The recording may have been driven on this track.
     """
@@ -49,13 +49,8 @@ class Agreement:
     fits: bool
 
 
-def rederive(drives: Sequence[Recording], track: Track) -> Agreement:
-    """Compare what is recorded of each pose with what a track makes of it.
-
-    Args:
-        drives: Recorded drives, at least one.
-        track: The track that they may have been driven on, in either direction.
-    """
+def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreement:
+    """Compare the recorded columns with our own, of drives (at least one) in either direction."""
     poses = np.concatenate([drive.poses for drive in drives])
     waypoint = np.concatenate([drive.waypoint for drive in drives])
     wheels_on = np.concatenate([drive.wheels_on for drive in drives])
@@ -100,9 +95,9 @@ def all_wheels_on(poses: Floats, track: Track) -> Bools:
 
 
 def _progress_errors(drives: Sequence[Recording], where: Location, track: Track) -> Floats:
-    """Progress of every row but the first ones of drives, less the recorded one, in percent.
+    """Our progress less the recorded one, in percent, of every row but the first of each drive.
 
-    Where an episode began is not recorded. The first row of each drive tells, and is not compared.
+    Where an episode began is not recorded: it follows from the first row, which is not compared.
     """
     fraction = where.distance_m / track.length_m
     errors, row = [np.empty(0)], 0

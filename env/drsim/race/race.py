@@ -1,4 +1,4 @@
-"""What shares the track with a car: obstacles, bot cars, another racer."""
+"""Kinds of race: the rules for obstacles, bot cars and a second racer on the track."""
 
 import math
 from dataclasses import dataclass
@@ -33,18 +33,12 @@ class ObstacleRules:
     mercy: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse numbers that make no race.
-
-        Raises:
-            ValueError: Says which.
-        """
-        _check_at_least_0("count", self.count)
-        _check_at_least_0("min_gap_m", self.min_gap_m)
-        _check_at_least_0("reset_behind_m", self.reset_behind_m)
-        _check_at_least_0("mercy", self.mercy)
+        """Raise ValueError for a number out of range; the message says which."""
+        for name in ("count", "min_gap_m", "reset_behind_m", "mercy"):
+            _check_at_least_0(name, getattr(self, name))
         for fraction, _ in self.positions:
             if not 0.0 <= fraction <= 1.0:
-                raise ValueError(f"positions hold {fraction}; a place is 0 to 1 of the lap.")
+                raise ValueError(f"positions contain {fraction}; a place is 0 to 1 of the lap.")
 
 
 @dataclass(frozen=True)
@@ -72,16 +66,12 @@ class BotRules:
     penalty_s: float = 2.0
 
     def __post_init__(self) -> None:
-        """Refuse numbers that make no race.
-
-        Raises:
-            ValueError: Says which.
-        """
+        """Raise ValueError for a number out of range; the message says which."""
         for name in ("count", "speed_mps", "min_gap_m", "lane_change_distance_m", "penalty_s"):
             _check_at_least_0(name, getattr(self, name))
         if self.speed_mps > _FASTEST_BOT_MPS:
             raise ValueError(
-                f"speed_mps is {self.speed_mps:g}; no bot drives faster than {_FASTEST_BOT_MPS:g}."
+                f"speed_mps is {self.speed_mps:g}; it must be at most {_FASTEST_BOT_MPS:g}."
             )
         low_s, high_s = self.lane_change_time_s
         if not 0.0 <= low_s <= high_s < math.inf:
@@ -106,11 +96,7 @@ class Race:
     racers: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse more racers than fit beside each other at the start.
-
-        Raises:
-            ValueError: There are neither 1 nor 2 racers.
-        """
+        """Raise ValueError unless there are 1 or 2 racers, which fit side by side at the start."""
         if self.racers not in (1, 2):
             raise ValueError(f"racers is {self.racers}; one or two cars share a track.")
 
@@ -119,18 +105,14 @@ TIME_TRIAL = Race()
 
 
 def race_of_name(name: str) -> Race:
-    """A kind of race by name, with the default rules.
-
-    Raises:
-        ValueError: There is no such kind.
-    """
+    """A kind of race by name, with the default rules; ValueError for an unknown name."""
     races = {
         "time_trial": TIME_TRIAL,
         "object_avoidance": Race(obstacles=ObstacleRules()),
         "head_to_bot": Race(bots=BotRules()),
     }
     if name not in races:
-        raise ValueError(f"There is no race {name!r}; there are {', '.join(races)}.")
+        raise ValueError(f"{name!r} is not a race; choose one of {', '.join(races)}.")
     return races[name]
 
 

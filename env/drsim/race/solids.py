@@ -1,7 +1,7 @@
 """What stands on the floor: boxes and cars as cuboids, for cameras and lidars."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -37,12 +37,7 @@ Cuboids = NDArray[np.void]
 class Box:
     """A cuboid of a shape, in the frame of the shape: forward, left, up from a point on the floor.
 
-    Attributes:
-        center_m: Its middle, forward and left.
-        size_m: Its length and width.
-        low_m: Height of its lower side.
-        high_m: Height of its upper side.
-        color: Texture colour, 0 to 255.
+    `center_m` is its middle, forward and left; `size_m` length and width; `color` 0 to 255.
     """
 
     center_m: tuple[float, float]
@@ -54,24 +49,11 @@ class Box:
 
 @dataclass(frozen=True)
 class Shape:
-    """A kind of object.
-
-    Attributes:
-        name: Its name.
-        boxes: What it is made of.
-        footprint_m: Length and width of the rectangle that counts in a crash.
-    """
+    """A kind of object; a crash is decided by the rectangle of length and width `footprint_m`."""
 
     name: str
     boxes: tuple[Box, ...]
     footprint_m: tuple[float, float]
-
-    def painted(self, color: RGB) -> "Shape":
-        """The same shape in one other colour, except for its wheels."""
-        boxes = tuple(
-            box if box.color == _TYRE else replace(box, color=color) for box in self.boxes
-        )
-        return replace(self, boxes=boxes)
 
 
 _TYRE: RGB = (25.5, 25.5, 25.5)

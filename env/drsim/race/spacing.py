@@ -18,11 +18,7 @@ MOST_OBJECTS = 100
 
 
 def check_room(track: Track, count: int, gap_m: float) -> None:
-    """Make sure that so many objects fit on a track.
-
-    Raises:
-        ValueError: They do not; says how many would.
-    """
+    """Raise ValueError if so many objects do not fit on a track; the message says how many do."""
     fit = most_that_fit(track, gap_m)
     if count > fit:
         raise ValueError(
@@ -57,12 +53,7 @@ def drawn_places(
 ) -> Floats:
     """Distances along the lap, drawn evenly among all that keep the gap and leave the start free.
 
-    Args:
-        track: The track.
-        count: How many, no more than fit.
-        gap_m: Least distance between two, across the end of the lap too.
-        start_m: Where the car starts.
-        random: Where the numbers come from.
+    The least distance `gap_m` holds across the end of the lap too; `count` objects must fit.
 
     Returns:
         Metres from waypoint 0, in driving order from the start. Shape (count,).

@@ -1,4 +1,4 @@
-"""What each car meets on the track: obstacles, bots and rivals, placed, moved and run into."""
+"""What each car meets on the track: obstacles, bots and opponents; their places and crashes."""
 
 from dataclasses import dataclass
 
@@ -29,18 +29,18 @@ reference simulator."""
 BLOCKS_M = 0.5
 """A car this near to an obstacle on the same lane may touch it."""
 
-RIVAL_GAP_M = 0.75
+OPPONENT_GAP_M = 0.75
 """How far the second of two racers starts behind the first. Source: the reference simulator."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Who ran into what in a step; arrays over cars.
+    """Who ran into what in a step; arrays of shape (n,).
 
     Attributes:
-        crashed: The car drove into something. Shape (n,).
-        other: Index of that object, -1 for none. Shape (n,).
-        other_stands: That object is an obstacle, which never moves. Shape (n,).
+        crashed: The car drove into something.
+        other: Index of that object, -1 for none.
+        other_stands: That object is an obstacle, which never moves.
     """
 
     crashed: Bools
@@ -49,7 +49,7 @@ class Contacts:
 
 
 class Traffic:
-    """The objects of n cars, k for each, in the order of the reference: rival, obstacles, bots.
+    """The objects of n cars, k for each, in the order of the reference: opponent, obstacles, bots.
 
     Every car has objects of its own, unless cars race each other. Distances are along the centre
     line, in the driving direction of the car that the objects belong to.
@@ -62,30 +62,24 @@ class Traffic:
     """
 
     def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
-        """Prepare objects that are nowhere yet.
+        """Prepare objects without a place; ValueError if they do not fit on the track.
 
-        Args:
-            tracks: The track as given, and reversed.
-            num_cars: How many cars.
-            race: What is on the track.
-
-        Raises:
-            ValueError: The objects do not fit on the track.
+        `tracks` are the track as given, and reversed.
         """
         self._tracks = tracks
         self._race = race
-        self._rivals = race.racers - 1
+        self._opponents = race.racers - 1
         self._obstacles = _number_of(race.obstacles)
         number_of_bots = race.bots.count if race.bots is not None else 0
         if race.obstacles is not None and not race.obstacles.positions:
             check_room(tracks[0], race.obstacles.count, race.obstacles.min_gap_m)
         if race.bots is not None:
             check_room(tracks[0], race.bots.count, race.bots.min_gap_m)
-        self._standing = slice(self._rivals, self._rivals + self._obstacles)
-        self._driving = slice(self._rivals + self._obstacles, None)
+        self._standing = slice(self._opponents, self._opponents + self._obstacles)
+        self._driving = slice(self._opponents + self._obstacles, None)
         kind = race.obstacles.kind if race.obstacles is not None else "box_obstacle"
         self.shapes: tuple[Shape, ...] = (
-            (SHAPES["race_car"],) * self._rivals
+            (SHAPES["race_car"],) * self._opponents
             + (SHAPES[kind],) * self._obstacles
             + (SHAPES["bot_car"],) * number_of_bots
         )
@@ -147,7 +141,7 @@ class Traffic:
         Two racers start on different lanes. Otherwise it is the centre line, or where an object is
         near, the lane on which the nearest one is farther away.
         """
-        if self._rivals:
+        if self._opponents:
             return np.where(cars % 2 == 0, OUTER, INNER)
         apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
         on_inner_m, on_outer_m = _nearest_on(self._lane[cars], apart_m)
@@ -156,7 +150,7 @@ class Traffic:
 
     def start_gap_m(self, cars: Ints) -> Floats:
         """How far behind the start each car starts, metres. Shape (k,)."""
-        return np.where(self._rivals & (cars % 2), RIVAL_GAP_M, 0.0)
+        return np.where(self._opponents & (cars % 2), OPPONENT_GAP_M, 0.0)
 
     def advance(self, moving: Bools) -> None:
         """Let 1/15 s go by for the bots of some cars. Shape (n,)."""
@@ -165,13 +159,13 @@ class Traffic:
             self._move_bots()
 
     def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
-        """Take note of where the racers are; nothing to do where nobody races.
+        """Take over where the racers are; nothing to do where cars do not race each other.
 
         Args:
             origin_xy: Origins of all cars, metres. Shape (n, 2).
             yaw_rad: Their headings. Shape (n,).
         """
-        if not self._rivals:
+        if not self._opponents:
             return
         other = np.arange(len(origin_xy)) ^ 1
         self.xy[:, 0] = origin_xy[other]
@@ -181,10 +175,10 @@ class Traffic:
     def contacts(
         self, active: Bools, origin_xy: Floats, yaw_rad: Floats, along_m: Floats
     ) -> Contacts:
-        """Find out who ran into what, and stop bots that ran into a racer.
+        """Find out which cars ran into what, and stop bots that ran into a racer.
 
-        An obstacle always counts. A bot or a rival counts for the one behind, by the gap along the
-        track; a bot behind its racer makes all bots of that racer wait.
+        An obstacle always counts. With a bot or an opponent, the car behind has crashed, by the gap
+        along the track. A bot behind its racer makes all bots of that racer wait.
 
         Args:
             active: Cars that were driven; the others touch nothing and nobody. Shape (n,).
@@ -197,19 +191,19 @@ class Traffic:
             Rectangles(self.xy, self.yaw_rad, self._footprint_m),
         )
         touching &= active[:, None]
-        if self._rivals:
+        if self._opponents:
             touching[:, 0] &= active[np.arange(len(active)) ^ 1]
         if not touching.any():
             nobody = np.zeros(len(active), np.bool_)
             return Contacts(nobody, np.full(len(active), -1), nobody)
         origin_m = along_m - REFERENCE_POINT_AHEAD_M
         there_m = self.distance_m.copy()
-        if self._rivals:
-            # The rival's own count, so that exactly one of two is behind. Where they drive towards
-            # each other it says nothing, and both meet what is ahead of them.
-            rival = np.arange(len(active)) ^ 1
-            same_way = self._backward == self._backward[rival]
-            there_m[same_way, 0] = origin_m[rival[same_way]]
+        if self._opponents:
+            # The opponent's own count, so that exactly one of two is behind. If they drive towards
+            # each other, both meet what is ahead of them.
+            opponent = np.arange(len(active)) ^ 1
+            same_way = self._backward == self._backward[opponent]
+            there_m[same_way, 0] = origin_m[opponent[same_way]]
         behind = self._gap_m(there_m, origin_m[:, None]) > 0
         behind[:, self._standing] = True
         into = touching & behind
@@ -222,10 +216,9 @@ class Traffic:
         return Contacts(crashed, other, stands)
 
     def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
-        """Where cars go on that are put back, if not into an obstacle.
+        """Where cars go on that are put back: not in an obstacle.
 
-        Where an obstacle stands near, that is behind it on the other lane, or now and then ahead of
-        it, where the rules have mercy.
+        Near an obstacle they go on behind it on the other lane; every `mercy` times ahead of it.
 
         Args:
             cars: Which cars. Shape (k,).
@@ -256,7 +249,7 @@ class Traffic:
         return fraction, lanes
 
     def objects(self) -> Objects:
-        """All objects as reward functions are told of them. A live view."""
+        """All objects as reward functions get them. A live view."""
         return Objects(
             xy=self.xy,
             yaw_rad=self.yaw_rad,

@@ -1,4 +1,4 @@
-"""The computed camera: where a car's lens is and what it sees of a scene, as grey frames.
+"""The computed camera: the position of a car's lens, and the grey frames of what it sees.
 
 No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the
 sky, then `drsim.sensing.cuboids` draws what stands on the ground.

@@ -89,12 +89,13 @@ def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
             box = boxes[car, k]
             if not _reaches_before(box, lens):
                 continue
+            outlines, corners, greys = images.outlines[k], images.corners[k], images.greys[k]
             for side in range(_SIDES):
-                images.corners[k, side], images.greys[k, side] = _side(
-                    box, side, light[car], lens, (rows, columns), images.outlines[k, side]
+                corners[side], greys[side] = _side(
+                    box, side, light[car], lens, (rows, columns), outlines[side]
                 )
             window = images.windows[k]
-            _frame_in(images.outlines[k], images.corners[k], rows, columns, window)
+            _frame_in(outlines, corners, rows, columns, window)
             if window[0] < window[1] and window[2] < window[3]:
                 order[seen] = k
                 seen += 1
@@ -304,12 +305,11 @@ def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) 
     column; their sums then cover the frame, so that nothing shines through where two sides meet.
     """
     first, last, left, right = images.windows[k]
+    outlines, corners, greys = images.outlines[k], images.corners[k], images.greys[k]
     for row in range(first, last):
         for side in range(_SIDES):
-            corners = images.corners[k, side]
-            if corners > 2:
-                outline = images.outlines[k, side, :corners]
-                _add_row(outline, images.greys[k, side], row, left, right, steps)
+            if corners[side] > 2:
+                _add_row(outlines[side, : corners[side]], greys[side], row, left, right, steps)
         _cover(steps, left, right, bias, frame[row])
 
 

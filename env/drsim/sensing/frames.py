@@ -1,4 +1,4 @@
-"""Camera frames of many cars, rendered on other threads while the caller goes on."""
+"""Camera frames of many cars, rendered on other threads in the background."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,10 +17,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _FRAMES_PER_JOB = 4
-"""Small enough to share work evenly; handing over a job costs about half a frame."""
+"""Small enough to share the work evenly; starting a job costs about half a frame."""
 
 _FRAMES_ALONE = 2
-"""So few frames are rendered sooner than other threads wake up."""
+"""So few frames are rendered before another thread would wake up."""
 
 
 class FrameRenderer:
@@ -42,16 +42,10 @@ class FrameRenderer:
         lighting: Lighting | None = None,
         after: Callable[[slice], None] | None = None,
     ) -> None:
-        """Prepare empty frames.
+        """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
 
-        Args:
-            scene: What the cameras see.
-            num_cars: How many cars.
-            num_threads: Threads that render, the caller's included.
-            eyes: Cameras of a car, 1 or 2.
-            solids: What stands around each car; it must not move between `start` and `finish`.
-            lighting: The light of each car's world.
-            after: Called with the rows of frames that have just been rendered, on their thread.
+        `solids` must not move between `start` and `finish`. `after` is called with the rows of
+        frames that have just been rendered, on the thread that rendered them.
         """
         self.frames: NDArray[np.uint8] = np.zeros(
             (num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8
@@ -66,11 +60,11 @@ class FrameRenderer:
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the threads; nothing is being rendered between `finish` and `start`."""
+        """Everything but the threads."""
         return {**self.__dict__, "_pool": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Give a copy threads of its own."""
+        """Start new threads for a copy."""
         self.__dict__.update(state)
         self._pool = _pool(self._num_threads)
 
@@ -82,7 +76,7 @@ class FrameRenderer:
             lens_pos: Lenses of all cars, metres; copied. Shape (n, 3).
             lens_mat: Their axes in the world; copied. Shape (n, 3, 3).
         """
-        # They are copied once: the caller may move the cars on while others render.
+        # Copied, because the caller may move the cars while other threads render.
         lens_pos, lens_mat = lens_pos.copy(), lens_mat.copy()
         for first, last in _runs(cars):
             for begin in range(first, last, _FRAMES_PER_JOB):

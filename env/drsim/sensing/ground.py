@@ -4,36 +4,36 @@ Everything is drawn from signed distances, so that edges fall between texels whe
 """
 
 import math
+import zlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drsim.jit import kernel
-from drsim.sensing.ground_texture import grain_tile
-from drsim.track.appearance import Look
+from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
 from drsim.track.track import Track
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
+Single = np.float32
 
 _FINE = 4
 """Samples along each side of a texel where the start line is painted."""
 
+_TILE = 512
+"""Side of the grain, which repeats over the ground, in texels."""
+
+_STROKE_M = 0.010
+"""Length of one fibre of the grain. Source: estimated on frames of the reference simulator."""
+
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the texels of a ground picture lie.
-
-    Attributes:
-        x_m: World x of the left edge of column 0.
-        y_m: World y of the lower edge of row 0; rows go up with y.
-        texel_m: Side of a texel.
-        columns: Texels along x.
-        rows: Texels along y.
-    """
+    """Texels of a ground picture: from a lower left corner, rows go up with y; `texel_m` a side."""
 
     x_m: float
     y_m: float
@@ -59,22 +59,19 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
     line_near_m, line_far_m = 0.0, look.border_width_m
     if look.border_side == "out":
         line_near_m, line_far_m = -look.border_width_m, 0.0
-    paints = (look.road, look.line, look.kerb, look.field, look.dash, look.kerb_light or look.kerb)
-    greys = np.array([paint.grey for paint in paints], np.float32)
-    grains = np.array([paint.grain for paint in paints], np.float32)
-    ground = np.empty((grid.rows, grid.columns), np.uint8)
-    _mix(
-        side,
-        marks,
-        _stripes_of_kerb(track, look, grid, side),
-        grain_tile(track.name, grid.texel_m),
-        line_near_m / grid.texel_m,
-        line_far_m / grid.texel_m,
-        look.kerb_width_m / grid.texel_m,
-        greys,
-        grains,
-        ground,
+    paints = _Paints(
+        road=_figures(look.road),
+        line=_figures(look.line),
+        kerb=_figures(look.kerb),
+        kerb_light=_figures(look.kerb_light or look.kerb),
+        field=_figures(look.field),
+        dash=_figures(look.dash),
     )
+    cover = _Cover(side, marks, _stripes_of_kerb(track, look, grid, side))
+    near, far = line_near_m / grid.texel_m, line_far_m / grid.texel_m
+    kerb_end = near - look.kerb_width_m / grid.texel_m
+    limits = Single(near), Single(far), Single(kerb_end)
+    ground = _mix(cover, _grain_tile(track.name, grid.texel_m), *limits, paints)
     if look.start_depth_m > 0.0:
         _paint_start(track, look, grid, ground)
     return ground
@@ -129,6 +126,13 @@ def _sign_off_road(crossed: NDArray[np.bool_], side: Singles) -> None:
 
 
 @kernel
+def _near(start: float, end: float, reach: float, count: int) -> tuple[int, int]:
+    """First and past the last of `count` texels that lie within reach of a segment, on one axis."""
+    low, high = min(start, end) - reach, max(start, end) + reach
+    return max(math.ceil(low), 0), min(math.floor(high) + 1, count)
+
+
+@kernel
 def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles) -> None:
     """Lower each texel's distance to that of a polyline, where it is less than `reach` texels.
 
@@ -140,14 +144,10 @@ def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles)
         ax, ay = line[i - 1]
         dx, dy = line[i, 0] - ax, line[i, 1] - ay
         square = max(dx * dx + dy * dy, 1e-12)
-        for row in range(
-            max(math.ceil(min(ay, ay + dy) - reach), 0),
-            min(math.floor(max(ay, ay + dy) + reach) + 1, rows),
-        ):
-            for column in range(
-                max(math.ceil(min(ax, ax + dx) - reach), 0),
-                min(math.floor(max(ax, ax + dx) + reach) + 1, columns),
-            ):
+        first, last = _near(ay, ay + dy, reach, rows)
+        left, right = _near(ax, ax + dx, reach, columns)
+        for row in range(first, last):
+            for column in range(left, right):
                 px, py = column - ax, row - ay
                 along = (px * dx + py * dy) / square
                 if not closed and ((i == 1 and along < 0.0) or (i == last and along > 1.0)):
@@ -173,14 +173,10 @@ def _stamp_dashes(
         if step == 0.0:
             continue
         dx, dy = dx / step, dy / step
-        for row in range(
-            max(math.ceil(min(ay, ay + dy * step) - reach), 0),
-            min(math.floor(max(ay, ay + dy * step) + reach) + 1, rows),
-        ):
-            for column in range(
-                max(math.ceil(min(ax, ax + dx * step) - reach), 0),
-                min(math.floor(max(ax, ax + dx * step) + reach) + 1, columns),
-            ):
+        first, last = _near(ay, ay + dy * step, reach, rows)
+        left, right = _near(ax, ax + dx * step, reach, columns)
+        for row in range(first, last):
+            for column in range(left, right):
                 px, py = column - ax, row - ay
                 along = px * dx + py * dy
                 if along < 0.0 or along > step:
@@ -223,14 +219,10 @@ def _stamp_stripes(
         dx, dy = line[i, 0] - ax, line[i, 1] - ay
         square = max(dx * dx + dy * dy, 1e-12)
         step = math.sqrt(square)
-        for row in range(
-            max(math.ceil(min(ay, ay + dy) - reach), 0),
-            min(math.floor(max(ay, ay + dy) + reach) + 1, rows),
-        ):
-            for column in range(
-                max(math.ceil(min(ax, ax + dx) - reach), 0),
-                min(math.floor(max(ax, ax + dx) + reach) + 1, columns),
-            ):
+        first, last = _near(ay, ay + dy, reach, rows)
+        left, right = _near(ax, ax + dx, reach, columns)
+        for row in range(first, last):
+            for column in range(left, right):
                 px, py = column - ax, row - ay
                 along = min(max((px * dx + py * dy) / square, 0.0), 1.0)
                 away = math.hypot(px - along * dx, py - along * dy)
@@ -241,50 +233,71 @@ def _stamp_stripes(
         passed += step
 
 
+class _Cover(NamedTuple):
+    """What covers each texel; arrays of shape (rows, columns).
+
+    Attributes:
+        side: Distance to the nearest border in texels, positive on the road.
+        marks: How much the dashes of the centre line cover, 0..255.
+        stripes: How much the light stripes of the kerb cover, 0..255.
+    """
+
+    side: Singles
+    marks: Bytes
+    stripes: Bytes
+
+
+class _Paints(NamedTuple):
+    """Grey and grain of each material. Shape (2,) each."""
+
+    road: Singles
+    line: Singles
+    kerb: Singles
+    kerb_light: Singles
+    field: Singles
+    dash: Singles
+
+
+def _figures(paint: Paint) -> Singles:
+    return np.array([paint.grey, paint.grain], np.float32)
+
+
 @kernel
 def _mix(
-    side: Singles,
-    marks: Bytes,
-    stripes: Bytes,
-    grain: Singles,
-    line_near: float,
-    line_far: float,
-    kerb: float,
-    greys: Singles,
-    grains: Singles,
-    ground: Bytes,
-) -> None:
-    """Blend the paints by how much of a texel each one covers.
+    cover: _Cover, grain: Singles, near: Single, far: Single, kerb_end: Single, paints: _Paints
+) -> Bytes:
+    """Greys of the ground: the paints, blended by how much of a texel each one covers.
 
-    Order of the paints: road, line, kerb, field, dash, light stripes of the kerb.
+    From the road outwards, in texels from the border: line between `far` and `near`, kerb down to
+    `kerb_end`, then the field. Shape (rows, columns).
     """
-    half = np.float32(0.5)
+    side, marks, stripes = cover.side, cover.marks, cover.stripes
+    road, line, kerb, kerb_light, field, dash = paints
+    half, part = np.float32(0.5), np.float32(1.0 / 255.0)
     none, full = np.float32(0.0), np.float32(1.0)
-    near, far = np.float32(line_near), np.float32(line_far)
-    kerb_end = np.float32(line_near - kerb)
-    part = np.float32(1.0 / 255.0)
     tile = grain.shape[0]
     rows, columns = side.shape
+    ground = np.empty((rows, columns), np.uint8)
     for row in range(rows):
         for column in range(columns):
             s = side[row, column]
             past_far = min(max(half + s - far, none), full)
             past_near = min(max(half + s - near, none), full)
             past_kerb = min(max(half + s - kerb_end, none), full)
-            line = past_near - past_far
-            edge = past_kerb - past_near
-            field = full - past_kerb
+            on_line = past_near - past_far
+            on_kerb = past_kerb - past_near
+            on_field = full - past_kerb
             rough = grain[row % tile, column % tile]
-            kerb_grey = greys[2] + stripes[row, column] * part * (greys[5] - greys[2])
+            kerb_grey = kerb[0] + stripes[row, column] * part * (kerb_light[0] - kerb[0])
             grey = (
-                past_far * (greys[0] + grains[0] * rough)
-                + line * (greys[1] + grains[1] * rough)
-                + edge * (kerb_grey + grains[2] * rough)
-                + field * (greys[3] + grains[3] * rough)
+                past_far * (road[0] + road[1] * rough)
+                + on_line * (line[0] + line[1] * rough)
+                + on_kerb * (kerb_grey + kerb[1] * rough)
+                + on_field * (field[0] + field[1] * rough)
             )
-            cover = marks[row, column] * part
-            grey += cover * (greys[4] + grains[4] * rough - grey)
+            grey += marks[row, column] * part * (dash[0] + dash[1] * rough - grey)
             ground[row, column] = np.uint8(min(max(grey + half, none), np.float32(255.0)))
+    return ground
 
 
 def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
@@ -311,3 +324,37 @@ def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
     cover = within.mean(axis=(2, 3))
     seen = (within * shade).mean(axis=(2, 3)) + (1.0 - cover) * window
     window[:] = np.rint(seen).astype(np.uint8)
+
+
+def _grain_tile(world: str, texel_m: float) -> Singles:
+    """Fibres strewn over a tile that joins itself at its edges: mean 0, deviation 1.
+
+    The seed is the world's name, so that a world looks the same on every machine and in every run.
+    """
+    random = np.random.default_rng(zlib.crc32(world.encode()))
+    count = _TILE * _TILE // 8
+    fibres = random.random((count, 3))
+    shades = random.standard_normal(count)
+    tile = np.zeros((_TILE, _TILE))
+    _strew(fibres, shades, _STROKE_M / texel_m, tile)
+    even: Singles = ((tile - tile.mean()) / tile.std()).astype(np.float32)
+    return even
+
+
+@kernel
+def _strew(fibres: Floats, shades: Floats, length: float, tile: Floats) -> None:
+    """Add short straight strokes at places and angles given as fractions of the tile and a turn."""
+    side = tile.shape[0]
+    dots = math.ceil(2.0 * length) + 1
+    for i in range(len(fibres)):
+        angle = 2.0 * math.pi * fibres[i, 2]
+        for dot in range(dots):
+            out = length * (dot / (dots - 1.0) - 0.5)
+            x = fibres[i, 0] * side + out * math.cos(angle)
+            y = fibres[i, 1] * side + out * math.sin(angle)
+            column, row = math.floor(x), math.floor(y)
+            right, up = x - column, y - row
+            tile[row % side, column % side] += shades[i] * (1.0 - right) * (1.0 - up)
+            tile[row % side, (column + 1) % side] += shades[i] * right * (1.0 - up)
+            tile[(row + 1) % side, column % side] += shades[i] * (1.0 - right) * up
+            tile[(row + 1) % side, (column + 1) % side] += shades[i] * right * up

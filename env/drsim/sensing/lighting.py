@@ -1,8 +1,8 @@
-"""Domain randomisation of what cameras see: lights and colours that each episode draws anew.
+"""Domain randomisation: lights and colours that are drawn for each episode.
 
-The picture of the ground is shared by all cars and holds greys. A car with another light looks at
-it through a palette: the greys of the painted materials become what they are in that light, and
-those between them, which belong to grain and to the edges of paint, become something in between.
+All cars share the picture of the ground, which holds greys. In another light, a car sees it through
+a palette: the greys of the materials become what they are in that light, and the greys between
+them, which belong to grain and to the edges of paint, become something in between.
 """
 
 import numpy as np
@@ -42,13 +42,7 @@ class Lighting:
     """The light in each car's world."""
 
     def __init__(self, num_cars: int, look: Look, *, textures: bool = False) -> None:
-        """Begin with the usual light.
-
-        Args:
-            num_cars: How many cars.
-            look: The world in the usual light.
-            textures: Draw the colours of the ground too.
-        """
+        """Begin with the usual light of `look`; `textures` draws the colours of the ground too."""
         self._look = look
         self._paints = _paints(look)
         self._textures = textures
@@ -76,10 +70,6 @@ class Lighting:
 
         As in the reference, the red, green and blue of sun and lamp are anything from dark to full,
         and so are the three attenuations of the lamp; ambient light and sky stay as they are.
-
-        Args:
-            car: Which car.
-            random: Where the numbers come from.
         """
         sun, lamp, attenuation = random.random((3, 3))
         sun = sun / _USUAL_SUN
@@ -115,8 +105,8 @@ def _paints(look: Look) -> list[Paint]:
 def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) -> Floats:
     """Other colours of materials, 0..255. Shape (p, 3).
 
-    All keep their places in the order of brightness: at an edge the picture of the ground holds
-    the greys between two materials, which would turn up as an outline in the colour of a third.
+    Their order of brightness stays: at an edge the picture of the ground holds the greys between
+    two materials, which would otherwise become an outline in the colour of a third.
     """
     road = random.uniform(*_ROAD) * random.uniform(1.0 - _HUE, 1.0 + _HUE, 3)
     line = random.uniform(*_LINE) * random.uniform(1.0 - 0.5 * _HUE, 1.0, 3)

@@ -1,4 +1,4 @@
-"""What cars perceive: camera frames and lidar scans of the track and of what stands on it."""
+"""The observations of many cars: camera frames and lidar scans, refreshed after every step."""
 
 from typing import Literal
 
@@ -24,8 +24,8 @@ Randomize = Literal["nothing", "lights", "textures"]
 (lamps, and the colours of objects), `textures` are lights and the colours of the world."""
 
 
-class Senses:
-    """Cameras and lidars of n cars.
+class Observations:
+    """Camera frames and lidar scans of n cars.
 
     Attributes:
         frames: Camera frames, grey, rewritten between `start` and `finish`.
@@ -45,18 +45,7 @@ class Senses:
         disturbances: Disturbances,
         randomize: Randomize,
     ) -> None:
-        """Prepare black frames.
-
-        Args:
-            scene: What the cameras see of the track.
-            num_cars: How many cars.
-            num_threads: Threads that render, the caller's included.
-            world: Name of the world, which tells its colours.
-            sensors: What each car carries.
-            traffic: What else is on the track.
-            disturbances: How cameras and frames are disturbed.
-            randomize: What changes from episode to episode.
-        """
+        """Prepare black frames. `num_threads` render, the caller's included."""
         self._scene = scene
         self._sensors = sensors
         self._traffic = traffic
@@ -91,7 +80,7 @@ class Senses:
             self._solids.paint(np.array([car]), colors)
 
     def start(self, cars: Ints, bodies: CarBatch) -> None:
-        """Begin to perceive anew.
+        """Begin to refresh the observations of some cars.
 
         Args:
             cars: Which cars, in rising order. Shape (k,).
@@ -106,7 +95,7 @@ class Senses:
             self._scan(cars, bodies)
 
     def finish(self) -> None:
-        """Wait until all frames are there."""
+        """Wait until all frames are complete."""
         self._renderer.finish()
 
     def close(self) -> None:

@@ -176,6 +176,7 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
     """
     rows, columns = behind.shape
     pos, walls_m, focal_px = lens.pos, walls.walls_m, lens.focal_px
+    greys, sky_grey = walls.greys, Single(walls.sky_grey)
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
     upright = lens.up[2] > 0.5
     near = _Nearness(
@@ -191,8 +192,8 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
         _backdrop_row(
             near,
             edges,
-            walls.greys,
-            Single(walls.sky_grey),
+            greys,
+            sky_grey,
             ahead,
             step,
             behind[row],
@@ -290,8 +291,10 @@ def _floor(
     ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
 ) -> None:
     """Draw the ground into the rows from `beyond.first` on."""
-    pos, levels = lens.pos, ground.levels
-    first, clear = beyond.first, beyond.clear
+    pos, first, clear = lens.pos, beyond.first, beyond.clear
+    # Taken out of the records once: each access in a loop would count references.
+    texels, levels, behind, share = ground.texels, ground.levels, beyond.behind, beyond.share
+    corner_x_m, corner_y_m, finest_m = ground.x_m, ground.y_m, ground.texel_m
     rows, columns = frame.shape
     at = np.empty(columns, np.int32)
     between = np.empty(columns, np.int32)
@@ -303,10 +306,10 @@ def _floor(
         # nearness: that is the tent filter.
         here, below = sums[row & 1], sums[(row + 1) & 1]
         below[:] = Single(0.0)
-        index, lines = _sampling(lens, row + 1.0, rows, lens_height_m, ground.texel_m, levels)
-        texel_m = ground.texel_m * (1 << index)
-        x = 256.0 * ((pos[0] - ground.x_m) / texel_m - 0.5)
-        y = 256.0 * ((pos[1] - ground.y_m) / texel_m - 0.5)
+        index, lines = _sampling(lens, row + 1.0, rows, lens_height_m, finest_m, levels)
+        texel_m = finest_m * (1 << index)
+        x = 256.0 * ((pos[0] - corner_x_m) / texel_m - 0.5)
+        y = 256.0 * ((pos[1] - corner_y_m) / texel_m - 0.5)
         for line in range(lines):
             part = (line + 0.5) / lines
             ahead, step = _ray(lens, row + 0.5 + part, rows, columns)
@@ -320,7 +323,7 @@ def _floor(
                 at,
                 between,
             )
-            _fetch(ground.texels, at, words)
+            _fetch(texels, at, words)
             if len(palette) > 0:
                 _recolour(words, palette)
             weight = 1.0 / (65536.0 * lines)
@@ -330,7 +333,7 @@ def _floor(
         if row >= clear:
             _store(here, bias, frame[row])
         elif row >= first:
-            _store_before(here, beyond.behind[row], beyond.share[row], bias, frame[row])
+            _store_before(here, behind[row], share[row], bias, frame[row])
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""A track as the camera needs it: the painted ground in shrinking copies, walls and sky."""
+"""A track as the camera sees it: the painted ground in shrinking copies, walls and sky."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -102,14 +102,9 @@ class Scene:
 
 
 def build_scene(track: Track, look: Look | None = None) -> Scene:
-    """Paint a track's world.
+    """Paint a track: 18 MB for a track of 18 m, never more than 55 MB. Takes 0.1 to 0.7 s.
 
-    Args:
-        track: The track.
-        look: Its appearance; that of the world of the same name when left out.
-
-    Returns:
-        The scene: 18 MB for a track of 18 m, never more than 55 MB. Takes 0.1 to 0.7 s.
+    Without `look` it gets the appearance of the world of the same name.
     """
     look = look or look_of(track.name)
     border = np.concatenate([track.inner, track.outer])

@@ -1,4 +1,4 @@
-"""What a model perceives: the sensors by the names of model_metadata.json, and their filters."""
+"""The sensors of a car: their names in model_metadata.json, their spaces and their filters."""
 
 import math
 from collections.abc import Sequence
@@ -44,16 +44,11 @@ class Sensors:
     lidar_forward: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what no car can carry.
-
-        Raises:
-            ValueError: An unknown name, more or less than one camera, two lidars, or sectors that
-                do not divide the rays.
-        """
+        """Raise ValueError for an unknown name, not exactly one camera, or wrong sectors."""
         unknown = [name for name in self.names if name not in CAMERAS + LIDARS]
         if unknown:
             raise ValueError(
-                f"There is no sensor {unknown[0]}; there are {', '.join(CAMERAS + LIDARS)}."
+                f"{unknown[0]} is not a sensor; choose from {', '.join(CAMERAS + LIDARS)}."
             )
         if sum(name in CAMERAS for name in self.names) != 1:
             raise ValueError(
@@ -69,7 +64,7 @@ class Sensors:
             )
         if self.values_per_sector < 1 or not 0.0 < self.clipping_m < math.inf:
             raise ValueError(
-                "values_per_sector must be at least 1 and clipping_m a length, not "
+                "values_per_sector must be at least 1 and clipping_m more than 0, not "
                 f"{self.values_per_sector} and {self.clipping_m}."
             )
 
@@ -112,16 +107,15 @@ class Sensors:
         return gym.spaces.Dict({self.camera: frame, self.lidar: values})
 
     def process(self, rays_m: Singles) -> Singles:
-        """Turn scans into what the model gets of them, with the reference's filters.
+        """Turn scans into the values that the model gets, with the reference's filters.
 
         Args:
             rays_m: Distances, infinite where nothing was met. Shape (n, 64).
 
         Returns:
             LIDAR: distances clipped to 0.15 .. 1 m. SECTOR_LIDAR: 1 where the nearest of 8 rays is
-            nearer than 0.5 m. DISCRETIZED_SECTOR_LIDAR: for each sector the bin of its nearest
-            distance as a 1 among 0s; all are 0 where nothing is within the clipping distance.
-            Shape (n, num_values).
+            nearer than 0.5 m. DISCRETIZED_SECTOR_LIDAR: the bin of each sector's nearest distance,
+            one-hot; all 0 where nothing is within the clipping distance. Shape (n, num_values).
         """
         if self.lidar is None:
             return np.empty((len(rays_m), 0), np.float32)
@@ -140,11 +134,7 @@ class Sensors:
 
 
 def sensors_of(names: Sensors | str | Sequence[str]) -> Sensors:
-    """Sensors by their names; the sensors themselves are let through.
-
-    Raises:
-        ValueError: No car can carry these.
-    """
+    """Sensors by their names; `Sensors` are returned as they are."""
     if isinstance(names, Sensors):
         return names
     return Sensors((names,) if isinstance(names, str) else tuple(names))

@@ -7,8 +7,8 @@ one channel at a time: `Look.in_channel`.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 RGB = tuple[float, float, float]
 
@@ -157,17 +157,13 @@ class Look:
         Returns:
             A look whose greys are the values of that channel, 0..255.
         """
-        return replace(
-            self,
-            road=self.road.in_channel(channel),
-            line=self.line.in_channel(channel),
-            dash=self.dash.in_channel(channel),
-            kerb=self.kerb.in_channel(channel),
-            kerb_light=self.kerb_light and self.kerb_light.in_channel(channel),
-            field=self.field.in_channel(channel),
-            chequer=self.chequer.in_channel(channel),
-            walls=self.walls.in_channel(channel),
-        )
+        materials = {f.name: getattr(self, f.name) for f in fields(self)}
+        seen: dict[str, Any] = {
+            name: material.in_channel(channel)
+            for name, material in materials.items()
+            if isinstance(material, Paint | Walls)
+        }
+        return replace(self, **seen)
 
 
 def look_of(world: str) -> Look:

@@ -43,8 +43,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
         the left of an open one.
 
     Raises:
-        TrackError: Such a road would be too short, too long, too narrow or too wide, or would
-            cross itself.
+        TrackError: The road is too short, too long, too narrow or too wide, or crosses itself.
     """
     narrowest_m, widest_m = WIDTHS_M
     wrong = np.flatnonzero(~((width_m >= narrowest_m) & (width_m <= widest_m)))
@@ -68,11 +67,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
 
 
 def checked_length(length_m: float) -> float:
-    """The length of a centre line, if a track can have it.
-
-    Raises:
-        TrackError: It is no number, or too short or too long.
-    """
+    """The length of a centre line; TrackError if it is NaN, too short or too long."""
     shortest_m, longest_m = LENGTHS_M
     if not shortest_m <= length_m <= longest_m:
         raise TrackError(
@@ -85,7 +80,7 @@ def checked_length(length_m: float) -> float:
 def _length(line: Floats) -> float:
     length = float(np.hypot(*np.diff(line, axis=0).T).sum())
     if not length > 0:
-        raise TrackError("all points of the centre line are one. Draw the track again.")
+        raise TrackError("all points of the centre line are the same. Draw the track again.")
     return length
 
 
@@ -175,12 +170,12 @@ def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> B
         b: End. Shape (2,).
         c: Starts. Shape (m, 2).
         d: Ends. Shape (m, 2).
-        touching: Whether an end that lies on the other segment counts as lying to the right of it,
-            so that a line that passes through a vertex of the other one crosses it once. Otherwise
-            touching is no crossing.
+        touching: An end that lies on the other segment counts as lying to the right of it, so that
+            a line through a vertex of the other one crosses it once. Otherwise touching is not
+            crossing.
 
     Returns:
-        One answer a segment, no for parallel ones. Shape (m,).
+        One answer a segment; False for parallel ones. Shape (m,).
     """
     ab, cd = b - a, d - c
     sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)

@@ -24,8 +24,8 @@ _FARTHEST_M = 1.0
 """A vertex that projects farther than this from its own place fell on a neighbouring stretch."""
 
 _OVERHANG = 12
-"""Vertices by which a loop is continued on either side. What the ends of a spline do fades across
-so many to less than a thousandth of a millimetre."""
+"""Vertices by which a loop is continued on either side. The influence of the spline's ends then
+fades to less than a thousandth of a millimetre."""
 
 
 class LanePlaces(NamedTuple):
@@ -50,11 +50,7 @@ class LanePaths:
     """
 
     def __init__(self, tracks: tuple[Track, Track]) -> None:
-        """Tabulate both lanes at steps of 2 cm.
-
-        Args:
-            tracks: The track as given, and reversed.
-        """
+        """Tabulate both lanes at steps of 2 cm, of the track as given and reversed."""
         self._length_m = tracks[0].length_m
         steps = int(np.ceil(self._length_m / _TABLE_STEP_M))
         self._step_m = self._length_m / steps

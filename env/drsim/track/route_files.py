@@ -1,4 +1,4 @@
-"""Route files: the tracks that people bring, as .npy, .csv or .svg, read with care and written."""
+"""Route files: the user's tracks as .npy, .csv or .svg."""
 
 from io import BytesIO
 from pathlib import Path
@@ -22,11 +22,10 @@ _MIN_ROWS = 4
 """Fewest rows that make a loop: a triangle and the closing row."""
 
 _MAX_BYTES = 1_000_000
-"""Far beyond any route (the longest of the reference simulator takes 19 kB); a larger file is
-something else."""
+"""Far more than any route needs (the longest of the reference simulator takes 19 kB)."""
 
 _FURTHEST_M = 1e6
-"""Coordinates beyond this are no track; their squares would drown in rounding."""
+"""Coordinates beyond this are refused: rounding would swallow the track."""
 
 _CHORD_M = 0.05
 """Length of the chords that stand for a drawn curve, a quarter of the waypoint spacing."""
@@ -64,7 +63,7 @@ def read_route(
         length_m: Scale the centre line, and the borders of the file with it, to this length.
 
     Raises:
-        TrackError: There is no such file, or it makes no track. The sentence says what to do.
+        TrackError: The file does not exist or is not a track. The message says what to do.
     """
     try:
         return _read(file, name or file.stem, width_m, length_m)
@@ -75,12 +74,10 @@ def read_route(
 def write_route(track: Track, file: Path) -> None:
     """Save a track as a route file that `read_route` reads back the same.
 
-    Args:
-        track: The track; saved in the order in which it is driven.
-        file: Where to; its name ends in `.npy`. A file there is replaced.
+    The rows are in driving order. A file of that name is replaced.
 
     Raises:
-        TrackError: The file cannot be written, or would be something else by its name.
+        TrackError: The file cannot be written, or its name does not end in .npy.
     """
     if file.suffix != ".npy":
         raise TrackError(f"{file}: routes are saved as .npy. End the name of the file in .npy.")
@@ -123,15 +120,15 @@ def _bytes_of(file: Path) -> bytes:
         with file.open("rb") as stream:
             data = stream.read(_MAX_BYTES + 1)
     except FileNotFoundError:
-        raise TrackError("there is no such route file. Correct the path.") from None
+        raise TrackError("the route file does not exist. Correct the path.") from None
     except OSError as error:
         raise TrackError(
             f"it cannot be read ({error.strerror}). Correct the path or its rights."
         ) from None
     if len(data) > _MAX_BYTES:
         raise TrackError(
-            f"it is larger than {_MAX_BYTES} bytes, which no route is. Name another file, or "
-            "resample the route to one row every 0.3 m."
+            f"it is larger than {_MAX_BYTES} bytes, far more than a route needs. Name another "
+            "file, or resample the route to one row every 0.3 m."
         )
     return data
 
@@ -148,7 +145,7 @@ def _text(data: bytes) -> str:
 def _drawn(text: str, length_m: float | None) -> Floats:
     if length_m is None:
         raise TrackError(
-            "a drawing has no metres. Give length_m, the length of the centre line; the length of "
+            "a drawing has no unit. Give length_m, the length of the centre line; the length of "
             "a DeepRacer track is 15 to 90 m."
         )
     # A length out of range is refused later, with all other lengths.
@@ -160,7 +157,7 @@ def _array(data: bytes) -> NDArray[np.generic]:
         array: NDArray[np.generic] = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:  # on foreign bytes numpy's header parser raises nearly any kind
         raise TrackError(
-            f"this is no route file ({error}). Save it again with numpy.save, as an array of "
+            f"this is not a route file ({error}). Save it again with numpy.save, as an array of "
             "6 columns of float64."
         ) from None
     return array
@@ -203,14 +200,14 @@ def _checked(array: NDArray[np.generic]) -> Floats:
         or array.dtype.kind not in "fiu"
     ):
         raise TrackError(
-            f"it holds an array of shape {array.shape} and type {array.dtype}, but a route has 2, "
-            f"3 or 6 columns of numbers: {_COLUMNS}. Export the route again."
+            f"it contains an array of shape {array.shape} and type {array.dtype}, but a route has "
+            f"2, 3 or 6 columns of numbers: {_COLUMNS}. Export the route again."
         )
     rows = np.ascontiguousarray(array, dtype=np.float64)
     wrong = np.flatnonzero(~(np.abs(rows) <= _FURTHEST_M).all(axis=1))
     if wrong.size:
         raise TrackError(
-            f"row {wrong[0]} holds {rows[wrong[0]].tolist()}: every value must be a finite "
+            f"row {wrong[0]} contains {rows[wrong[0]].tolist()}: every value must be a finite "
             f"number of metres within {_FURTHEST_M:.0e}. Correct or remove that row."
         )
     distinct = len(vertices(rows[:, :2])[0])

@@ -38,7 +38,7 @@ def read_line(text: str, chords: int) -> Floats:
         k >= 2.
 
     Raises:
-        TrackError: The text is no drawing with such a line.
+        TrackError: The text is not a drawing with such a line.
     """
     shape, matrix = _first_shape(_parsed(text))
     curves = _curves(shape) @ matrix[:, :2].T + matrix[:, 2]
@@ -50,11 +50,11 @@ def read_line(text: str, chords: int) -> Floats:
 
 def _parsed(text: str) -> ElementTree.Element:
     if "<!ENTITY" in text:
-        raise TrackError("it defines entities, which are not read. Save it as plain SVG.")
+        raise TrackError("it defines entities, which are not supported. Save it as plain SVG.")
     try:
         return ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise TrackError(f"this is no SVG drawing ({error}). Save it as plain SVG.") from None
+        raise TrackError(f"this is not an SVG drawing ({error}). Save it as plain SVG.") from None
 
 
 def _first_shape(root: ElementTree.Element) -> tuple[ElementTree.Element, Floats]:

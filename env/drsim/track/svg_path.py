@@ -10,7 +10,7 @@ Curve = tuple[complex, complex, complex, complex]
 """A cubic Bezier curve: start, two control points, end, as x + y i."""
 
 FURTHEST = 1e9
-"""Numbers beyond this are no drawing; their squares would drown in rounding."""
+"""Larger numbers are refused: rounding would swallow the drawing."""
 
 _NUMBER = re.compile(r"[\s,]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _FLAG = re.compile(r"[\s,]*([01])")
@@ -37,7 +37,7 @@ def path_curves(path: str) -> list[Curve]:
         path: Path data with the commands M L H V C S Q T A Z, absolute or relative.
 
     Raises:
-        TrackError: The text is no path, or one of several pieces.
+        TrackError: The text is not a path, or one of several pieces.
     """
     return _Pen().drawn(path)
 
@@ -51,7 +51,7 @@ def numbers(text: str) -> Iterator[float]:
     """The numbers of a list, separated by blanks or commas.
 
     Raises:
-        TrackError: The text is no such list, or a number is beyond `FURTHEST`.
+        TrackError: The text is not such a list, or a number is beyond `FURTHEST`.
     """
     place = 0
     while not _REST.match(text, place):
@@ -65,8 +65,8 @@ def _value(text: str, place: int, kind: str) -> tuple[float, int]:
     value = float(match[1]) if match else math.inf
     if match is None or abs(value) > FURTHEST:
         raise TrackError(
-            f"'{text[place : place + 40].strip()}' starts with no usable number. Save the drawing "
-            "again as plain SVG."
+            f"'{text[place : place + 40].strip()}' does not start with a usable number. Save the "
+            "drawing again as plain SVG."
         )
     return value, match.end()
 
@@ -91,8 +91,8 @@ class _Pen:
             self._obey(match[1], match[2])
         if path[place:].strip():
             raise TrackError(
-                f"'{path[place : place + 40].strip()}' is no path command. Save the drawing again "
-                "as plain SVG."
+                f"'{path[place : place + 40].strip()}' is not a path command. Save the drawing "
+                "again as plain SVG."
             )
         return self.curves
 

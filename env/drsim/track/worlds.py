@@ -1,4 +1,4 @@
-"""The worlds by name: our own definitions, and route files that the user brings."""
+"""Tracks by name: our own definitions, and the user's route files."""
 
 import difflib
 import json
@@ -20,7 +20,7 @@ Direction = Literal["clockwise", "counterclockwise", "open"]
 _DEFINITIONS = Path(__file__).parent / "definitions"
 
 _LONGEST_NAME = 1_000
-"""Characters of a world's name or path; files cannot have much longer ones."""
+"""Most characters of a name or path; file names cannot be much longer."""
 
 _ROUTE_FILES = (".npy", ".csv")
 """Route files that need nothing but their name, in the order in which they win."""
@@ -39,19 +39,19 @@ class Width(NamedTuple):
 
 @dataclass(frozen=True)
 class WorldInfo:
-    """What there is to know about a world before driving in it.
+    """Facts about a track.
 
     Attributes:
-        name: Its name, without folder and ending where those were given.
+        name: Its name, without folder and ending.
         length_m: Length of the centre line.
         width_m: Width of the road.
-        direction: Which way round it is driven; "open" if it is no loop.
-        waypoints: How many there are; on a loop the last one repeats the first.
-        repeated: Numbers of those that repeat the one before.
-        spacing_m: Mean distance between waypoints, but for those.
+        direction: Which way round it is driven; "open" if it is not a loop.
+        waypoints: Their number; on a loop the last one repeats the first.
+        repeated: Indices of those that repeat the one before.
+        spacing_m: Mean distance between the others.
         line_family: "in" when the white line belongs to the road, "out" when it lies beyond.
         source: "own" for a definition of ours, else the path of the route file.
-        difficulty: "easy", "medium" or "hard"; None for a route file, which does not say.
+        difficulty: None for a route file.
         about: One line about a track of ours; empty for a route file.
     """
 
@@ -89,18 +89,14 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
         The track. Its name is the one asked for, without folder and ending.
 
     Raises:
-        TrackError: There is no such world, or its numbers make no track. The sentence says what
-            to do.
+        TrackError: There is no track of this name, or its numbers are not a track. The message says
+            what to do.
     """
     return _found(world, tracks_dir)[0]
 
 
 def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
-    """Facts about a world that `load_track` accepts.
-
-    Raises:
-        TrackError: As for `load_track`.
-    """
+    """Facts about a world; raises what `load_track` raises."""
     track, file = _found(world, tracks_dir)
     own = file.parent == _DEFINITIONS
     definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
@@ -124,14 +120,13 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
 def known_worlds(tracks_dir: Path | None = None) -> list[str]:
     """Names that `load_track` accepts, sorted; each can be followed by `_cw` or `_ccw` as well.
 
-    Args:
-        tracks_dir: Folder with further route files; one that does not exist holds none.
+    The folder `tracks_dir` need not exist.
     """
     return sorted(_files(tracks_dir))
 
 
 def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
-    """A track, driven the way that is asked for; the one place that decides about directions.
+    """A track, driven in the requested direction; the one place that decides about directions.
 
     Args:
         track: Any track.
@@ -141,13 +136,13 @@ def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = Fal
             functions are told.
 
     Raises:
-        TrackError: The track is no loop, which runs neither way round.
+        TrackError: The track is not a loop.
     """
     if clockwise is not None:
         if not track.closed:
             raise TrackError(
-                f"{track.name} is no loop, so it runs neither clockwise nor counter-clockwise. "
-                "Leave the direction away, or drive it in reverse."
+                f"{track.name} is not a loop, so it has no clockwise direction. Leave the "
+                "direction away, or drive it in reverse."
             )
         if track.is_ccw == clockwise:
             track = replace(track.reversed(), reverse=track.reverse)
@@ -164,13 +159,13 @@ def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
     """The track of a world, and the file that defines it."""
     if len(world) > _LONGEST_NAME:
         raise TrackError(
-            f"No world has a name of {len(world):,} characters ('{world[:40]}...'). Use a name "
-            f"or path of at most {_LONGEST_NAME}."
+            f"The name of a track has at most {_LONGEST_NAME:,} characters, not {len(world):,} "
+            f"('{world[:40]}...'). Use a shorter name or path."
         )
     files = _files(tracks_dir)
     if Path(world).suffix in _ROUTE_FILES:
         file = Path(world)
-        # Asking the listing, not the file system: what is no path must not lead out of the folder.
+        # Look it up in the listing: a name such as ../x must not lead out of the folder.
         if tracks_dir is not None and world in _listed(tracks_dir):
             file = tracks_dir / world
         if _base(file.stem) not in files or str(file) != file.name or file.exists():
@@ -221,17 +216,18 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
     by_lower = {name.lower(): name for name in known}
     close = difflib.get_close_matches(world.lower(), by_lower, n=5, cutoff=0.5)
     names = [by_lower[name] for name in close] or known[:5]
-    hint = "the closest names are" if close else "known are for instance"
+    hint = "the closest names are" if close else "examples are"
     where = f"put {world}.npy into {tracks_dir}" if tracks_dir else f"give the path to {world}.npy"
-    return f"No world is called '{world}'; {hint} {', '.join(names)}. Use one of them, or {where}."
+    return (
+        f"There is no track '{world}' here; {hint} {', '.join(names)}. Use one of them, or {where}."
+    )
 
 
 def _build(name: str, definition: dict[str, Any]) -> Track:
     """The track of one of our own definitions.
 
-    Waypoints stand at even distances along a closed spline, except for a few that are shifted
-    along it: racers write waypoint numbers into their reward functions, and the route they know
-    is uneven there.
+    Waypoints stand at even distances along a closed spline. A few are shifted along it: racers
+    write waypoint numbers into their reward functions, and the route they know is uneven there.
     """
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)

@@ -65,29 +65,17 @@ class Spectator:
 
         Args:
             track: The track.
-            shapes: What stands on it beside the car, in the order in which frames name their poses.
+            shapes: What stands on it beside the car, in the order of the poses given later.
             look: Its appearance; that of the world of the same name when left out.
             car: Shape of the car.
         """
         look = look or look_of(track.name)
         self._scenes = [build_scene(track, look.in_channel(c)) for c in range(_CHANNELS)]
-        self._car, self._shapes = car, tuple(shapes)
-        self._solids = Solids(1, [self._car, *self._shapes])
+        self._shapes = tuple(shapes)
+        self._solids = Solids(1, [car, *self._shapes])
         self._top_pose, self._top_camera = _above(track)
         self._behind_yaw_rad = 0.0
         self._last_xy: Floats | None = None
-
-    def paint(self, colors: Floats) -> None:
-        """Recolour the objects, each as a whole, until further notice.
-
-        Args:
-            colors: Red, green and blue of the objects, 0..255. Shape (k, 3).
-        """
-        painted = [
-            shape.painted((float(red), float(green), float(blue)))
-            for shape, (red, green, blue) in zip(self._shapes, colors, strict=True)
-        ]
-        self._solids = Solids(1, [self._car, *painted])
 
     def cut(self) -> None:
         """Let the next frame from behind look along the car at once, as after a change of scene."""
@@ -120,15 +108,7 @@ class Spectator:
         return self._film(pose, objects, lens_pos, lens_mat, CHASE)
 
     def top(self, pose: Floats, objects: Floats | None = None) -> Frame:
-        """The view of the whole track from above, x to the right and y upwards.
-
-        Args:
-            pose: Pose of the car. Shape (3,).
-            objects: Poses of the shapes; left out when there are none. Shape (k, 3).
-
-        Raises:
-            ValueError: When there is not one pose for each shape.
-        """
+        """The view of the whole track from above, x to the right and y upwards; as `chase`."""
         return self._film(pose, objects, *self._top_pose, self._top_camera)
 
     def _film(
@@ -142,8 +122,8 @@ class Spectator:
         standing = _NOTHING if objects is None else objects
         if standing.shape != (len(self._shapes), 3):
             raise ValueError(
-                f"{standing.shape} is no shape of {len(self._shapes)} poses of x, y and yaw: give "
-                "one for each shape that the spectator was made with."
+                f"Poses have the shape {standing.shape}, not ({len(self._shapes)}, 3): give x, y "
+                "and yaw, one for each shape that the spectator was made with."
             )
         everything = np.concatenate([np.asarray(pose, np.float64)[None], standing])
         self._solids.move(np.array([0]), everything[None, :, :2], everything[None, :, 2])

@@ -16,7 +16,7 @@ from drcli.checks.validate import validate
 from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
 

@@ -13,7 +13,7 @@ from drcli.checks.storage_rules import probe
 from drcli.config.settings import load_settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 GB = 1_000_000_000
 

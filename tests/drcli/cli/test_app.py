@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.cli.app import main
 from drcli.cli.command_line import application
-from drcli.cli.table import COMMANDS
+from drcli.cli.table import COMMANDS, program_names
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 """What showing help must not load."""
@@ -52,6 +53,14 @@ def test_a_command_is_reached_under_its_own_name(monkeypatch, capsys, name, comm
 
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith(f"Usage: dr {command} ")
+
+
+def test_the_programs_that_are_installed_are_those_of_the_table():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8"))
+
+    installed = project["project"]["scripts"]
+    assert installed.keys() - {"drcli-complete"} == program_names().keys()
+    assert {installed[name] for name in program_names()} == {"drcli.cli.program:main"}
 
 
 def test_dr_reaches_every_command_by_its_first_argument(monkeypatch, capsys):

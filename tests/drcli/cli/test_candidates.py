@@ -7,9 +7,9 @@ from contextlib import suppress
 
 import pytest
 
-from drcli.cli import completion
+from drcli.cli import program
 from drcli.cli.app import main
-from drcli.cli.table import program_names
+from drcli.cli.completion import ASKS, LINE
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 
@@ -19,9 +19,8 @@ def answers(working_folder, monkeypatch, capsys):
     """Asks as a shell does; returns candidates and their meanings."""
 
     def ask(line):
-        monkeypatch.setenv(completion.QUESTION, "complete_fish")
-        monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
-        monkeypatch.setenv(completion.LINE, line)
+        for name, value in {**ASKS, LINE: line}.items():
+            monkeypatch.setenv(name, value)
         with pytest.raises(SystemExit):
             main()
         lines = capsys.readouterr().out.splitlines()
@@ -163,13 +162,13 @@ def test_a_current_folder_that_is_gone_does_no_harm(words, tmp_path_factory, mon
 def test_shells_that_the_first_version_has_set_up_get_answers(
     working_folder, monkeypatch, capsys, line, words
 ):
-    for name in (completion.QUESTION, completion.LINE, "_TYPER_COMPLETE_FISH_ACTION"):
+    for name in (*ASKS, LINE):
         monkeypatch.setenv(name, "")  # so that it is taken away again
         monkeypatch.delenv(name)
     monkeypatch.setattr("sys.argv", ["drcli-complete", *line.split()])
 
     with suppress(SystemExit):
-        completion.former_program()
+        program.answer_former_shells()
 
     printed = capsys.readouterr()
     assert [answer.partition("\t")[0] for answer in printed.out.splitlines()] == words
@@ -182,18 +181,12 @@ def test_an_answer_loads_nothing_slow(working_folder, line):
         "import sys; from drcli.cli.app import main\n"
         f"try: main()\nfinally: print({SLOW!r} & sys.modules.keys(), file=sys.stderr)"
     )
-    question = {completion.QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
-
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, **question, completion.LINE: line},
+        env={**os.environ, **ASKS, LINE: line},
         capture_output=True,
         text=True,
     )
 
     assert done.stderr == "set()\n"
     assert done.stdout
-
-
-def test_every_program_is_known():
-    assert {"dr", "dr-status", "dr-start-training", "droa-import-model"} <= set(program_names())

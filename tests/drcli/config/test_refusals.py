@@ -92,7 +92,7 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=my model",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=my model holds ' ', which cannot stand in "
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=my model holds ' ', which is not allowed in "
             "a name in the bucket.",
             "Use only letters, digits, and the characters . _ - /.",
             id="prefix-with-space",
@@ -192,13 +192,13 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_CAR_NAME=$TEAM",
-            "run.env line 2: DR_CAR_NAME=$TEAM refers to TEAM, which is set nowhere.",
+            "run.env line 2: DR_CAR_NAME=$TEAM refers to TEAM, which is not set.",
             "Set TEAM in system.env or in the environment, or write the value itself.",
             id="reference-to-nothing",
         ),
         pytest.param(
             "DR_CAR_NAME=$A\nA=$DR_CAR_NAME",
-            "run.env line 3: A=$DR_CAR_NAME refers in a circle or through too many names "
+            "run.env line 3: A=$DR_CAR_NAME refers to itself or through too many names "
             "(DR_CAR_NAME).",
             "Write the value of A itself.",
             id="circle",
@@ -211,7 +211,7 @@ from drcli.config.settings import load_settings
         ),
         pytest.param(
             "DR_EXPERIMENT_NAME=first",
-            "run.env line 2: DR_EXPERIMENT_NAME=first comes too late to choose a run.env.",
+            "run.env line 2: DR_EXPERIMENT_NAME=first is set in the run.env that it should choose.",
             "Move the line to system.env.",
             id="experiment-in-run-env",
         ),
@@ -259,13 +259,13 @@ def test_a_gap_further_down_is_reported_where_it_is(folder, lines):
     refusal = folder.refusal(lines)
 
     line = lines.splitlines().index("A=$B") + 1
-    assert str(refusal) == f"run.env line {line}: A=$B refers to B, which is set nowhere."
+    assert str(refusal) == f"run.env line {line}: A=$B refers to B, which is not set."
 
 
 def test_settings_that_refer_to_each_other_in_a_circle_are_refused(folder):
     refusal = folder.refusal("DR_CAR_NAME=$DR_RACER_NAME\nDR_RACER_NAME=$DR_CAR_NAME\n")
 
-    assert "refers in a circle" in str(refusal)
+    assert "refers to itself" in str(refusal)
 
 
 def test_names_that_multiply_each_other_cannot_fill_the_memory(folder):
@@ -273,7 +273,7 @@ def test_names_that_multiply_each_other_cannot_fill_the_memory(folder):
 
     refusal = folder.refusal("\n".join([*lines, "A15=xxxx", "DR_CAR_NAME=$A0"]))
 
-    assert "grows beyond 4096 characters once filled in" in str(refusal)
+    assert "is longer than 4096 characters once filled in" in str(refusal)
 
 
 def test_a_filled_in_value_is_shown_with_what_was_written(folder):

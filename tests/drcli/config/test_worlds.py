@@ -39,14 +39,14 @@ def test_the_names_are_those_that_the_simulation_knows(tmp_path):
         ("yours", False),
     ],
 )
-def test_a_track_is_here_when_the_simulation_finds_it(folder, monkeypatch, world, here):
+def test_a_track_is_installed_when_the_simulation_finds_it(folder, monkeypatch, world, here):
     monkeypatch.chdir(folder.path)
     tracks = folder.path / "tracks"
     tracks.mkdir()
     track = load_track("reinvent_base")
     np.save(tracks / "mine.npy", np.hstack([track.center, track.inner, track.outer]))
 
-    assert worlds.is_here(folder.load(f"DR_WORLD_NAME={world}").race) == here
+    assert worlds.is_installed(folder.load(f"DR_WORLD_NAME={world}").race) == here
     if here:
         assert load_track(world, tracks)
     else:
@@ -57,14 +57,14 @@ def test_a_track_is_here_when_the_simulation_finds_it(folder, monkeypatch, world
 def test_no_track_is_missing_where_the_simulation_is_not_installed(folder, monkeypatch):
     monkeypatch.setattr(worlds, "find_spec", lambda name: None)
 
-    assert list(worlds.missing(folder.load("DR_WORLD_NAME=Nope").races)) == []
+    assert list(worlds.track_problems(folder.load("DR_WORLD_NAME=Nope").races)) == []
 
 
 def test_the_missing_track_of_a_worker_is_placed_in_its_file(folder):
     folder.write("worker-2.env", "DR_WORLD_NAME=ben\n")
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\n")
 
-    (problem,) = worlds.missing(settings.races)
+    (problem,) = worlds.track_problems(settings.races)
 
     assert problem.where == "worker-2.env line 1"
     assert problem.remedy.startswith("Did you mean bean?")
@@ -86,10 +86,10 @@ def test_the_names_of_the_community_are_those_of_its_files():
 def test_a_track_of_the_community_that_is_not_here_can_be_fetched(folder, world):
     settings = folder.load(f"DR_WORLD_NAME={world}\n")
 
-    (problem,) = worlds.fetchable(settings.races)
+    (problem,) = worlds.track_problems(settings.races)
 
     name = world.removesuffix(".npy")
-    assert list(worlds.missing(settings.races)) == []
+    assert problem.severity == "note"
     assert worlds.to_fetch(settings.races) == [name]
     assert f"`dr-tracks fetch {name}`" in problem.remedy
     assert f"`dr-tracks add {name}.npy`" in problem.remedy
@@ -107,7 +107,7 @@ def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=4\nDR_WORLD_NAME=LGSWide\n")
 
     assert worlds.to_fetch(settings.races) == ["LGSWide", "Spain_track"]
-    assert [problem.where for problem in worlds.fetchable(settings.races)] == [
+    assert [problem.where for problem in worlds.track_problems(settings.races)] == [
         "run.env line 3",
         "worker-2.env line 1",
         "worker-3.env line 1",

@@ -15,7 +15,8 @@ from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload
 from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from evaluations import evaluated
+from memory_bucket import MemoryBucket
 
 RUN_ENV = (
     "DR_WORLD_NAME=reinvent_base",
@@ -93,12 +94,14 @@ def put_model(
     for number in numbers:
         weights = f"weights {number} of design {design}".encode()
         record = store.save(number, 100 * number, weights, counters=Counters(episodes=number))
-        store.record_evaluation(record.name, 90.0 if number == numbers[0] else 50.0)
+        store.record_evaluation(
+            evaluated(record.name, 90.0 if number == numbers[0] else 50.0), "progress"
+        )
     store.attach_optimizer(record, b"moments")
     bucket.put(keys.model_metadata(prefix), json.dumps({"design": design}).encode())
     bucket.put(keys.hyperparameters(prefix), b'{"lr": 0.001}')
     bucket.put(keys.reward_function(prefix), b"def reward_function(params): ...")
-    bucket.put(keys.run_note(prefix), b'{"seed": 7}')
+    bucket.put(keys.training_start(prefix), b'{"seed": 7}')
     bucket.put(keys.training_metrics(keys.metrics_prefix(prefix)), b'{"metrics": []}')
     bucket.put(keys.history(prefix), b'{"iterations": []}')
     bucket.put(keys.training_trace(prefix, 0), b"episode,steps")

@@ -9,7 +9,8 @@ import yaml
 from drcli.base.errors import SettingsError, StorageError
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from evaluations import evaluated
+from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
 
@@ -258,7 +259,7 @@ def test_a_source_that_is_pruned_while_it_is_looked_at_is_looked_at_again(mover)
                 self.pruned = True
                 store = CheckpointStore(self, "theirs/fast")
                 store.save(9, 900, b"weights 9 of design a")
-                store.record_evaluation("9_Step-900.ckpt", 95.0)
+                store.record_evaluation(evaluated("9_Step-900.ckpt", 95.0), "progress")
                 doomed = keys.checkpoint_part("theirs/fast", "2_Step-200.ckpt", "")
                 self.delete([o.key for o in super().list(folder) if o.key.startswith(doomed)])
             return super().list(folder)

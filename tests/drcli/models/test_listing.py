@@ -4,7 +4,7 @@ import pytest
 
 from drcli.models.model_list import CheckpointEntry, list_models
 from drcli.store import keys, lease
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 from .conftest import put_model
 

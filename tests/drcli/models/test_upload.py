@@ -10,7 +10,7 @@ from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys, lease
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 from .conftest import driven, put_model
 

@@ -146,5 +146,5 @@ def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):
 
     assert code == 3
     err = capsys.readouterr().err
-    assert "DR_WORLD_NAME=bena (flag)" in err
+    assert "flag: DR_WORLD_NAME=bena is not a known track" in err
     assert "bean" in err

@@ -1,6 +1,7 @@
 """Pictures: what is where in them, and what happens when they cannot be written."""
 
 import io
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -42,6 +43,12 @@ def test_the_picture_is_dark_text_on_white(tried_of):
 
     assert (picture[0, 0] == 255).all()
     assert (picture == 255).all(axis=-1).mean() > 0.5
+
+
+def test_a_constant_reward_and_any_name_of_a_file_can_be_drawn(tried_of):
+    tried = replace(tried_of(lambda params: 1.0), name="赛道 $x$ }.py")
+
+    assert share_of(pixels(draw_reward(tried)), 0.5) > 0.05
 
 
 def test_obstacles_are_on_the_map(obstacle_course):

@@ -10,7 +10,8 @@ from drcli.config.settings import Settings, load_settings
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from evaluations import evaluated
+from memory_bucket import MemoryBucket
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]
 
@@ -88,5 +89,7 @@ def trained(racer: Racer) -> Racer:
     store = racer.store("model-1")
     for number in range(6):
         store.save(number, 100 * number, b"weights %d" % number, optimizer=b"moments")
-        store.record_evaluation(f"{number}_Step-{number}00.ckpt", 90.0 if number == 3 else 50.0)
+        store.record_evaluation(
+            evaluated(f"{number}_Step-{number}00.ckpt", 90.0 if number == 3 else 50.0), "progress"
+        )
     return racer

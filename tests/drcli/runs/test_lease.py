@@ -14,7 +14,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.process_identity import started_s
 from drcli.store import keys, lease
 from drcli.store.lease import read_lease, write_lease
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 
 class Server:

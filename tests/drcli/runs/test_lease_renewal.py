@@ -14,9 +14,9 @@ from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.lease import Ownership, read_lease, write_lease
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollout_reader import RolloutReader
 from drcli.store.rollout_writer import RolloutWriter
+from memory_bucket import MemoryBucket
 
 PREFIX = "model"
 

@@ -11,7 +11,7 @@ from drcli.base.errors import StorageError
 from drcli.config.settings import load_settings
 from drcli.runs import run_logs
 from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, log_file
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
 PART = 1000

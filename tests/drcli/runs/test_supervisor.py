@@ -22,7 +22,7 @@ from drcli.runs.lease_renewal import Renewal
 from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
 from drcli.store import keys, lease
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 ENDS, LATE, STAYS = "pass", "import time; time.sleep(1)", "import time; time.sleep(60)"
 

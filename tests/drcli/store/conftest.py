@@ -8,9 +8,9 @@ from moto.server import ThreadedMotoServer
 
 from drcli.config.run_config import StorageConfig
 from drcli.store.endpoint import Endpoint
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
+from memory_bucket import MemoryBucket
 
 
 @pytest.fixture

@@ -14,7 +14,8 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import tie_break_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from evaluations import evaluated
+from memory_bucket import MemoryBucket
 
 PREFIX = "team/model-1"
 
@@ -227,7 +228,7 @@ def test_only_the_newest_checkpoints_and_the_best_are_kept(store, memory):
         store.save(number, 100 * number, b"weights", optimizer=b"moments")
         memory.put(keys.checkpoint_graph(PREFIX, number), b"graph")
         if number == 1:
-            store.record_evaluation("1_Step-100.ckpt", 50.0)
+            store.record_evaluation(evaluated("1_Step-100.ckpt", 50.0), "progress")
     memory.put(f"{PREFIX}/model/model_metadata.json", b"{}")
 
     store.save(8, 800, b"weights")
@@ -254,7 +255,7 @@ def test_the_best_is_the_highest_mean_and_a_tie_goes_to_the_newer(store):
         store.save(number, number, b"weights")
 
     became_best = [
-        store.record_evaluation(f"{number}_Step-{number}.ckpt", mean)
+        store.record_evaluation(evaluated(f"{number}_Step-{number}.ckpt", mean), "progress")
         for number, mean in enumerate([40.0, 60.0, 50.0, 60.0])
     ]
 
@@ -267,7 +268,9 @@ def test_between_equal_means_the_tie_break_decides_and_then_the_newer(store):
         store.save(number, number, b"weights")
 
     became_best = [
-        store.record_evaluation(f"{number}_Step-{number}.ckpt", 100.0, tie_break=mean_lap_ms)
+        store.record_evaluation(
+            evaluated(f"{number}_Step-{number}.ckpt", 100.0, mean_lap_ms), "progress"
+        )
         for number, mean_lap_ms in enumerate([15_000.0, 14_000.0, 14_500.0, 14_000.0])
     ]
 
@@ -277,18 +280,18 @@ def test_between_equal_means_the_tie_break_decides_and_then_the_newer(store):
 def test_a_better_mean_wins_whatever_the_tie_break(store):
     store.save(0, 0, b"weights")
     store.save(1, 1, b"weights")
-    store.record_evaluation("0_Step-0.ckpt", 90.0, tie_break=1.0)
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 90.0, 1.0), "progress")
 
-    assert store.record_evaluation("1_Step-1.ckpt", 91.0, tie_break=2.0)
+    assert store.record_evaluation(evaluated("1_Step-1.ckpt", 91.0, 2.0), "progress")
 
 
 def test_the_tie_break_is_still_known_to_the_next_trainer_and_stands_behind_all_else(store, memory):
     store.save(0, 0, b"weights")
-    store.record_evaluation("0_Step-0.ckpt", 100.0, tie_break=14_000.0)
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 100.0, 14_000.0), "progress")
 
     store.save(1, 1, b"weights")
 
-    assert not store.record_evaluation("1_Step-1.ckpt", 100.0, tie_break=15_000.0)
+    assert not store.record_evaluation(evaluated("1_Step-1.ckpt", 100.0, 15_000.0), "progress")
     written = json.loads(memory.get(keys.deepracer_checkpoints(PREFIX)))
     assert list(written) == ["best_checkpoint", "last_checkpoint", "best_tie_break"]
     fields = ["name", "avg_eval_metric", "time_stamp"]
@@ -316,12 +319,12 @@ def test_ties_of_progress_and_reward_are_broken_by_lap_time_and_those_by_progres
 def test_forgotten_scores_are_beaten_by_the_next_evaluation(store):
     store.save(0, 0, b"weights")
     store.save(1, 1, b"weights")
-    store.record_evaluation("0_Step-0.ckpt", 99.0, tie_break=1.0)
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 99.0, 1.0), "progress")
 
     store.forget_scores()
 
     assert store.best_name() == "0_Step-0.ckpt"
-    assert store.record_evaluation("1_Step-1.ckpt", 1.0, tie_break=2.0)
+    assert store.record_evaluation(evaluated("1_Step-1.ckpt", 1.0, 2.0), "progress")
 
 
 @given(
@@ -336,8 +339,8 @@ def test_whatever_is_evaluated_when_the_last_and_the_best_can_always_be_loaded(e
         last = store.save(number, number, b"weights").name
         driven = f"{number - age}_Step-{number - age}.ckpt"
         present = driven in names(bucket)
-        if mean is not None and driven not in means:
-            store.record_evaluation(driven, mean)
+        if mean is not None and driven not in means and age <= number:
+            store.record_evaluation(evaluated(driven, mean), "progress")
             means |= {driven: mean} if present else {}
 
         best = store.best_name()
@@ -350,16 +353,16 @@ def test_the_best_lap_time_is_the_lowest(store):
     store.save(0, 0, b"weights")
     store.save(1, 1, b"weights")
 
-    store.record_evaluation("0_Step-0.ckpt", 14_000.0, lower_is_better=True)
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 100.0, 14_000.0), "laptime")
 
-    assert not store.record_evaluation("1_Step-1.ckpt", 15_000.0, lower_is_better=True)
+    assert not store.record_evaluation(evaluated("1_Step-1.ckpt", 100.0, 15_000.0), "laptime")
     assert store.best_name() == "0_Step-0.ckpt"
 
 
 def test_the_evaluation_of_the_last_checkpoint_shows_in_its_line(store, memory):
     store.save(0, 0, b"weights", sim_time_s=1.5)
 
-    store.record_evaluation("0_Step-0.ckpt", 64.3)
+    store.record_evaluation(evaluated("0_Step-0.ckpt", 64.3), "progress")
 
     line = json.loads(memory.get(keys.deepracer_checkpoints(PREFIX)))["last_checkpoint"]
     assert line == {"name": "0_Step-0.ckpt", "avg_eval_metric": 64.3, "time_stamp": 1.5}
@@ -369,7 +372,7 @@ def test_a_late_evaluation_of_a_pruned_checkpoint_changes_nothing(store):
     for number in range(6):
         store.save(number, 0, b"weights")
 
-    assert not store.record_evaluation("1_Step-0.ckpt", 100.0)
+    assert not store.record_evaluation(evaluated("1_Step-0.ckpt", 100.0), "progress")
     assert store.best_name() == "0_Step-0.ckpt"
 
 
@@ -437,7 +440,7 @@ def test_a_first_checkpoint_that_was_only_begun_is_none(memory):
 def test_a_best_checkpoint_whose_weights_are_damaged_is_forgotten(bucket):
     store = CheckpointStore(bucket, PREFIX)
     store.save(1, 100, b"first")
-    store.record_evaluation("1_Step-100.ckpt", 90.0)
+    store.record_evaluation(evaluated("1_Step-100.ckpt", 90.0), "progress")
     store.save(2, 200, b"second")
     assert store.forget_damaged_best() is None
     bucket.put(keys.checkpoint_tensors(PREFIX, "1_Step-100.ckpt"), b"fir")

@@ -7,7 +7,7 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.store.history import History, read_history
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 
 def record(iteration: int) -> IterationRecord:

@@ -124,5 +124,5 @@ def test_a_silent_server_is_blamed_on_the_setting_that_chose_it(files, opened, l
     (files / "config").write_text(CONFIG.replace("9000", "1"))
     bucket = opened("DR_UPLOAD_S3_PROFILE=minio", *lines)
 
-    with pytest.raises(StorageError, match=rf"\({setting}\): nothing answers there"):
+    with pytest.raises(StorageError, match=rf"\({setting}\): no server answers there"):
         bucket.list("")

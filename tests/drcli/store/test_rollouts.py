@@ -12,9 +12,9 @@ from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys, rollout_reader
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollout_reader import RolloutReader, Waiting, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
+from memory_bucket import MemoryBucket
 
 PREFIX = "team/model-1"
 CHECKPOINT = "3_Step-900.ckpt"

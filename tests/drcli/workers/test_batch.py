@@ -7,10 +7,10 @@ from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.store.rollout_reader import RolloutReader, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers.batch import LEAST_PATIENCE_S, Collector
+from memory_bucket import MemoryBucket
 
 PREFIX = "model"
 

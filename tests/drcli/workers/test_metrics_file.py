@@ -8,9 +8,9 @@ import pytest
 from drcli.exchange.trace import Episode, Row
 from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.episode_share import Share
 from drcli.workers.metrics_file import TrainingMetrics
+from memory_bucket import MemoryBucket
 
 KEY = "model/metrics/TrainingMetrics.json"
 TWO_EPISODES = Share(0, workers=1, episodes=2)

@@ -5,8 +5,8 @@ import pytest
 from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.store.best_checkpoint import read_evaluation, write_evaluation
 from drcli.store.bucket import ObjectMissing
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.restore import forget_evaluations
+from memory_bucket import MemoryBucket
 
 
 def test_results_of_checkpoints_that_are_passed_over_are_forgotten_and_others_stay():

@@ -8,9 +8,9 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers import scoring
 from drcli.workers.scoring import Scoring
+from memory_bucket import MemoryBucket
 
 PREFIX = "model"
 

@@ -6,9 +6,9 @@ from drcli.exchange.rollout_manifest import Manifest
 from drcli.exchange.worker_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
 from drcli.workers.wait_for_trainer import DOUBT_S, QUIET_SHARE, CheckpointWaiter
 from drcli.workers.worker_process import StopRequested
+from memory_bucket import MemoryBucket
 
 PREFIX, SESSION = "model", "this start"
 

@@ -269,7 +269,7 @@ def test_between_two_calls_no_deadline_counts(write):
 
 def test_a_ring_that_is_heard_after_the_last_call_winds_no_timer():
     left_s, interval_s = signal.setitimer(signal.ITIMER_REAL, 0.0)
-    with alarm(50.0, in_vain=print) as clock:
+    with alarm(50.0, give_up=print) as clock:
         clock.begin()
 
     clock.ring(signal.SIGALRM, None)
@@ -401,7 +401,7 @@ def test_a_file_that_is_no_text_is_refused_with_the_line(tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_bytes("\n# größe\n".encode("latin-1"))
 
-    with pytest.raises(RewardError, match="line 2, holds byte 0xf6, which is no UTF-8") as caught:
+    with pytest.raises(RewardError, match="line 2, holds byte 0xf6, which is not UTF-8") as caught:
         load_reward_function(path)
 
     assert caught.value.line == 2
@@ -441,7 +441,7 @@ def test_a_function_of_other_than_one_argument_is_refused(write, signature):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        ("def reward_function(params):\n    yield 1.0\n", "holds `yield`"),
+        ("def reward_function(params):\n    yield 1.0\n", "contains `yield`"),
         ("async def reward_function(params):\n    return 1.0\n", "begins with `async`"),
         ("async def reward_function(params):\n    yield 1.0\n", "begins with `async`"),
     ],

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.car.car import CarBatch, CarParameters
-from drsim.fidelity.motion import compare
+from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import RecordingError, load_recordings
-from drsim.fidelity.track_columns import rederive
+from drsim.fidelity.track_columns import compare_track_columns
 from drsim.replay import main, summary
 from drsim.track.worlds import load_track
 
@@ -73,7 +73,7 @@ def test_the_other_half_of_the_reference_drives_ends_within_the_bar():
     drives = load_recordings(reference("simapp6-continuous")).drives
     odd = [drive for drive in drives if drive.episode % 2]
 
-    found = summary(compare(odd))
+    found = summary(compare_motion(odd))
 
     assert found.windows > 2500
     assert found.median_m < 0.12
@@ -86,7 +86,7 @@ def test_the_other_half_of_the_reference_drives_ends_within_the_bar():
 def test_a_drive_of_our_own_car_is_replayed_to_the_millimetre(tmp_path):
     folder = folder_with(tmp_path, text_of(drive()))
 
-    windows = compare(load_recordings(folder).drives)
+    windows = compare_motion(load_recordings(folder).drives)
 
     assert len(windows.position_m) > 15
     assert windows.position_m.max() < 0.002
@@ -96,7 +96,7 @@ def test_a_drive_of_our_own_car_is_replayed_to_the_millimetre(tmp_path):
 def test_a_car_with_other_parameters_does_not_pass_for_the_recorded_one(tmp_path):
     drives = load_recordings(folder_with(tmp_path, text_of(drive()))).drives
 
-    lame = compare(drives, replace(CarParameters(), steering_lag_s=0.3))
+    lame = compare_motion(drives, replace(CarParameters(), steering_lag_s=0.3))
 
     assert np.median(lame.position_m) > 0.03
 
@@ -110,7 +110,7 @@ def test_a_put_back_in_the_middle_of_an_episode_is_no_motion(tmp_path):
     rows[59]["episode_status"] = "off_track"
 
     drives = load_recordings(folder_with(tmp_path, text_of(rows))).drives
-    windows = compare(drives)
+    windows = compare_motion(drives)
 
     assert [len(d.poses) for d in drives] == [60, 40]
     assert windows.position_m.max() < 0.002
@@ -121,7 +121,7 @@ def test_a_lost_row_cuts_the_drive_and_the_next_windows_wait_for_the_lags_to_set
     del rows[30]
 
     drives = load_recordings(folder_with(tmp_path, text_of(rows))).drives
-    windows = compare(drives)
+    windows = compare_motion(drives)
 
     assert [d.from_rest for d in drives] == [True, False]
     assert np.median(windows.position_m) < 0.05
@@ -135,7 +135,7 @@ def test_a_first_row_that_shows_the_end_of_the_last_episode_is_left_out(tmp_path
 
     assert [len(d.poses) for d in drives] == [1, 39]
     assert drives[1].from_rest
-    assert compare(drives).position_m.max() < 0.002
+    assert compare_motion(drives).position_m.max() < 0.002
 
 
 def test_the_simplest_old_trace_is_enough(tmp_path):
@@ -145,7 +145,7 @@ def test_the_simplest_old_trace_is_enough(tmp_path):
 
     assert drives[0].from_rest
     assert np.isnan(drives[0].progress).all()
-    assert compare(drives).position_m.max() < 0.002
+    assert compare_motion(drives).position_m.max() < 0.002
 
 
 def test_a_line_that_was_cut_off_is_left_out_and_counted(tmp_path):
@@ -198,7 +198,7 @@ def test_a_world_whose_route_is_not_here_costs_only_its_own_lines(tmp_path, caps
     printed = capsys.readouterr()
     assert code == 0
     assert json.loads(printed.out)["track"] is None
-    assert "No world is called 'Nowhere_track'" in printed.err
+    assert "There is no track 'Nowhere_track' here" in printed.err
 
 
 def test_a_world_that_the_recording_was_not_driven_on_is_told(tmp_path, capsys):
@@ -218,7 +218,7 @@ def test_a_recording_of_the_other_direction_is_recognised(tmp_path):
         for row, (x, y, yaw), waypoint in zip(drive(), poses, where.nearest, strict=True)
     ]
 
-    found = rederive(
+    found = compare_track_columns(
         load_recordings(folder_with(tmp_path, text_of(rows))).drives, load_track("reinvent_base")
     )
 
@@ -255,7 +255,7 @@ def test_what_cannot_be_replayed_is_refused_in_a_sentence(
 
 
 def test_a_folder_that_does_not_exist_is_refused():
-    with pytest.raises(RecordingError, match="There is no folder"):
+    with pytest.raises(RecordingError, match="does not exist"):
         load_recordings(Path("nowhere"))
 
 

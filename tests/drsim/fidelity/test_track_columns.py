@@ -8,7 +8,7 @@ import pytest
 
 from drsim.episode.progress import advance_progress
 from drsim.fidelity.recordings import load_recordings
-from drsim.fidelity.track_columns import all_wheels_on, rederive
+from drsim.fidelity.track_columns import all_wheels_on, compare_track_columns
 from drsim.track.worlds import load_track
 
 SHARED = Path(__file__).resolve().parents[4] / "shared"
@@ -39,7 +39,7 @@ def route(world: str):
 def test_all_recorded_rows_get_their_recorded_columns(run, world):
     drives = load_recordings(traces(run)).drives
 
-    found = rederive(drives, route(world))
+    found = compare_track_columns(drives, route(world))
 
     assert found.fits
     assert not found.reverse

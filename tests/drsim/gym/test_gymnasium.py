@@ -272,15 +272,15 @@ def test_an_action_outside_its_space_is_named(oval, action):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"race": "drifting"}, "There is no race 'drifting'"),
-        ({"sensors": ("RADAR",)}, "There is no sensor RADAR"),
-        ({"sensors": "RADAR"}, "There is no sensor RADAR"),
+        ({"race": "drifting"}, "'drifting' is not a race"),
+        ({"sensors": ("RADAR",)}, "RADAR is not a sensor"),
+        ({"sensors": "RADAR"}, "RADAR is not a sensor"),
         ({"view": "inside"}, "view is 'inside'"),
         ({"start": -0.1}, "start is -0.1"),
         ({"start": "line"}, "start is 'line'"),
         ({"render_mode": "ascii"}, "render_mode is 'ascii'"),
         ({"race": Race(racers=2)}, "two drivers"),
-        ({"world": "nowhere"}, "No world is called 'nowhere'"),
+        ({"world": "nowhere"}, "There is no track 'nowhere' here"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused_in_a_sentence(oval, arguments, sentence):
@@ -392,11 +392,11 @@ def test_a_copy_of_many_cars_goes_on_like_its_original(oval, copied):
 
 def test_a_copy_costs_no_second_picture_of_the_world_and_compiles_nothing_again(oval):
     env = RacerEnv(oval)
-    scene = env._simulation._senses._scene
+    scene = env._simulation._observations._scene
 
     there = pickle.loads(pickle.dumps(scene))
 
-    assert copy.deepcopy(env)._simulation._senses._scene is scene
+    assert copy.deepcopy(env)._simulation._observations._scene is scene
     assert (there.texels.strides, there.texels.dtype) == (scene.texels.strides, scene.texels.dtype)
     np.testing.assert_array_equal(there.texels, scene.texels)
     assert not pickle.loads(pickle.dumps(oval)).center.flags.writeable

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.race.traffic import CENTER, INNER, NEAR_M, OUTER, RIVAL_GAP_M, Traffic
+from drsim.race.traffic import CENTER, INNER, NEAR_M, OPPONENT_GAP_M, OUTER, Traffic
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
@@ -243,7 +243,7 @@ def test_racers_start_on_different_lanes_and_the_second_one_behind() -> None:
     lanes, gaps_m = traffic.start_lane(everybody), traffic.start_gap_m(everybody)
 
     assert lanes.tolist() == [OUTER, INNER, OUTER, INNER]
-    assert gaps_m.tolist() == [0.0, RIVAL_GAP_M, 0.0, RIVAL_GAP_M]
+    assert gaps_m.tolist() == [0.0, OPPONENT_GAP_M, 0.0, OPPONENT_GAP_M]
 
 
 def test_a_new_episode_of_one_car_leaves_the_others_alone() -> None:
@@ -256,7 +256,7 @@ def test_a_new_episode_of_one_car_leaves_the_others_alone() -> None:
     assert np.abs(traffic.xy[1] - before[1]).max() > 0.1
 
 
-def test_objects_come_in_the_order_rival_obstacles_bots() -> None:
+def test_objects_come_in_the_order_opponent_obstacles_bots() -> None:
     traffic = traffic_with(
         2,
         racers=2,

@@ -66,7 +66,7 @@ def test_a_missing_route_file_and_a_folder_in_its_place_are_named(tmp_path):
     folder.mkdir()
 
     for path in (str(tmp_path / "nothing.npy"), str(folder)):
-        with pytest.raises(TrackError, match="no such route file") as failure:
+        with pytest.raises(TrackError, match="the route file does not exist") as failure:
             read(path)
         assert path in str(failure.value)
 
@@ -145,8 +145,8 @@ def test_a_route_whose_ends_differ_is_an_open_track(tmp_path):
         (np.zeros((50_000, 6)), "larger than 1000000 bytes"),
         (square_rows()[:2], "at least 4"),
         (np.zeros((50, 6)), "1 distinct rows"),
-        (square_rows() * [[1], [1], [np.nan], [1], [1]], "row 2 holds"),
-        (square_rows() * [[1], [np.inf], [1], [1], [1]], "row 1 holds"),
+        (square_rows() * [[1], [1], [np.nan], [1], [1]], "row 2 contains"),
+        (square_rows() * [[1], [np.inf], [1], [1], [1]], "row 1 contains"),
         (square_rows() * 1e9, "within 1e"),
         (square_rows()[:, [0, 1, 4, 5, 2, 3]], "between the borders"),
         (square_rows()[:, [2, 3, 0, 1, 4, 5]], "between the borders"),
@@ -171,7 +171,7 @@ def test_a_pickle_in_a_route_file_is_never_opened(tmp_path):
     file = tmp_path / "trap.npy"
     np.save(file, np.array([[Trap()] * 6] * 4, dtype=object), allow_pickle=True)
 
-    with pytest.raises(TrackError, match="no route file"):
+    with pytest.raises(TrackError, match="not a route file"):
         read(str(file))
 
     assert not (tmp_path / "sprung").exists()
@@ -372,8 +372,8 @@ def test_a_drawing_needs_a_length(tmp_path):
         ("1\n2\n3\n", "2, 3 or 6 columns"),
         ("x,y\n0,0\n1,oops\n", "line 3: could not convert"),
         ("0,0\n1,1\n\n2,2,2\n", "line 4 has 3 values"),
-        ("0,0\n1,nan\n", "row 1 holds"),
-        ("0,0\n9e99,0\n", "row 1 holds"),
+        ("0,0\n1,nan\n", "row 1 contains"),
+        ("0,0\n9e99,0\n", "row 1 contains"),
         ("0,0\n9,0\n", "2 distinct rows"),
         ("0,0\n4000,0\n4000,4000\n0,4000\n", "12000 m long"),
         ("0,0\n0.2,0\n0.2,0.2\n0,0.2\n", "0.6 m long"),

@@ -119,7 +119,7 @@ def test_a_file_of_one_direction_wins_over_its_base(tmp_path):
 def test_an_ending_without_its_world_is_unknown(tmp_path, world):
     saved(tmp_path, square_rows())
 
-    with pytest.raises(TrackError, match="No world is called"):
+    with pytest.raises(TrackError, match="There is no track"):
         load_track(world, tmp_path)
 
 
@@ -144,9 +144,9 @@ def test_an_open_track_can_be_reversed_but_has_no_direction(tmp_path):
     track = load_track("mine", tmp_path)
 
     assert directed(track, reverse=True).reverse
-    with pytest.raises(TrackError, match="no loop"):
+    with pytest.raises(TrackError, match="not a loop"):
         directed(track, clockwise=False)
-    with pytest.raises(TrackError, match="no loop"):
+    with pytest.raises(TrackError, match="not a loop"):
         load_track("mine_cw", tmp_path)
 
 
@@ -193,7 +193,7 @@ def test_an_open_route_is_described_as_such(tmp_path):
 
 
 def test_what_is_unknown_is_not_described_either(tmp_path):
-    with pytest.raises(TrackError, match="No world is called"):
+    with pytest.raises(TrackError, match="There is no track"):
         describe("mine", tmp_path)
 
 
@@ -236,7 +236,7 @@ def test_a_world_name_is_never_taken_for_a_path(tmp_path, world):
     (tmp_path / "sub").mkdir()
     saved(tmp_path, square_rows())
 
-    with pytest.raises(TrackError, match="No world is called"):
+    with pytest.raises(TrackError, match="There is no track"):
         load_track(world, tmp_path / "sub")
 
 

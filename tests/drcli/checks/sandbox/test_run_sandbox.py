@@ -19,6 +19,8 @@ HANGS_ON = """def reward_function(params):
         except:
             pass
 """
+STUCK = "def reward_function(params):\n    return float(max(range(10**12)))\n"
+DEAF = "import signal\nwhile True:\n    try: signal.pause()\n    except: pass\n"
 KILLS = "import os\ndef reward_function(params):\n    os.kill(os.getpid(), 9)\n"
 INTERRUPTS = "def reward_function(params):\n    raise KeyboardInterrupt\n"
 FORKS = "import os\ndef reward_function(params):\n    return float(os.fork() > 0)\n"
@@ -37,7 +39,7 @@ def begin(request_of, tmp_path):
     running = []
 
     def start(text: str) -> Sandbox:
-        request = request_of(10, call_s=0.5)
+        request = request_of(10, call_s=0.5, load_s=30.0 if text != DEAF else 0.5)
         running.append(Sandbox(request, text.encode(), tmp_path))
         return running[-1]
 
@@ -62,6 +64,16 @@ def test_code_that_ends_crashes_or_hangs_is_found_out_with_its_line(begin):
     assert failures[3][0].line in range(2, 8)
     assert failures[0][0].source == "os._exit(3)"
     assert "exit code 3" in failures[0][0].reason
+
+
+@pytest.mark.parametrize(("text", "lines"), [(STUCK, {2}), (DEAF, {2, 3, 4})])
+def test_what_cannot_be_interrupted_is_named_with_its_line(begin, text, lines):
+    """An operation in C, and a loop that swallows every exception while the file is loaded."""
+    [failure] = begin(text).result().failures
+
+    assert failure.kind == "endless"
+    assert failure.line in lines
+    assert "cannot be interrupted" in failure.reason
 
 
 def test_the_line_is_found_below_a_temporary_folder_with_an_umlaut(begin, tmp_path, monkeypatch):
@@ -110,3 +122,38 @@ def test_processes_that_racers_code_starts_end_with_the_sandbox(begin, tmp_path)
     while psutil.pid_exists(child) and psutil.Process(child).status() != psutil.STATUS_ZOMBIE:
         assert time.monotonic() < deadline, "the child lives on"
     assert {effect.kind for effect in result.effects} >= {"process", "writes"}
+
+
+def test_a_result_that_racers_code_has_written_is_refused_with_a_reason(begin):
+    text = (
+        "import os\nfrom pathlib import Path\n"
+        "def reward_function(params):\n"
+        "    Path(__file__).with_name('result.json').write_text('{}')\n"
+        "    os._exit(0)\n"
+    )
+
+    [failure] = begin(text).result().failures
+
+    assert failure.kind == "ends"
+    assert "its version is None" in failure.reason
+
+
+def test_secrets_are_kept_from_racers_code(begin, monkeypatch):
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    monkeypatch.setenv("PLAIN", "seen")
+    monkeypatch.setattr("drcli.config.secret_environment.hide_process", lambda: None)
+    text = (
+        "import os\ndef reward_function(params):\n"
+        "    return float('AWS_SECRET_ACCESS_KEY' in os.environ) + 2 * ('PLAIN' in os.environ)\n"
+    )
+
+    assert begin(text).result().values == [[2.0] * 10] * 2
+
+
+def test_signals_to_the_command_fail_with_the_line_that_sends_them(begin):
+    text = "import os\ndef reward_function(params):\n    os.kill(os.getppid(), 9)\n"
+
+    [failure] = begin(text).result().failures
+
+    assert (failure.kind, failure.line) == ("raises", 3)
+    assert "PermissionError" in failure.reason

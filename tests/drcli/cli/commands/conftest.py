@@ -10,11 +10,11 @@ import pytest
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report, Skipped
 from drcli.exchange.job import Job
+from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
-from drcli.models.pretrained import Pretrained
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
 from drcli.rewards.check import (

@@ -7,7 +7,7 @@ import shlex
 import pytest
 
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.memory_bucket import MemoryBucket
+from memory_bucket import MemoryBucket
 
 
 @pytest.fixture

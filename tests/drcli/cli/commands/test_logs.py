@@ -5,7 +5,7 @@ import os
 import pytest
 
 from drcli.base import log_files
-from drcli.cli.commands import logs
+from drcli.cli import log_tail
 
 LINES = [f"line {k}\n" for k in range(30)]
 
@@ -22,7 +22,7 @@ def meanwhile(monkeypatch):
                 raise KeyboardInterrupt
             left.pop(0)()
 
-        monkeypatch.setattr(logs.time, "sleep", wait)
+        monkeypatch.setattr(log_tail.time, "sleep", wait)
 
     return plan
 

@@ -37,7 +37,7 @@ CALLS = {
     f"set-upload-model {MODEL}": "The next upload goes to",
     "init elsewhere": "",
     "config show": "DR_WORLD_NAME=reinvent_base",
-    "config show DR_WORLD_NAME DR_HOST_X": "Allowed",
+    "config show DR_WORLD_NAME DR_HOST_X": "Allowed: ",
     "config check --settings": "Settings: no errors",
     "config set DR_WORKERS=1": "DR_WORKERS=1",
     "validate": "V-21",
@@ -190,9 +190,7 @@ def test_the_help_of_a_group_tells_of_its_commands_in_whole_sentences(dr, capsys
     dr("tracks", "--help")
 
     told = " ".join(capsys.readouterr().out.split())
-    assert (
-        "fetch Fetch a route of the community from the web into the folder DR_TRACKS_DIR." in told
-    )
+    assert "fetch Download a community track into the folder DR_TRACKS_DIR." in told
 
 
 def test_the_report_of_every_command_is_documented():

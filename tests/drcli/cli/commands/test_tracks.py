@@ -81,7 +81,7 @@ def test_the_list_names_what_is_built_in_and_where_more_would_lie(working_folder
 
     assert code == 0
     assert "reinvent_base" in out
-    assert "your own lie in tracks/." in out
+    assert "your own are in tracks/." in out
     facts = {track["name"]: track for track in report(told)["tracks"]}
     assert facts["reinvent_base"]["length_m"] == pytest.approx(17.7, abs=0.1)
     assert facts["reinvent_base"]["source"] == "own"
@@ -127,7 +127,7 @@ def test_an_added_track_takes_the_place_of_a_built_in_one_and_says_so(
     file = str(working_folder / "tracks" / "reinvent_base.npy")
     assert code == 0
     assert report(out)["source"] == file
-    assert "reinvent_base is a built-in track too" in words
+    assert "reinvent_base is also a built-in track" in words
     assert report(shown)["facts"]["source"] == file
     sources = {track["name"]: track["source"] for track in report(listed)["tracks"]}
     assert sources["reinvent_base"] == sources["reinvent_wood"] == file

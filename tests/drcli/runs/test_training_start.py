@@ -7,6 +7,7 @@ import pytest
 
 from drcli.models.run_metadata import chosen_settings
 from drcli.store import keys
+from evaluations import evaluated
 
 
 def test_a_start_notes_seed_settings_versions_and_machine(racer):
@@ -46,7 +47,7 @@ def test_a_resumed_start_keeps_the_seed_and_the_notes_before_it(racer):
 def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
     racer.start()
     racer.store("model-1").save(0, 0, b"weights")
-    racer.bucket.put(keys.run_note("model-1"), b'{"seed": 11}')
+    racer.bucket.put(keys.training_start("model-1"), b'{"seed": 11}')
 
     plan = racer.start(resume=True)
 
@@ -109,7 +110,7 @@ def test_scores_of_another_metric_are_forgotten_on_resume(trained):
     store = trained.store("model-1")
     assert store.best_name() == "3_Step-300.ckpt"
     assert any("DR_TRAIN_BEST_MODEL_METRIC was progress until now" in w for w in plan.warnings)
-    assert store.record_evaluation("5_Step-500.ckpt", 14_000.0, lower_is_better=True)
+    assert store.record_evaluation(evaluated("5_Step-500.ckpt", 100.0, 14_000.0), "laptime")
     scores = json.loads(trained.bucket.get(keys.deepracer_checkpoints("model-1")))
     assert scores["best_checkpoint"]["avg_eval_metric"] == 14_000.0
 

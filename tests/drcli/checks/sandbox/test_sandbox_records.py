@@ -1,0 +1,67 @@
+"""What travels between the sandbox and its parent comes back as it was, or is refused."""
+
+import json
+
+import pytest
+
+from drcli.base.json_record import Misfit
+from drcli.base.problems import Problem
+from drcli.checks.sandbox.sandbox_records import (
+    Difference,
+    Effect,
+    Failure,
+    Growth,
+    Place,
+    Printed,
+    SandboxRequest,
+    SandboxResult,
+    Timing,
+)
+
+RESULT = SandboxResult(
+    problems=[Problem("V-05", "error", "run.env", 1, "No such track.", "Correct it.")],
+    values=[[1.0, None], []],
+    failures=[Failure("raises", "KeyError: 'a'", 3, "return params['a']", "{}", "", Place(0, 1))],
+    returned={"float": 1},
+    line=2,
+    timing=Timing(0.1, 0.2, 0.3, Place(0, 0)),
+    calls=2,
+    effects=[Effect("writes", "log.txt", 4, 2)],
+    printed=Printed(1, 5, 3),
+    growing=[Growth("SEEN", 1, 9, 8)],
+    random=Difference(Place(0, 0), 1.0, None, 1, 2),
+)
+
+
+def test_a_result_comes_back_as_it_was(tmp_path):
+    RESULT.write(tmp_path)
+
+    assert SandboxResult.read(tmp_path) == RESULT
+
+
+def test_a_request_comes_back_as_it_was(tmp_path):
+    request = SandboxRequest("mine.py", [[{"speed": 1.0}]], [[[0.0, 1.0]], []], 1, None, 0.5)
+    request.write(tmp_path)
+
+    assert SandboxRequest.read(tmp_path) == request
+
+
+def test_without_a_result_there_is_none(tmp_path):
+    assert SandboxResult.read(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"version": 2}, "its version is 2 instead of 1"),
+        ({"values": "many"}, "'values' cannot be"),
+        ({"failures": [{"kind": "tired"}]}, "in 'failures': 'kind' cannot be"),
+    ],
+)
+def test_a_foreign_result_is_refused_with_a_reason(tmp_path, change, reason):
+    RESULT.write(tmp_path)
+    [file] = tmp_path.iterdir()
+    file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
+
+    with pytest.raises(Misfit, match=reason):
+        SandboxResult.read(tmp_path)

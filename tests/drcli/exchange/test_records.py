@@ -1,0 +1,188 @@
+"""Every record comes back from its bytes, keeps its format, and refuses everything else."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import Misfit
+from drcli.exchange.checkpoint import (
+    CheckpointName,
+    CheckpointRecord,
+    Counters,
+    decode_pointer,
+    encode_pointer,
+)
+from drcli.exchange.evaluation_metrics import TrialMetrics, decode_report, encode_report
+from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
+from drcli.exchange.lease_record import Lease
+from drcli.exchange.rollout_manifest import Driving, Manifest, Part
+from drcli.exchange.scores import Score, Scores
+from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
+from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
+from drcli.exchange.worker_state import ActivityRecord, TrainingEnd
+
+ITERATION = IterationRecord(
+    iteration=3,
+    checkpoint="3_Step-300.ckpt",
+    episodes=4,
+    steps=100,
+    total_steps=400,
+    mean_reward=1.5,
+    mean_progress=20.0,
+    full_laps=0,
+    best_lap_s=None,
+    entropy=1.0,
+    surrogate_loss=0.1,
+    value_loss=0.2,
+    kl=0.01,
+    steps_per_s=500.0,
+    real_time_factor=30.0,
+    drive_s=0.3,
+    learn_s=0.4,
+    exchange_s=0.1,
+    elapsed_s=9.0,
+)
+CHECKPOINT = CheckpointRecord(
+    "4_Step-400.ckpt",
+    Fingerprint(8, "ab"),
+    counters=Counters(12, 60.0, "fp32", ITERATION, 7, {"hyperparameters.json": "{}"}),
+)
+START = TrainingStart(7, "2026-01-01T00:00:00+00:00", {"DR_TRAIN_SEED": 7})
+RECORDS = [
+    CHECKPOINT,
+    ITERATION,
+    EvaluationResult("4_Step-400.ckpt", [50.0, 100.0], [1.0, 2.0], [12.5]),
+    Scores(Score("3_Step-300.ckpt", 80.0, 1.0, 14_000.0), Score("4_Step-400.ckpt")),
+    Lease("session", "host", 7, 1.0e9, "machine", 3.0, 2, released=True),
+    Manifest(3, 1, "3_Step-300.ckpt", "s-7-1", (Part("k", Fingerprint(999, "ab"), 1, 5),)),
+    Manifest(3, 1, "3_Step-300.ckpt", "s-7-1", (), Driving(2.5, 3)),
+    ActivityRecord("learns", 1.0e9, 7, "host"),
+    TrainingEnd("session", "It is over."),
+    EpisodeMetrics(6, 2200, 2000, 200, 5, 5, "training", 100, "Lap complete", 3),
+    TrialMetrics(100, 2200, 2000, 200, "Lap complete", 0, 0, 0, 0, 0, 1),
+    replace(
+        START,
+        git={"working_folder": None, "package": GitState("abc", dirty=False)},
+        pretrained=Pretrained("other", "best", "1_Step-9.ckpt", None, "ab"),
+        earlier=[START],
+    ),
+]
+
+every_record = pytest.mark.parametrize("record", RECORDS, ids=lambda r: type(r).__name__)
+
+
+@every_record
+def test_a_record_comes_back_from_its_bytes(record: Any):
+    assert type(record).decode(record.encode()) == record
+    assert b"\n" not in record.encode()
+
+
+@every_record
+@pytest.mark.parametrize("data", [b"", b"null", b"[]", b"7", b"{}", b"{", b"\xff", b"{" * 3_000])
+def test_other_bytes_are_refused_with_a_reason(record: Any, data: bytes):
+    with pytest.raises(Misfit, match=r"\w+ \w+"):
+        type(record).decode(data)
+
+
+@every_record
+def test_a_record_with_a_value_of_another_type_is_refused_and_its_key_named(record: Any):
+    fields = json.loads(record.encode())
+    key = next(iter(fields))
+
+    with pytest.raises(Misfit, match=f"'{key}'"):
+        type(record).decode(json.dumps({**fields, key: [[]]}).encode())
+
+
+@every_record
+def test_keys_of_a_later_version_are_passed_over(record: Any):
+    fields = json.loads(record.encode())
+
+    assert type(record).decode(json.dumps({**fields, "added later": 1}).encode()) == record
+
+
+def test_lists_of_records_come_back_from_their_files():
+    metrics, trial = RECORDS[9], RECORDS[10]
+    unknown = replace(ITERATION, kl=math.nan)
+
+    assert decode_history(encode_history([ITERATION])) == [ITERATION]
+    assert math.isnan(decode_history(encode_history([unknown]))[0].kl)
+    assert decode_metrics(encode_metrics([metrics], "progress")) == [metrics]
+    assert decode_report(encode_report([[trial], [trial]])) == [[trial], [trial]]
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b"[7]", b"[[7]]", b'{"metrics": 7}'])
+def test_files_that_list_something_else_are_refused(data):
+    for decode in (decode_history, decode_metrics, decode_report):
+        with pytest.raises(Misfit):
+            decode(data)
+
+
+def test_metrics_of_another_version_are_refused():
+    file = json.loads(encode_metrics([RECORDS[9]], "progress"))
+
+    assert file["version"] == 2.0
+    with pytest.raises(Misfit, match=r"its version is 3\.0, not 2\.0"):
+        decode_metrics(json.dumps({**file, "version": 3.0}).encode())
+
+
+def test_a_checkpoint_record_has_the_format_of_version_0_1_0():
+    written = json.loads(CHECKPOINT.encode())
+
+    assert list(written) == ["name", "tensors", "optimizer", "sim_time_s", "counters"]
+    assert written["tensors"] == {"size_bytes": 8, "sha256": "ab"}
+    assert set(written["counters"]) == {
+        *("episodes", "elapsed_s", "number_format", "learned", "seed", "inputs"),
+    }
+    assert written["counters"]["learned"]["checkpoint"] == "3_Step-300.ckpt"
+
+
+def test_a_checkpoint_record_of_strict_json_keeps_what_is_unknown():
+    unknown = replace(ITERATION, entropy=math.nan)
+    record = replace(CHECKPOINT, counters=Counters(learned=unknown))
+
+    data = record.encode()
+
+    assert b"NaN" not in data
+    assert math.isnan(CheckpointRecord.decode(data).counters.learned.entropy)
+
+
+def test_a_record_of_another_checkpoint_is_refused():
+    with pytest.raises(Misfit, match=r"it describes 4_Step-400\.ckpt"):
+        CheckpointRecord.decode_of("5_Step-500.ckpt", CHECKPOINT.encode())
+
+
+def test_a_pointer_names_a_checkpoint_and_nothing_else():
+    name = CheckpointName(12, 7824)
+
+    assert encode_pointer(name) == b"12_Step-7824.ckpt"
+    assert decode_pointer(b"12_Step-7824.ckpt\n") == name
+    for data in (b"", b"\xff\xff", b"12", b"model"):
+        with pytest.raises(Misfit, match="does not name a checkpoint"):
+            decode_pointer(data)
+
+
+def test_a_manifest_has_the_format_of_version_0_1_0():
+    assert json.loads(RECORDS[5].encode()) == {
+        "iteration": 3,
+        "worker": 1,
+        "checkpoint": "3_Step-300.ckpt",
+        "session": "s-7-1",
+        "parts": [
+            {
+                "key": "k",
+                "fingerprint": {"size_bytes": 999, "sha256": "ab"},
+                "episodes": 1,
+                "steps": 5,
+            }
+        ],
+        "notes": {"drive_s": 0.0, "evaluates": None},
+    }
+
+
+def test_the_age_of_a_lease_is_not_written():
+    assert "age_s" not in json.loads(RECORDS[4].encode())
