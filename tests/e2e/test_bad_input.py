@@ -56,7 +56,7 @@ def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):
             "is not a hyperparameter",
         ),
         *("bach_size", "Did you mean batch_size?", "not a number"),
-        *("model_metadata.json", "action_space=[] holds no action"),
+        *("model_metadata.json", "action_space=[] is empty"),
         *("reinvent_bse", "reinvent_base", "run.env line 1"),
     ]
     _assert_refused(workspace, 3, words)
