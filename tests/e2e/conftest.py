@@ -205,7 +205,7 @@ class Workspace:
         return load_settings(self.folder, environ={})
 
     def bucket(self) -> S3Bucket:
-        return open_bucket(self.settings(), self.folder)
+        return open_bucket(self.settings().storage)
 
     def status(self) -> dict[str, Any]:
         report: dict[str, Any] = json.loads(self.run("status", "--json").stdout.splitlines()[-1])

@@ -48,9 +48,15 @@ def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):
     path.write_text(json.dumps({**json.loads(path.read_text()), "action_space": []}))
 
     words = [
-        *("hyperparameters.json", "lr=0.5", "above 0.001", "learning_rate", "no hyperparameter"),
-        *("bach_size", "Did you mean batch_size?", "no number"),
-        *("model_metadata.json", "action_space=[] holds no action"),
+        *(
+            "hyperparameters.json",
+            "lr=0.5",
+            "above 0.001",
+            "learning_rate",
+            "is not a hyperparameter",
+        ),
+        *("bach_size", "Did you mean batch_size?", "not a number"),
+        *("model_metadata.json", "action_space=[] is empty"),
         *("reinvent_bse", "reinvent_base", "run.env line 1"),
     ]
     _assert_refused(workspace, 3, words)
