@@ -62,7 +62,7 @@ def test_sac_learns_from_two_workers_in_two_worlds_and_goes_on_with_its_memory(w
     latest = CheckpointStore(workspace.bucket(), workspace.prefix).load_latest(with_optimizer=True)
     assert latest is not None
     assert latest.optimizer is not None
-    assert latest.record.counters["number_format"] in ("fp32", "bf16")
+    assert latest.record.counters.number_format in ("fp32", "bf16")
     rows = list(csv.DictReader((model / "metrics" / "learner.csv").read_text().splitlines()))
     assert [row["iteration"] for row in rows] == ["0", "1", "2"]
     assert all(float(row["losses/actor_loss"]) and float(row["losses/alpha"]) for row in rows)

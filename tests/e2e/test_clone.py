@@ -23,7 +23,7 @@ def test_an_increment_and_a_start_go_on_from_the_models_weights(workspace, train
     step = json.loads(stepped.stdout.splitlines()[-1])
     assert (step["before"], step["after"]) == ("model", "model-1")
     assert refused.returncode == 3
-    assert "trained with 3 discrete actions, action_space has 2 discrete actions" in refused.stderr
+    assert "trained with 3 discrete actions, but action_space has 2" in refused.stderr
     assert cloned.returncode == 0, cloned.stderr + workspace.logs()
     name = step["pretrained"]["name"]
     assert f"with the weights of model (last checkpoint {name})" in cloned.stderr
