@@ -4,6 +4,8 @@ python scripts/docs               write the pages
 python scripts/docs --check       exit 1 and name the pages that are out of date
 python scripts/docs pictures ...  draw what the cameras see; see its --help
 python scripts/docs knobs ...     draw what hyperparameters change; see its --help
+python scripts/docs terminal ...  record the live display of a training; see its --help
+python scripts/docs lap ...       record a lap of a trained model; see its --help
 """
 
 import argparse
@@ -30,7 +32,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
 }
 """Name of each page, and the function that returns its text."""
 
-DRAWINGS = ("pictures", "knobs")
+DRAWINGS = ("pictures", "knobs", "terminal", "lap")
 
 
 def stale(folder: Path) -> list[str]:
