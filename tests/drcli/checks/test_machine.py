@@ -39,7 +39,7 @@ def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb,
     found = list(review_disk(settings.storage, settings.directory))
 
     assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
-    assert all("only 1.9 GB of the disk are free" in item.message for item in found)
+    assert all("only 1.9 GB of the disk is free" in item.message for item in found)
 
 
 @pytest.mark.parametrize(("free_gb", "told"), [(2.2, 0), (2.0, 1)])
@@ -47,7 +47,7 @@ def test_memory_has_to_suffice_for_trainer_and_workers(settings, monkeypatch, fr
     memory = SimpleNamespace(available=int(free_gb * GB))
     monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
 
-    found = list(review_memory(settings.workers, settings.source("DR_WORKERS"), None, None))
+    found = list(review_memory(settings.workers, settings.place("DR_WORKERS"), None, None))
 
     assert [item.where for item in found] == ["run.env line 3"] * told
 
@@ -62,7 +62,7 @@ def test_the_replay_of_sac_counts_as_memory(settings, monkeypatch, steps, told):
     found = list(
         review_memory(
             settings.workers,
-            settings.source("DR_WORKERS"),
+            settings.place("DR_WORKERS"),
             Hyperparameters(sac_replay_steps=steps),
             metadata,
         )
