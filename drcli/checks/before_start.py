@@ -1,4 +1,4 @@
-"""What is checked before a training starts: every rule whose breach keeps it from starting."""
+"""Checks before a training starts every rule that can keep it from starting."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -35,7 +35,7 @@ class Plans:
 
 @dataclass(frozen=True)
 class Examined:
-    """What the rules found, and what they read on the way.
+    """The problems, and what was read to find them.
 
     Attributes:
         files: The racer's files, by name.
@@ -75,17 +75,10 @@ def examine(
     bucket: Bucket | None,
     plans: Plans = Plans(),
 ) -> Examined:
-    """Check every rule about the racer's files, the bucket and the disk.
+    """Check every rule about the racer's files, the bucket (if it can be used) and the disk.
 
-    The reward function is called in a process of its own, and all other rules are checked while
-    that one starts, so that they cost no time.
-
-    Args:
-        settings: Of the run.
-        job: For the process that tries the reward function.
-        files: What was found of the racer's three files.
-        bucket: None where it cannot be used; the rules about it are left out then.
-        plans: What is going to be started.
+    The reward function is called in a separate process. All other rules are checked while that one
+    starts, so they cost no time.
     """
     reward = files.get(keys.REWARD_FUNCTION_FILE)
     source, found = (None, []) if reward is None else read_source(reward)
@@ -93,7 +86,7 @@ def examine(
     with ThreadPoolExecutor(1) as pool:
         try:
             tried = reward if source is not None else None
-            trial = pool.submit(try_inputs, job.config.races, job.directory, tried, given_up)
+            trying = pool.submit(try_inputs, job.config.races, job.directory, tried, given_up)
             if source is not None:
                 found += review_source(source)
             review = review_parameters(
@@ -106,18 +99,11 @@ def examine(
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
             found += review_disk(settings.storage, job.directory)
-            found += _without_repeats(trial.result(), found)
+            known = {(item.rule, item.where) for item in found}  # such as undefined names
+            found += [item for item in trying.result() if (item.rule, item.where) not in known]
         finally:
-            given_up.set()  # else Ctrl-C, or a bucket that fails, would wait for the trial
+            given_up.set()  # otherwise Ctrl-C, or a bucket that fails, would wait for the sandbox
     return Examined(files, source, review, transfer, found)
-
-
-def _without_repeats(tried: list[Problem], found: list[Problem]) -> list[Problem]:
-    """What the trial found, without names that are known to be undefined before they are used."""
-    undefined = {item.where for item in found if item.rule == "V-22"}
-    return [
-        item for item in tried if item.where not in undefined or "NameError" not in item.message
-    ]
 
 
 def _of_bucket(

@@ -1,4 +1,4 @@
-"""What the rules found in a working folder."""
+"""The report on the rules in a working folder."""
 
 from dataclasses import dataclass
 
@@ -20,15 +20,15 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything there is to say about a working folder.
+    """All problems of a working folder.
 
     Attributes:
         directory: The folder. Places inside it are named relative to it.
         console_compatible: Whether the model shall train on a DeepRacer console too.
         errors: What keeps a training from starting.
-        warnings: What may surprise.
+        warnings: What works but may surprise.
         skipped: Rules that could not be checked.
-        notes: What is not wrong, but what a start will ask for.
+        notes: What a start will ask for.
     """
 
     directory: str

@@ -1,8 +1,7 @@
-"""What trains here but may not elsewhere: on the reference, on the console, on the car."""
+"""Finds what works here but not elsewhere: on the reference, on the console, on the car."""
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from math import gcd
 
 from drcli.base.problems import Problem, Severity
@@ -20,18 +19,15 @@ CONSOLE_SPEED_MPS = (0.5, 4.0)
 CONSOLE_ACTIONS = 2
 """Least number of actions in a list there."""
 
-LAP = 1.0
-"""(episodes / workers) x advance has to be this, so that all evaluations start at one place."""
-
 _ROUNDING = 1e-4
-"""What a decimal fraction such as 0.0333333 may be off."""
+"""Tolerance for a decimal fraction such as 0.0333333."""
 
 MOST_EPISODES = 100
-"""An iteration has no more."""
+"""Per iteration."""
 
 
 def review_names(settings: Settings, *, console: bool) -> Iterator[Problem]:
-    """V-01: names under which a model may be imported."""
+    """V-01: names under which a model can be imported."""
     for setting, prefix in (
         ("DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix),
         ("DR_UPLOAD_S3_PREFIX", settings.upload_s3_prefix),
@@ -54,7 +50,7 @@ def review_actions(
     *,
     console: bool,
 ) -> Iterator[Problem]:
-    """V-31 to V-34: what the car and the console make of model_metadata.json."""
+    """V-31 to V-34: the parts of model_metadata.json that the car or the console refuses."""
 
     def problem(rule: str, message: str, remedy: str) -> Problem:
         severity = _severity(console) if rule == "V-34" else "warning"
@@ -75,16 +71,16 @@ def review_actions(
             yield problem(
                 "V-32",
                 f"action_space.speed from {slow:g} to {fast:g} is outside of the console's limits.",
-                f"Stay within {low:g} to {high:g} for a model that shall train there.",
+                f"Stay within {low:g} to {high:g} if the model shall train there.",
             )
     elif len(space.values) < CONSOLE_ACTIONS:
-        what = "action_space has a single action; the console takes 2 to 30."
+        what = "action_space has only one action; the console takes 2 to 30."
         yield problem("V-32", what, "Add an action.")
     if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
         yield problem(
             "V-33",
-            "sensor holds DISCRETIZED_SECTOR_LIDAR; the physical car loads no model with it.",
-            "Use SECTOR_LIDAR for a model that shall drive there.",
+            "sensor has DISCRETIZED_SECTOR_LIDAR; the physical car does not load such a model.",
+            "Use SECTOR_LIDAR if the model shall drive there.",
         )
     if metadata.training_algorithm != "sac" or parameters is None:
         return
@@ -97,14 +93,9 @@ def review_actions(
             yield problem(
                 "V-34",
                 f"training_algorithm=sac with {written}={value}: it works here, but the console "
-                f"and the reference take {wanted} only.",
-                f"Write {written}={wanted} for a model that shall train there.",
+                f"and the reference take only {wanted}.",
+                f"Write {written}={wanted} if the model shall train there.",
             )
-
-
-def as_console(item: Problem) -> Problem:
-    """The same where the console counts: actions beyond its limits are refused there."""
-    return replace(item, severity="error") if item.rule == "V-32" else item
 
 
 def review_balance(
@@ -113,7 +104,7 @@ def review_balance(
     """V-42 and V-45: the numbers of episodes, workers and starts fit each other."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     if workers > episodes:
-        return  # an error of its own
+        return  # review_parameters reports it
     if episodes % workers:
         around = (episodes // workers * workers, (episodes // workers + 1) * workers)
         better = " or ".join(str(n) for n in around if n <= MOST_EPISODES)
@@ -122,25 +113,22 @@ def review_balance(
             f"{origin}: some workers drive an episode more than others."
         )
         remedy = f"Write {better} episodes, or DR_WORKERS={gcd(episodes, workers)}."
-        yield _warning("DR_WORKERS", settings, what, remedy)
+        place = settings.place("DR_WORKERS")
+        yield setting_problem("DR_WORKERS", place, what, remedy, severity="warning")
     advance = settings.train_round_robin_advance_dist
     lap = episodes / workers * advance
-    if settings.train_change_start_position and abs(lap - LAP) > _ROUNDING:
+    if settings.train_change_start_position and abs(lap - 1.0) > _ROUNDING:
         name = "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST"
         what = (
             f"({episodes} episodes / {workers} workers) x {name}={advance:g} is {lap:.4g} and not "
-            "1: elsewhere each evaluation would start at another place. Here it does not."
+            "1: elsewhere, each evaluation would start at another place; here it does not."
         )
         remedy = f"Write {name}={workers / episodes:.6g}{_better_episodes(workers, advance)}."
-        yield _warning(name, settings, what, remedy)
-
-
-def _warning(name: str, settings: Settings, message: str, remedy: str) -> Problem:
-    return setting_problem(name, settings.place(name), message, remedy, severity="warning")
+        yield setting_problem(name, settings.place(name), what, remedy, severity="warning")
 
 
 def _better_episodes(workers: int, advance: float) -> str:
-    """The other way out of V-42, where it is a whole number of episodes."""
+    """The other remedy for V-42, if it is a whole number of episodes."""
     episodes = workers / advance if advance else 0.0
     if not 1 <= episodes <= MOST_EPISODES or abs(episodes - round(episodes)) > 1e-6:
         return ""

@@ -1,4 +1,4 @@
-"""What `dr config check` reports: everything about the settings first, then all other rules."""
+"""Checks the settings first, then all other rules, for `dr config check`."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,14 +29,14 @@ class WrongSetting:
 
 @dataclass(frozen=True)
 class FullCheck:
-    """The settings, and everything beside them.
+    """All problems of the settings, and those that the other rules found.
 
     Attributes:
         directory: The working folder.
         errors: What is wrong with the settings, in the order of reading.
-        warnings: What is allowed and may surprise.
-        without_effect: Settings in the files that do nothing here, by reason.
-        rules: What the other rules found; None where they were not checked.
+        warnings: What is allowed but may surprise.
+        without_effect: Settings in the files that have no effect here, by reason.
+        rules: The report on the other rules; None if they were not checked.
     """
 
     directory: str
@@ -62,7 +62,7 @@ def check_alone(directory: Path) -> FullCheck:
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    """Check all rules on a folder whose settings are right."""
+    """Check all rules on a folder whose settings are correct."""
     from drcli.checks.validate import validate  # settings are checked without what it loads
 
     directory = Path(check.directory)
@@ -70,7 +70,7 @@ def with_rules(check: FullCheck) -> FullCheck:
     idle = {name for group in check.without_effect for name in group.names}
 
     def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
-        """Those that the check of the settings has not reported already."""
+        """Those that the check of the settings has not reported."""
         return tuple(each for each in problems if each not in known and each.key not in idle)
 
     rules = validate(directory)

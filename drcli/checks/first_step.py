@@ -1,4 +1,4 @@
-"""Finds conditions of a reward function on a first step that it is never called for.
+"""Finds conditions of a reward function that wait for step 0 or 1, which never comes.
 
 In step 1 the car is put on the road, and the function is not called: the first call of an episode
 has `steps` 2, in training and in evaluations. Source: the reference simulator, in whose traces each
@@ -7,6 +7,7 @@ episode has a row of step 1 with reward 0. Many published functions still wait f
 
 import ast
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -27,16 +28,15 @@ _TURNED: dict[type[ast.cmpop], ast.cmpop] = {
 
 @dataclass(frozen=True)
 class Idle:
-    """A condition that is the same in every call: always true (it `holds`), or never."""
+    """A condition with the same result in every call: always true (it `holds`), or never."""
 
     line: int
     text: str
     holds: bool
-    """Whether it is always true; else it never is."""
 
     @property
     def message(self) -> str:
-        """What is wrong with it, two sentences."""
+        """What is wrong, in two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "
@@ -46,34 +46,39 @@ class Idle:
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """A better condition."""
         if self.holds:
             return f"Write `steps > {FIRST}` for every call except the first of an episode."
         return f"Write `steps <= {FIRST}` for the first call of an episode."
 
 
-def idle_conditions(text: str | bytes) -> list[Idle]:
-    """The comparisons of `steps` with a number that have the same result in every call, by line.
-
-    Guards against a division by zero, such as `steps > 0`, are not among them. `steps` is
-    recognised where it is read from the parameters, and by a name that only ever holds it; values
-    that one function passes to another are not followed.
-
-    The text may be bytes; what is not Python has no conditions.
-    """
+def parsed(text: str | bytes) -> ast.Module:
+    """The syntax tree of a Python file; an empty one if the file is not valid Python."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tree = ast.parse(text)
+            return ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ast.Module([], [])
+
+
+def idle_conditions(text: str | bytes) -> list[Idle]:
+    """The comparisons of `steps` with a number that have the same result in every call, by line.
+
+    Guards against a division by zero, such as `steps > 0`, are fine. `steps` is recognised where it
+    is read from the parameters, and by a name that only ever holds it; values that one function
+    passes to another are not followed.
+    """
+    try:
         found = {
             Idle(node.lineno, ast.unparse(node), outcome)
-            for scope in _scopes(tree)
+            for scope in _scopes(parsed(text))
             for names in [_names_of_steps(scope)]
             for node in scope
             if isinstance(node, ast.expr)
             for outcome in _outcomes(node, names)
         }
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except RecursionError:
         return []
     return sorted(found, key=lambda idle: (idle.line, idle.text))
 
@@ -95,43 +100,32 @@ def _scopes(tree: ast.AST) -> Iterator[list[ast.AST]]:
 
 def _names_of_steps(scope: list[ast.AST]) -> set[str]:
     """Names and attributes that hold `steps` and nothing else in a scope."""
-    given: dict[str, list[ast.expr | None]] = {}
-    for node in scope:
-        for target, value in _assignments(node):
-            given.setdefault(ast.unparse(target), []).append(value)
+    stored = Counter(
+        node.arg if isinstance(node, ast.arg) else ast.unparse(node)
+        for node in scope
+        if isinstance(node, ast.arg) or isinstance(getattr(node, "ctx", None), ast.Store)
+    )
+    assigned = [pair for node in scope for pair in _assignments(node)]
     names: set[str] = set()
     while True:  # a name may be given another name for steps
-        more = {
-            name
-            for name, values in given.items()
-            if all(value is not None and _is_steps(value, names) for value in values)
-        }
+        held = Counter(name for name, value in assigned if _is_steps(value, names))
+        more = {name for name, times in held.items() if times == stored[name]}
         if more == names:
             return names
         names = more
 
 
-def _assignments(node: ast.AST) -> Iterator[tuple[ast.AST, ast.expr | None]]:
-    """What a node assigns to what; None where the value has no expression of its own."""
+def _assignments(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
+    """The names and values of an assignment."""
     match node:
-        case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)) if len(
-            names
-        ) == len(values):
-            yield from zip(names, values, strict=True)
+        case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+            yield from zip(map(ast.unparse, targets), values, strict=False)
         case ast.Assign(targets=targets, value=value):
-            for target in targets:
-                if isinstance(target, ast.Tuple | ast.List):
-                    yield from ((name, None) for name in target.elts)
-                else:
-                    yield target, value
-        case ast.AnnAssign(target=target, value=value) | ast.NamedExpr(target=target, value=value):
-            yield target, value
-        case ast.AugAssign(target=target) | ast.For(target=target):
-            yield target, None
-        case ast.comprehension(target=target):
-            yield target, None
-        case ast.arg(arg=name):
-            yield ast.Name(name), None
+            yield from ((ast.unparse(target), value) for target in targets)
+        case ast.AnnAssign(target=target, value=ast.expr() as value):
+            yield ast.unparse(target), value
+        case ast.NamedExpr(target=target, value=value):
+            yield ast.unparse(target), value
 
 
 def _is_steps(node: ast.expr, names: set[str]) -> bool:
@@ -151,7 +145,7 @@ def _is_steps(node: ast.expr, names: set[str]) -> bool:
 
 
 def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
-    """The result of a condition, where it is always the same."""
+    """The result of a condition, if it is always the same."""
     match node:
         case ast.UnaryOp(op=ast.Not(), operand=operand) if _is_steps(operand, names):
             yield False
@@ -170,7 +164,7 @@ def _outcomes(node: ast.expr, names: set[str]) -> Iterator[bool]:
 
 
 def _numbers(node: ast.expr) -> list[float]:
-    """The number, or the numbers in brackets, that an expression is; empty for anything else."""
+    """The numbers that are written there, in brackets or alone; empty for anything else."""
     try:
         value = ast.literal_eval(node)
     except ValueError:
@@ -180,7 +174,7 @@ def _numbers(node: ast.expr) -> list[float]:
 
 
 def _compared(op: ast.cmpop, numbers: list[float]) -> bool | None:
-    """How the steps of an episode compare with numbers; None where that depends on the step."""
+    """The result of comparing any step with numbers; None if it depends on the step."""
     if not numbers:
         return None
     most = max(numbers)

@@ -1,4 +1,4 @@
-"""The machine against rule V-50: room on the disk, in memory and on the GPU."""
+"""Checks the machine (V-50): room on the disk, in memory and on the GPU."""
 
 import shutil
 import subprocess
@@ -25,7 +25,7 @@ FRAME_BYTES = 19_200
 """A picture of 160 x 120 grey pixels in the replay of sac."""
 
 LEAST_GPU_BYTES = 1_500_000_000
-"""Memory that learning takes on a GPU, its library included."""
+"""GPU memory that learning takes, its library included."""
 
 GPU_PATIENCE_S = 3.0
 
@@ -35,15 +35,15 @@ def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
     folders = {directory}
     if storage.cloud == "local":
         folders.add(storage.data_dir)
-    said: set[int] = set()
+    reported: set[int] = set()
     for folder in sorted(folders):
         place = next(place for place in (folder, *folder.parents) if place.exists())
         disk = place.stat().st_dev
         free = shutil.disk_usage(place).free
-        if free < LEAST_DISK_BYTES and disk not in said:
-            said.add(disk)
+        if free < LEAST_DISK_BYTES and disk not in reported:
+            reported.add(disk)
             needed = _shown(LEAST_DISK_BYTES)
-            what = f"only {_shown(free)} of the disk are free; a training may need {needed}."
+            what = f"only {_shown(free)} of the disk is free; a training may need {needed}."
             remedy = (
                 "Delete models or logs that you no longer need, or set DR_S3_DATA_DIR to a folder "
                 "on another disk."
@@ -54,21 +54,14 @@ def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
 def review_memory(
     workers: int, place: Place, parameters: Hyperparameters | None, metadata: ModelMetadata | None
 ) -> Iterator[Problem]:
-    """Room for all processes of the training.
-
-    Args:
-        workers: DR_WORKERS.
-        place: Where it was set.
-        parameters: Hyperparameters, if they can be read.
-        metadata: model_metadata.json, if it can be read.
-    """
+    """Room for all processes of the training; `place` is that of DR_WORKERS."""
     needed = workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
     free = psutil.virtual_memory().available
     if free < needed:
         what = (
-            f"{_shown(free)} of memory are free; a trainer with {workers} simulation "
+            f"only {_shown(free)} of memory is free; a trainer with {workers} simulation "
             f"workers may need {_shown(needed)}."
         )
         remedy = "End other programs, or lower DR_WORKERS (or sac_replay_steps)."
@@ -79,32 +72,29 @@ def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
     """Room on one of the GPUs that the trainer may use, if there are any.
 
     Args:
-        devices: DR_SAGEMAKER_CUDA_DEVICES; where it is empty, the environment says which.
+        devices: DR_SAGEMAKER_CUDA_DEVICES; if it is empty, CUDA_VISIBLE_DEVICES counts.
         environ: Process environment.
     """
     free = _free_gpu_bytes(devices or environ.get("CUDA_VISIBLE_DEVICES"))
     if free and max(free) < LEAST_GPU_BYTES:
         what = (
-            f"only {_shown(max(free))} of GPU memory are free; learning may need "
+            f"only {_shown(max(free))} of GPU memory is free; learning may need "
             f"{_shown(LEAST_GPU_BYTES)}."
         )
         remedy = (
-            "End other programs on the GPU, or let the processor learn with "
+            "End other programs on the GPU, or learn on the processor with "
             "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
         )
         yield Problem("V-50", "warning", "nvidia-smi", None, what, remedy)
 
 
 def _free_gpu_bytes(allowed: str | None) -> list[int]:
-    """Free memory of GPUs.
-
-    Args:
-        allowed: Which, as CUDA_VISIBLE_DEVICES has them; None for all.
-    """
-    names = None if allowed is None else [name.strip() for name in allowed.split(",")]
-    program = None if names in ([""], ["-1"]) else shutil.which("nvidia-smi")
+    """Free memory of the allowed GPUs, as in CUDA_VISIBLE_DEVICES; None allows all."""
+    names = None if allowed is None else tuple(name.strip() for name in allowed.split(","))
+    program = None if names in (("",), ("-1",)) else shutil.which("nvidia-smi")
     if program is None:
         return []
+    prefixes = tuple(name for name in names or () if name.startswith("GPU-"))
     query = [program, "--query-gpu=index,uuid,memory.free", "--format=csv,noheader,nounits"]
     try:
         done = subprocess.run(
@@ -114,15 +104,11 @@ def _free_gpu_bytes(allowed: str | None) -> list[int]:
         return [
             int(free) * 2**20
             for index, uuid, free in rows
-            if names is None or any(name == index or _begins(uuid, name) for name in names)
+            # A GPU may be named by its number or by the beginning of its UUID.
+            if names is None or index in names or uuid.startswith(prefixes)
         ]
     except (OSError, subprocess.TimeoutExpired, ValueError):
-        return []  # no working GPU: the processor learns
-
-
-def _begins(uuid: str, name: str) -> bool:
-    """Whether this is the name of a GPU, which may be given by its beginning."""
-    return name.startswith("GPU-") and uuid.startswith(name)
+        return []  # no working GPU: learning uses the processor
 
 
 def _shown(size_bytes: int) -> str:

@@ -1,6 +1,7 @@
-"""hyperparameters.json and model_metadata.json: against the rules, and against each other."""
+"""Checks hyperparameters.json and model_metadata.json, each and together."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.setting_problems import setting_problem
@@ -10,17 +11,12 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 
+T = TypeVar("T", Hyperparameters, ModelMetadata)
+
 
 @dataclass(frozen=True)
 class ParametersReview:
-    """What can be said about the two files.
-
-    Attributes:
-        parameters: The hyperparameters, None where they cannot be used.
-        metadata: The model metadata, None where it cannot be used.
-        design: Both, where they fit each other.
-        problems: What is wrong or odd about them.
-    """
+    """The two files, as far as they can be used, and their problems; `design` has both."""
 
     parameters: Hyperparameters | None
     metadata: ModelMetadata | None
@@ -31,29 +27,11 @@ class ParametersReview:
 def review_parameters(
     hyperparameters: InputFile | None, metadata: InputFile | None, settings: Settings | None
 ) -> ParametersReview:
-    """Read the files that exist.
-
-    Args:
-        hyperparameters: None where there is no such file.
-        metadata: None where there is no such file.
-        settings: None where they cannot be read.
-    """
+    """Read the files that exist, and compare them with the settings, if those can be read."""
     found: list[Problem] = []
-    learning: Hyperparameters | None = None
-    model: ModelMetadata | None = None
+    learning = _read(Hyperparameters, hyperparameters, found)
+    model = _read(ModelMetadata, metadata, found)
     design: Design | None = None
-    if hyperparameters is not None:
-        try:
-            learning = Hyperparameters.from_bytes(hyperparameters.data, hyperparameters.origin)
-            found += learning.notes
-        except ProblemsError as error:
-            found += error.problems
-    if metadata is not None:
-        try:
-            model = ModelMetadata.from_bytes(metadata.data, metadata.origin)
-            found += model.notes
-        except ProblemsError as error:
-            found += error.problems
     if settings is not None and learning is not None and hyperparameters is not None:
         found += _idle_workers(settings, learning, hyperparameters.origin)
     if learning is not None and model is not None and hyperparameters and metadata:
@@ -62,8 +40,21 @@ def review_parameters(
     return ParametersReview(learning, model, design, found)
 
 
+def _read(kind: type[T], file: InputFile | None, found: list[Problem]) -> T | None:
+    """The content of a file, None if it cannot be used; problems are added to those found."""
+    if file is None:
+        return None
+    try:
+        content = kind.from_bytes(file.data, file.origin)
+    except ProblemsError as error:
+        found += error.problems
+        return None
+    found += content.notes
+    return content
+
+
 def _idle_workers(settings: Settings, parameters: Hyperparameters, origin: str) -> list[Problem]:
-    """V-45: everybody would wait for a worker that has no episode to drive."""
+    """V-45: all others would wait for a worker that has no episode to drive."""
     episodes = parameters.num_episodes_between_training
     if settings.workers <= episodes:
         return []

@@ -1,4 +1,4 @@
-"""reward_function.py as it is written: what can be said about it without running it."""
+"""Checks reward_function.py without running it: syntax, undefined names, common mistakes."""
 
 import ast
 import re
@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from drcli.base.problems import Problem, ProblemsError, Severity
 from drcli.base.text_file import decode
 from drcli.checks.first_step import idle_conditions
+from drcli.checks.sandbox.sandbox_records import REMEDIES
 from drcli.modelfiles.custom_files import InputFile
 
 LARGEST_BYTES = 1024 * 1024
-"""A larger file was named by mistake."""
+"""A larger file was probably named by mistake."""
 
 _ELSE_IF = re.compile(r"^\s*else\s+if\b")
 _SILENCED = re.compile(r"#\s*noqa\b", re.IGNORECASE)
@@ -20,13 +21,7 @@ _SILENCED = re.compile(r"#\s*noqa\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Source:
-    """A reward function that compiles.
-
-    Attributes:
-        name: What to call the file in messages.
-        text: Its content.
-        tree: Its syntax tree.
-    """
+    """A reward function that compiles; `name` is that of the file in messages."""
 
     name: str
     text: str
@@ -39,13 +34,13 @@ class Source:
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
-        """Whether a `# noqa` comment on that line asks not to report it."""
+        """Whether the line has a `# noqa` comment."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
 
 def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
-    """Compile a reward function: rules V-02 and, where that fails for it, V-24."""
+    """Compile a reward function: rules V-02 and, for `else if`, V-24."""
     name = file.origin
     remedy = f"Save {file.name} as plain UTF-8 text."
     try:
@@ -63,7 +58,7 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
 
 
 def review_source(source: Source) -> list[Problem]:
-    """Mistakes that would only show while a training runs."""
+    """Mistakes that would only show up during a training."""
     return [
         *_undefined_names(source),
         *_progress_of_one(source),
@@ -72,7 +67,7 @@ def review_source(source: Source) -> list[Problem]:
 
 
 def flakes(source: Source) -> Iterator[tuple[int, str, bool]]:
-    """What pyflakes reports: line, text, and whether it is about an undefined name."""
+    """The messages of pyflakes: line, text, and whether a name is undefined."""
     from pyflakes.checker import Checker
     from pyflakes.messages import UndefinedName
 
@@ -92,17 +87,16 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
         message = f"`else if` is not valid Python.{quoted}"
         return Problem("V-24", "error", name, line, message, "Write `elif` and the condition.")
     message = f"The reward function is not valid Python: {what}.{quoted}"
-    return Problem("V-02", "error", name, line, message, f"Correct {name}; nothing was started.")
+    return Problem("V-02", "error", name, line, message, f"Correct {name}.")
 
 
 def _undefined_names(source: Source) -> Iterator[Problem]:
-    """V-22: a name that nothing defines fails once its line is reached, maybe hours later."""
-    said: set[str] = set()
+    """V-22: an undefined name fails when its line is reached, maybe after hours."""
+    reported: set[str] = set()
     for line, text, undefined in flakes(source):
-        if undefined and text not in said:
-            said.add(text)
-            remedy = "Correct the name, or give it a value before that line."
-            yield source.problem("V-22", line, f"{text}.", remedy)
+        if undefined and text not in reported:
+            reported.add(text)
+            yield source.problem("V-22", line, f"{text}.", REMEDIES["undefined"])
 
 
 def _progress_of_one(source: Source) -> Iterator[Problem]:
@@ -112,13 +106,13 @@ def _progress_of_one(source: Source) -> Iterator[Problem]:
             continue
         sides = [node.left, node.comparators[0]]
         if any(map(_is_progress, sides)) and any(map(_is_one, sides)):
-            what = "progress == 1 is true for a moment at 1 % of the lap, if at all."
+            what = "progress == 1 is true for one moment at 1 % of the lap, if at all."
             remedy = "Write `progress >= 100` for a complete lap: progress runs from 0 to 100."
             yield source.problem("V-24", node.lineno, what, remedy, "warning")
 
 
 def _first_steps(source: Source) -> Iterator[Problem]:
-    """V-24: a step before the first one that is paid."""
+    """V-24: a step before the first call."""
     for idle in idle_conditions(source.text):
         if not source.is_silenced(idle.line):
             yield source.problem("V-24", idle.line, idle.message, idle.remedy, "warning")

@@ -1,4 +1,4 @@
-"""The style of reward_function.py, and what the DeepRacer console does not allow in it."""
+"""Checks the style of reward_function.py, and what the DeepRacer console does not allow."""
 
 import ast
 import re
@@ -10,25 +10,25 @@ from drcli.checks.reward_rules import Source, flakes
 FUNCTION = "reward_function"
 
 MODULES = ("math", "numpy", "random", "scipy", "shapely")
-"""What the console allows to import. Source: its validator, as for all lists here."""
+"""Modules that the console allows. Source: its validator, as for all lists here."""
 
 BUILTINS = ("open", "exec", "eval", "compile", "input", "__import__")
-"""What the console does not allow to call."""
+"""Functions that the console does not allow."""
 
 FILE_CALLS = re.compile(
     "__import__|fromfile|genfromtxt|loads?|loadtxt|memmap|save|savetxt|savez(_compressed)?|tofile"
 )
-"""Ways to files inside those modules."""
+"""Functions of those modules that read or write files."""
 
 IGNORED_STYLE = ("E5", "E226", "E261", "E9")
 """Line lengths, spaces around signs and before comments; E9 is code that does not compile."""
 
 MOST_LINES = 5
-"""Lines that a remark on style names."""
+"""Lines that a style problem names."""
 
 
 def review_style(source: Source, *, console: bool) -> list[Problem]:
-    """Rules V-20, V-22 and V-23; they are errors where the console shall take the model."""
+    """Rules V-20, V-22 and V-23; problems are errors if the console shall take the model."""
     severity: Severity = "error" if console else "warning"
     found = [
         *_signature(source, severity),
@@ -49,7 +49,7 @@ def _signature(source: Source, severity: Severity) -> Iterator[Problem]:
             continue
         needed = len(named) - len(a.defaults)
         if needed > 1 or any(default is None for default in a.kw_defaults):
-            continue  # it cannot be called, which the trial reports
+            continue  # it cannot be called, which the sandbox reports
         what = f"{FUNCTION}({ast.unparse(a)}) takes more than one parameter."
         yield source.problem(
             "V-20", node.lineno, what, f"Write `def {FUNCTION}(params):`.", severity
@@ -64,22 +64,22 @@ def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
 
 
 def _style(source: Source, severity: Severity) -> Iterator[Problem]:
-    """V-22, class E: each remark once, with the lines it is about."""
+    """V-22, class E: each message once, with its lines."""
     import pycodestyle
 
-    remarks: dict[str, list[int]] = {}
+    messages: dict[str, list[int]] = {}
 
-    class Remarks(pycodestyle.BaseReport):  # type: ignore[misc]
+    class Messages(pycodestyle.BaseReport):  # type: ignore[misc]
         def error(self, line_number: int, offset: int, text: str, check: object) -> None:
             silent = text.startswith(IGNORED_STYLE) or source.is_silenced(line_number)
             if text.startswith("E") and not silent:
-                remarks.setdefault(text, []).append(line_number)
+                messages.setdefault(text, []).append(line_number)
 
-    style = pycodestyle.StyleGuide(reporter=Remarks, ignore=list(IGNORED_STYLE))
+    style = pycodestyle.StyleGuide(reporter=Messages, ignore=list(IGNORED_STYLE))
     lines = source.text.splitlines(keepends=True)
-    report = Remarks(style.options)
+    report = Messages(style.options)
     pycodestyle.Checker(source.name, lines, options=style.options, report=report).check_all()
-    for text, numbers in remarks.items():
+    for text, numbers in messages.items():
         first, *others = sorted(set(numbers))
         also = ", ".join(map(str, others[: MOST_LINES - 1]))
         if len(others) >= MOST_LINES:

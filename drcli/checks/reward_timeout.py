@@ -1,6 +1,6 @@
-"""Explains a worker that was ended because its reward function was stuck in one operation.
+"""Explains why a worker ended whose reward function was stuck in one operation.
 
-Python could not interrupt it, so it left no last words; the stacks of its threads are in its log.
+Python could not interrupt it, so it wrote no error file; the stacks of its threads are in its log.
 """
 
 import re
@@ -20,7 +20,7 @@ _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) 
 
 
 def is_stuck(code: int) -> bool:
-    """Whether a process was ended for this reason, by its exit code as subprocess gives it."""
+    """Whether a process ended for this reason, by its exit code as subprocess gives it."""
     return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
@@ -34,18 +34,12 @@ def stuck_place(text: str) -> tuple[Path | None, int]:
 
 
 def _letter(escaped: re.Match[str]) -> str:
-    """A letter that Python's fault handler, which writes only ASCII, has written as a number."""
+    """The letter for a number: Python's fault handler writes only ASCII."""
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
 def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
-    """The last words that a worker would have left; None where something else ended it.
-
-    Args:
-        code: Exit code of its process, as subprocess gives it.
-        log: Its log file.
-        remedy: What to do about it.
-    """
+    """The error of a stuck worker, by the exit code and the log of its process; else None."""
     if not is_stuck(code):
         return None
     try:

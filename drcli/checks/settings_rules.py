@@ -1,4 +1,4 @@
-"""The settings files against the rules, whatever is in them."""
+"""Checks the settings files, even if they cannot be loaded as they are."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -9,25 +9,20 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings, catalogue, load_settings
 
 MOST_REPAIRS = 5
-"""How often lines are taken out: a removed line may reveal a problem behind it."""
+"""How often wrong lines are removed: a removed line may reveal another problem."""
 
-SCREEN = (
-    "DR_HOST_X",
-    "DR_DISPLAY",
-    "DR_GUI_ENABLE",
-    "DR_ROBOMAKER_CUDA_DEVICES",
-)
+SCREEN = ("DR_HOST_X", "DR_DISPLAY", "DR_GUI_ENABLE", "DR_ROBOMAKER_CUDA_DEVICES")
 """Settings about X servers and GPUs that are not needed here (V-06)."""
 
 
 @dataclass(frozen=True)
 class SettingsReview:
-    """What can be said about the settings.
+    """The settings and their problems.
 
     Attributes:
-        settings: The settings without the wrong lines; None where nothing helps.
+        settings: The settings without the wrong lines; None if they still cannot be loaded.
         whole: Whether no line had to be left out.
-        problems: What is wrong or odd about them.
+        problems: Everything that is wrong or odd.
     """
 
     settings: Settings | None
@@ -54,7 +49,7 @@ def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -
 
 
 def _judged(settings: Settings) -> list[Problem]:
-    """What is wrong or odd about settings that load."""
+    """The problems of settings that load."""
     unsupported = settings.unsupported("training")
     found = [] if unsupported is None else [unsupported]
     for name in SCREEN:
@@ -70,7 +65,7 @@ def _judged(settings: Settings) -> list[Problem]:
 def _take_out(
     errors: Iterable[Problem], directory: Path, contents: dict[str, bytes], names: dict[str, str]
 ) -> bool:
-    """Blank the lines that are wrong; False where the place of one is not known."""
+    """Blank the wrong lines; False if the place of one is not known."""
     for error in errors:
         if error.file == "environment" and error.key in names:
             del names[error.key]
@@ -82,7 +77,7 @@ def _take_out(
 
 
 def _without(error: Problem, directory: Path, contents: Mapping[str, bytes]) -> bytes:
-    """A file's content without the line of an error, or without anything."""
+    """A file's content without the line of an error; empty if that line is not known."""
     path = directory / error.file
     if error.line is None or not (error.file in contents or path.is_file()):
         return b""

@@ -1,4 +1,4 @@
-"""The bucket against the rules: whether it works, is free for the model, and has the old one."""
+"""Checks the bucket: whether it works, is free for the new model, and has the old one."""
 
 import time
 
@@ -13,13 +13,13 @@ from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
 
 LARGEST_SKEW_S = 300.0
-"""Servers refuse requests that are signed 15 minutes off; a third of that is a warning."""
+"""Servers refuse requests if the clocks differ by 15 minutes; a third of that is a warning."""
 
 PROBE_FOLDER = ".validate/"
 
 
 def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
-    """V-09: there may be nothing where the new model goes."""
+    """V-09: the prefix of the new model must be empty."""
     if not is_used(bucket, prefix):
         return []
     model = f"s3://{bucket.name}/{prefix}"
@@ -43,17 +43,17 @@ def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
 def review_pretrained(
     config: PretrainedConfig, bucket: Bucket, new: str, design: Design | None, *, wiping: bool
 ) -> tuple[Transfer | None, list[Problem]]:
-    """V-10 and V-35: the model to start from exists, is whole, and fits.
+    """V-10 and V-35: the model to start from exists, is complete, and fits.
 
     Args:
         config: Names it.
         bucket: Holds it.
         new: Prefix of the new model.
-        design: Of the new model; None where its files are wrong.
+        design: Of the new model; None if its files are wrong.
         wiping: Whether the model under the new model's prefix is going to be deleted.
 
     Returns:
-        Its weights, None where they cannot be used, and what is wrong or odd about it.
+        Its weights, None if they cannot be used, and its problems.
     """
     try:
         if design is None:
@@ -88,7 +88,7 @@ def probe(bucket: Bucket) -> list[Problem]:
         f"{'ahead of' if skew_s > 0 else 'behind'} the server's."
     )
     remedy = (
-        "Correct it, as with `sudo timedatectl set-ntp true`; servers refuse requests that are "
-        "signed 15 minutes off."
+        "Set the clock, as with `sudo timedatectl set-ntp true`; servers refuse requests if the "
+        "clocks differ by 15 minutes."
     )
     return [Problem("V-50", "warning", bucket.name, None, what, remedy)]

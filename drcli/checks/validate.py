@@ -1,4 +1,4 @@
-"""What `dr validate` reports: all rules on a working folder, whatever is in it."""
+"""Checks all rules on a working folder, for `dr validate`."""
 
 import os
 import secrets
@@ -11,12 +11,7 @@ from drcli.base.errors import StorageError
 from drcli.base.problems import Problem, ProblemsError, of_severity
 from drcli.checks.before_start import Examined, Plans, examine
 from drcli.checks.check_report import Report, Skipped
-from drcli.checks.compatibility_rules import (
-    as_console,
-    review_actions,
-    review_balance,
-    review_names,
-)
+from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
@@ -33,7 +28,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 
 PATIENCE_S = 5.0
-"""How long to wait for a bucket that does not answer."""
+"""Longest wait for a bucket that does not answer."""
 
 BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
 
@@ -44,12 +39,12 @@ def validate(
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
 ) -> Report:
-    """Check all rules and report everything that is wrong or odd; nothing in the folder changes.
+    """Check all rules and report all problems; nothing in the folder changes.
 
     Args:
         directory: The racer's working folder.
-        console_compatible: Whether the model shall train on a DeepRacer console too; what a
-            console refuses is an error then.
+        console_compatible: Whether the model shall train on a DeepRacer console too; anything that
+            a console refuses is then an error.
         environ: Process environment; `os.environ` when None.
     """
     directory = directory.absolute()
@@ -75,7 +70,7 @@ def validate(
 
 @dataclass
 class _Validation:
-    """Collects what is found and what is skipped."""
+    """Collects the problems and the skipped rules."""
 
     directory: Path
     console: bool
@@ -83,11 +78,11 @@ class _Validation:
     skipped: list[Skipped] = field(default_factory=list)
 
     def try_everything(self, settings: Settings, *, whole: bool) -> None:
-        """All rules; the bucket is left out where the settings are not right as a whole."""
-        trains = self._note_running(settings)
+        """Check all rules; those of the bucket only if no setting is wrong."""
+        trains = self._is_training(settings)
         bucket = self._bucket(settings, trains=trains) if whole else None
         if not whole:
-            self._skip(BUCKET_RULES, "The bucket is not checked before the settings are right.")
+            self._skip(BUCKET_RULES, "The bucket is checked once the settings are correct.")
         files = self._files(settings, bucket)
         examined = self._examined(settings, files, bucket, trains=trains)
         self.found += review_names(settings, console=self.console)
@@ -100,7 +95,10 @@ class _Validation:
                 metadata, parameters, settings, where, console=self.console
             )
         if self.console:
-            self.found = [as_console(each) for each in self.found]
+            self.found = [
+                replace(each, severity="error") if each.rule == "V-32" else each
+                for each in self.found
+            ]
         if parameters is not None:
             origin = files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin)
@@ -109,7 +107,7 @@ class _Validation:
         )
 
     def try_files_alone(self) -> None:
-        """What can be said about the three files where no settings say which bucket and track."""
+        """Check the three files without the settings, which name the bucket and the track."""
         files = {
             name: InputFile(name, path.read_bytes(), str(path))
             for name in FILE_RULES
@@ -122,10 +120,10 @@ class _Validation:
         self.found += review_parameters(
             files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), None
         ).problems
-        reason = "Track and bucket are not known before the settings are right."
+        reason = "Track and bucket are known once the settings are correct."
         self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
 
-    def _note_running(self, settings: Settings) -> bool:
+    def _is_training(self, settings: Settings) -> bool:
         """Whether this run is being trained; if so, warn."""
         record = RunRecord.read(run_folder(self.directory, settings.run_id))
         if record is None or not record.alive:
@@ -178,7 +176,7 @@ class _Validation:
         *,
         trains: bool,
     ) -> Examined:
-        """The rules of a start, in a folder that no training uses."""
+        """Check the rules of a start, in a folder that no training uses."""
         with tempfile.TemporaryDirectory() as folder:
             job = Job(
                 config=settings.run,
@@ -198,7 +196,12 @@ class _Validation:
                 examined = examine(settings, job, files, None, plans)
         tracks = track_problems(settings.races)
         to_fetch = {each.where: each for each in tracks if each.severity == "note"}
-        self.found += [_without_start(each, to_fetch) for each in examined.problems]
+        for each in examined.problems:
+            if each.rule == "V-09":  # a start refuses; here it is only a note
+                each = replace(each, severity="note", message=f"There is a model at {each.where}.")
+            elif each.rule == "V-05":  # a start offers to fetch the track
+                each = to_fetch.get(each.where, each)
+            self.found.append(each)
         return examined
 
     def _skip(self, rules: tuple[str, ...], reason: str) -> None:
@@ -209,15 +212,8 @@ def _unusable(error: StorageError, file: str = "", line: int | None = None) -> P
     return Problem("V-50", "error", file, line, str(error), error.remedy)
 
 
-def _without_start(item: Problem, to_fetch: Mapping[str, Problem]) -> Problem:
-    """What a start would refuse or ask about is only a note where nothing is started."""
-    if item.rule == "V-09":
-        return replace(item, severity="note", message=f"There is a model at {item.where}.")
-    return to_fetch.get(item.where, item) if item.rule == "V-05" else item
-
-
 def _relative(item: Problem, directory: Path) -> Problem:
-    """The same with places inside the folder named from there."""
+    """The same problem, with paths relative to the folder."""
     start = f"{directory}{os.sep}"
     file, message, remedy = (
         text.replace(start, "") for text in (item.file, item.message, item.remedy)

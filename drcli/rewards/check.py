@@ -11,7 +11,6 @@ from drcli.rewards.course import Course, TriedReward, try_rewards
 from drcli.rewards.lint import SIMULATION_STEP_S, named_parameters, problems_of
 from drcli.rewards.scripted_drive import drive, each_race
 from drcli.rewards.source import file_of
-from drsim.episode.reward import RewardParams
 
 
 @dataclass(frozen=True)
@@ -29,11 +28,11 @@ class Extreme:
 
 @dataclass(frozen=True)
 class DriverReport:
-    """What one driver earned.
+    """The rewards of one driver.
 
     Attributes:
         name: The driver.
-        about: What it does.
+        about: Its way of driving.
         steps: Steps that were paid.
         seconds: Simulated time.
         progress: Percent of the lap.
@@ -54,13 +53,13 @@ class DriverReport:
 
 @dataclass(frozen=True)
 class ParameterReport:
-    """A parameter and what it was during the drive.
+    """The values of a parameter during the drive.
 
     Attributes:
         name: Its name.
         least: Least value, over all items of a list; None for an empty one.
         greatest: Greatest value.
-        read: The function names it.
+        read: Whether the function names it.
     """
 
     name: str
@@ -71,13 +70,13 @@ class ParameterReport:
 
 @dataclass(frozen=True)
 class TimeReport:
-    """How long calls took, microseconds.
+    """The duration of calls, in microseconds.
 
     Attributes:
         median_us: Median of all calls.
         mean_us: Mean of all calls.
         worst_us: The longest call.
-        worst_place: Which call that was.
+        worst_place: The place of that call.
         slower_percent: How much longer the simulation takes because of it.
     """
 
@@ -95,7 +94,7 @@ class OtherRace:
     Attributes:
         world: The track.
         race_type: The race.
-        reversed: Driven against the direction of the track.
+        reversed: Whether it is driven against the direction of the track.
         calls: Calls that were made.
     """
 
@@ -107,24 +106,24 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """Everything that a check has found; numbers and drivers are those of the first worker's race.
+    """The result of a check; numbers and drivers are those of the first worker's race.
 
     Attributes:
         file: The file.
         world: The track.
         race_type: The race.
-        reversed: Driven against the direction of the track.
+        reversed: Whether it is driven against the direction of the track.
         calls: Calls that were made.
         returns: Types that it returned.
         least: The least reward.
         mean: Their mean.
         greatest: The greatest reward.
-        time: How long it took.
+        time: Duration of the calls.
         parameters: All parameters.
-        drivers: What each driver earned.
+        drivers: The rewards of each driver.
         curve: Reward of the steady driver at each step.
-        errors: What ends a training or does harm, in any race.
-        warnings: What may surprise its author, in any race.
+        errors: Problems that end a training or do harm, in any race.
+        warnings: Problems that may surprise its author, in any race.
         others: Races of other workers, in which it was tried too.
     """
 
@@ -156,11 +155,11 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
 
     Args:
         settings: The tracks, the races and the directions.
-        file: The file; None takes the one that a training would use.
+        file: The file; None takes that of a training.
         directory: The racer's working folder.
 
     Raises:
-        SettingsError: There is no such file or track, or the race does not fit on it.
+        SettingsError: The file or the track does not exist, or the race does not fit on it.
     """
     path = file_of(settings, file)
     tried: list[TriedReward] = []
@@ -171,10 +170,15 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
 
 
 def report(tried: TriedReward) -> RewardReport:
-    """What is to be told of a function."""
+    """The report on one race."""
     found = problems_of(tried)
     drive_ = tried.course.drive
-    paid = list(_paid(tried))
+    paid = [
+        (value, sequence, index)
+        for sequence in range(len(drive_.trips))
+        for index, value in enumerate(tried.result.values[sequence])
+        if value is not None
+    ]
     least, greatest = min(paid, default=None), max(paid, default=None)
     return RewardReport(
         file=tried.name,
@@ -209,32 +213,24 @@ def report(tried: TriedReward) -> RewardReport:
 
 
 def _with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
-    """A report with the problems that only other races show."""
+    """A report with the problems that only show in other races."""
     errors, warnings = list(first.errors), list(first.warnings)
     for other in others:
         place = f"On {other.world}, {other.race_type}: "
-        failing = {(problem.rule, problem.where) for problem in errors}
-        odd = {problem.rule for problem in warnings}
+        known_errors = {(problem.rule, problem.where) for problem in errors}
+        known_warnings = {problem.rule for problem in warnings}
         errors += [
             replace(problem, message=place + problem.message)
             for problem in other.errors
-            if (problem.rule, problem.where) not in failing
+            if (problem.rule, problem.where) not in known_errors
         ]
         warnings += [
             replace(problem, message=place + problem.message)
             for problem in other.warnings
-            if problem.rule not in odd
+            if problem.rule not in known_warnings
         ]
     races = [OtherRace(o.world, o.race_type, o.reversed, o.calls) for o in others]
     return replace(first, errors=errors, warnings=warnings, others=races)
-
-
-def _paid(tried: TriedReward) -> Iterator[tuple[float, int, int]]:
-    """Rewards of the drivers, with their places."""
-    for sequence in range(len(tried.course.drive.trips)):
-        for index, value in enumerate(tried.result.values[sequence]):
-            if value is not None:
-                yield value, sequence, index
 
 
 def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extreme | None:
@@ -265,17 +261,14 @@ def _parameters(tried: TriedReward) -> list[ParameterReport]:
         for call in trip.calls
     ]
     read = named_parameters(tried.text)
-    return [_parameter(name, calls, name in read) for name in sorted(calls[0])]
-
-
-def _parameter(name: str, calls: list[RewardParams], read: bool) -> ParameterReport:
-    numbers = [number for value in _distinct(name, calls) for number in _numbers(value)]
-    return ParameterReport(name, min(numbers, default=None), max(numbers, default=None), read)
-
-
-def _distinct(name: str, calls: list[RewardParams]) -> list[object]:
-    """Values of a parameter; lists that are the same object, such as the waypoints, only once."""
-    return list({id(call[name]): call[name] for call in calls}.values())
+    found = []
+    for name in sorted(calls[0]):
+        # The waypoints are the same object in all calls.
+        values = {id(call[name]): call[name] for call in calls}.values()
+        numbers = [number for value in values for number in _numbers(value)]
+        least, greatest = min(numbers, default=None), max(numbers, default=None)
+        found.append(ParameterReport(name, least, greatest, name in read))
+    return found
 
 
 def _numbers(value: object) -> Iterator[float]:

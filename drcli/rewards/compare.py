@@ -1,4 +1,4 @@
-"""Compares two reward functions: what they pay the same drivers, and where they differ most."""
+"""Compares two reward functions: their rewards for the same drivers, and where they differ."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,14 +8,7 @@ from numpy.typing import NDArray
 
 from drcli.base.atomic_file import rewrite
 from drcli.config.settings import Settings
-from drcli.rewards.course import (
-    Course,
-    TriedReward,
-    position,
-    refuse_failing,
-    scaled,
-    try_rewards,
-)
+from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison, refuse_replacing
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import files_of
@@ -24,16 +17,16 @@ Floats = NDArray[np.float64]
 
 _PLACES = 3
 _ALIKE = 0.05
-"""A difference of less than this share of the range is not worth telling."""
+"""A smaller difference, as a share of the range, is not reported."""
 
 
 @dataclass(frozen=True)
 class DriverComparison:
-    """What two functions pay one driver.
+    """The rewards of one driver.
 
     Attributes:
         name: The driver.
-        about: What it does.
+        about: Its way of driving.
         steps: Steps that were paid.
         seconds: Simulated time.
         first_total: Sum of the rewards of the first function.
@@ -54,13 +47,13 @@ class DriverComparison:
 
 @dataclass(frozen=True)
 class PlaceComparison:
-    """A step for which the functions pay differently.
+    """A step with different rewards.
 
     Attributes:
-        place: Which one, in words.
+        place: The step, in words.
         first: Reward of the first function.
         second: Reward of the second one.
-        difference: Second minus first, each scaled to what it pays on the drive: -1 to 1.
+        difference: Second minus first, each scaled to its range on the drive: -1 to 1.
     """
 
     place: str
@@ -80,10 +73,10 @@ class ComparisonReport:
         race_type: The race.
         correlation: Correlation of the rewards of all steps, -1 to 1; None if one is constant.
         rank_correlation: Correlation of their ranks.
-        drivers: What each driver is paid.
-        places: Where they differ most, each scaled to what it pays on the drive.
-        first_prefers_fast: The first one pays more for a fast lap than for a slow one; None if a
-            lap was not completed.
+        drivers: The rewards of each driver.
+        places: Where they differ most, each scaled to its range on the drive.
+        first_prefers_fast: Whether the first one pays more for a fast lap than for a slow one;
+            None if a lap was not completed.
         second_prefers_fast: The same for the second one.
         picture: File of the picture, if one was asked for.
     """
@@ -110,7 +103,7 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file; an older one is replaced.
+        out: A picture to draw, a PNG file, or None; an older one is replaced.
         directory: The racer's working folder.
 
     Raises:
@@ -122,7 +115,7 @@ def compare(
     course = Course.of(drive(settings.race))
     both = try_rewards(files, course, directory)
     for tried in both:
-        refuse_failing(tried)
+        tried.refuse_failing()
     if out is not None:
         rewrite(out, draw_comparison(*both))
     return _report(*both, picture=str(out) if out else None)
@@ -149,45 +142,28 @@ def _report(first: TriedReward, second: TriedReward, *, picture: str | None) -> 
 def _drivers(first: TriedReward, second: TriedReward) -> list[DriverComparison]:
     found = []
     for trip in first.course.drive.trips:
-        totals = first.total(trip.driver), second.total(trip.driver)
-        if totals[0] is None or totals[1] is None:
-            continue
-        steps = len(trip.calls)
-        found.append(
-            DriverComparison(
-                trip.driver.name,
-                trip.driver.about,
-                steps,
-                round(trip.seconds, 3),
-                totals[0],
-                totals[1],
-                totals[0] / steps,
-                totals[1] / steps,
-            )
-        )
+        name, about, steps = trip.driver.name, trip.driver.about, len(trip.calls)
+        a, b = first.total(trip.driver), second.total(trip.driver)
+        if a is not None and b is not None:
+            each = (a, b, a / steps, b / steps)
+            found.append(DriverComparison(name, about, steps, round(trip.seconds, 3), *each))
     return found
 
 
 def _places(tried: TriedReward, a: Floats, b: Floats) -> list[PlaceComparison]:
-    """Where the functions differ most, at most one step of each driver."""
+    """The steps at which the functions differ most, at most one of each driver."""
     difference = scaled(b, b) - scaled(a, a)
     steps = [(trip, k) for trip in tried.course.drive.trips for k in range(len(trip.calls))]
-    order = np.argsort(-np.abs(np.nan_to_num(difference)), kind="stable").tolist()
-    chosen: list[int] = []
-    for n in order:
+    chosen: dict[str, PlaceComparison] = {}
+    for n in np.argsort(-np.abs(np.nan_to_num(difference)), kind="stable").tolist():
         if len(chosen) == _PLACES or not abs(difference[n]) > _ALIKE:
             break
-        if all(steps[n][0] is not steps[m][0] for m in chosen):
-            chosen.append(n)
-    return [
-        PlaceComparison(
-            f"{steps[n][0].driver.name} driver, {position(steps[n][0].calls[steps[n][1]])}",
-            float(a[n]),
-            float(b[n]),
-            round(float(difference[n]), 4),
-        )
-        for n in chosen
-    ]
+        trip, k = steps[n]
+        place = f"{trip.driver.name} driver, {position(trip.calls[k])}"
+        apart = round(float(difference[n]), 4)
+        first = PlaceComparison(place, float(a[n]), float(b[n]), apart)
+        chosen.setdefault(trip.driver.name, first)
+    return list(chosen.values())
 
 
 def _correlation(a: Floats, b: Floats) -> float | None:

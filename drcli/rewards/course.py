@@ -1,4 +1,4 @@
-"""All calls that reward functions are tried with, and what one function paid for them."""
+"""The calls that reward functions are tried with, and the rewards of one function."""
 
 import math
 from contextlib import ExitStack
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem
 from drcli.checks.sandbox.run_sandbox import Sandbox
 from drcli.checks.sandbox.sandbox_records import REMEDIES, Place, SandboxRequest, SandboxResult
 from drcli.rewards.drivers import FAST, STEADY, ScriptedDriver
@@ -26,7 +27,7 @@ class Course:
     """All calls that functions are tried with.
 
     Attributes:
-        drive: What the drivers met.
+        drive: The calls of the drivers.
         grid: Places on the road and beside it.
         unusual: Single states that the drivers do not get into, by name.
     """
@@ -42,7 +43,7 @@ class Course:
 
     @property
     def sequences(self) -> list[list[dict[str, Any]]]:
-        """The calls: the drivers' first, then the grid, then what is unusual."""
+        """All calls: the drivers' first, then the grid, then the unusual states."""
         trips = [trip.calls for trip in self.drive.trips]
         return [*trips, self.grid.calls, list(self.unusual.values())]
 
@@ -65,15 +66,7 @@ class Course:
 
 @dataclass(frozen=True)
 class TriedReward:
-    """One reward function on a course.
-
-    Attributes:
-        name: What its author calls the file.
-        course: What it was tried with.
-        result: What it did.
-        file: The file.
-        text: Its content.
-    """
+    """One reward function on a course; `name` is the author's name for its file."""
 
     name: str
     course: Course
@@ -82,42 +75,60 @@ class TriedReward:
     text: bytes
 
     def values(self, driver: ScriptedDriver) -> list[float | None]:
-        """What it paid a driver at each step."""
+        """The rewards of a driver, step by step."""
         return self.result.values[self.course.drive.trips.index(self.trip(driver))]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
-        """What a driver did."""
+        """The trip of a driver."""
         return self.course.drive.trip(driver)
 
     def total(self, driver: ScriptedDriver) -> float | None:
-        """What it paid a driver altogether; None if a call failed or was not made."""
+        """The sum of a driver's rewards; None if a call failed or was not made."""
         values = self.values(driver)
         paid = [value for value in values if value is not None]
         return sum(paid) if len(paid) == len(values) else None
 
     def mean(self, driver: ScriptedDriver) -> float | None:
-        """What it paid a driver for a step."""
+        """The reward per step of a driver; None as for `total`."""
         total = self.total(driver)
         return None if total is None else total / len(self.values(driver))
 
     @property
     def prefers_fast(self) -> bool | None:
-        """Whether it pays a fast lap more than a slow one; None where a lap was not completed."""
+        """Whether it pays more for a fast lap than for a slow one; None without both laps."""
         slow, fast = self.total(STEADY), self.total(FAST)
         whole = self.trip(STEADY).whole and self.trip(FAST).whole
         return None if slow is None or fast is None or not whole else fast > slow
 
     @property
     def drive_values(self) -> Floats:
-        """What it paid all drivers, one after the other; NaN where a call failed. Shape (n,)."""
+        """The rewards of all drivers, one after the other; NaN if a call failed. Shape (n,)."""
         trips = self.result.values[: len(self.course.drive.trips)]
         return as_array([value for trip in trips for value in trip])
 
     @property
     def grid_values(self) -> Floats:
-        """What it paid for the places of the grid; NaN where a call failed. Shape (offsets, n)."""
+        """The rewards of the grid's places; NaN if a call failed. Shape (offsets, n)."""
         values = self.result.values[len(self.course.drive.trips)]
         return as_array(values).reshape(self.course.grid.off.shape)
+
+    def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
+        """A problem of this function that does not stop a training."""
+        return Problem(rule, "warning", self.name, line, message, remedy)
+
+    def refuse_failing(self) -> None:
+        """Refuse a function that fails, unless only in unusual states.
+
+        Raises:
+            SettingsError: It says where and why.
+        """
+        unusual = len(self.course.drive.trips) + 1
+        for failure in self.result.failures:
+            if failure.first is not None and failure.first.sequence == unusual:
+                continue
+            where = f"{self.name} line {failure.line}" if failure.line else self.name
+            remedy = f"{REMEDIES[failure.kind]} `dr-reward check {self.name}` shows every problem."
+            raise SettingsError(f"{where}: {failure.sentence()}", remedy=remedy)
 
 
 def as_array(values: list[float | None]) -> Floats:
@@ -126,7 +137,7 @@ def as_array(values: list[float | None]) -> Floats:
 
 
 def scaled(values: Floats, over: Floats) -> Floats:
-    """Values from 0 to 1, where these are the least and the greatest of others."""
+    """Values scaled so that the least and the greatest of `over` become 0 and 1."""
     known = over[~np.isnan(over)]
     low, high = np.percentile(known, [1, 99]).tolist() if len(known) else (0.0, 0.0)
     if high <= low:
@@ -135,7 +146,7 @@ def scaled(values: Floats, over: Floats) -> Floats:
 
 
 def position(call: RewardParams) -> str:
-    """Where a car is, in words."""
+    """The position of a car, in words."""
     side = "left" if call["is_left_of_center"] else "right"
     return (
         f"{call['progress']:.1f} % of the lap, {call['distance_from_center']:.2f} m {side} of the "
@@ -146,56 +157,28 @@ def position(call: RewardParams) -> str:
 def try_rewards(files: list[Path], course: Course, directory: Path) -> list[TriedReward]:
     """Call reward functions on a course, all at the same time.
 
-    Args:
-        files: The files.
-        course: What to try them with.
-        directory: The racer's working folder.
-
     Raises:
         SettingsError: A file cannot be read.
     """
     ways = course.drive.waypoints()
     waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
+    repeated = len(course.drive.trips)
     with ExitStack() as stack:
         running = []
         for file in files:
-            text = _read(file)
-            request = SandboxRequest(
-                display_name(file, directory),
-                course.sequences,
-                waypoints,
-                repeated=len(course.drive.trips),
-            )
+            try:
+                text = file.read_bytes()
+            except OSError as error:
+                raise SettingsError(
+                    f"{file}: the reward function cannot be read: {error.strerror}.",
+                    remedy="Name a file that you may read, such as "
+                    "custom_files/reward_function.py.",
+                ) from None
+            name = display_name(file, directory)
+            request = SandboxRequest(name, course.sequences, waypoints, repeated)
             sandbox = stack.enter_context(Sandbox(request, text, directory))
-            running.append((request.name, sandbox, file, text))
+            running.append((name, sandbox, file, text))
         return [
             TriedReward(name, course, sandbox.result(), file, text)
             for name, sandbox, file, text in running
         ]
-
-
-def refuse_failing(tried: TriedReward) -> None:
-    """Let a function pass that works all along the course, but for unusual states.
-
-    Raises:
-        SettingsError: It does not; the sentence says where and why.
-    """
-    last = len(tried.course.drive.trips)
-    for failure in tried.result.failures:
-        if failure.first is not None and failure.first.sequence > last:
-            continue
-        where = f"{tried.name} line {failure.line}" if failure.line else tried.name
-        raise SettingsError(
-            f"{where}: {failure.sentence()}",
-            remedy=f"{REMEDIES[failure.kind]} `dr-reward check {tried.name}` shows every problem.",
-        )
-
-
-def _read(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise SettingsError(
-            f"{file}: the reward function cannot be read: {error.strerror}.",
-            remedy="Name a file that you may read, such as custom_files/reward_function.py.",
-        ) from None

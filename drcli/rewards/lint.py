@@ -1,11 +1,10 @@
-"""What is wrong with a reward function, and what will surprise its author."""
+"""Finds errors of a reward function, and what will surprise its author."""
 
 import ast
-import warnings
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity, closest
-from drcli.checks.first_step import idle_conditions
+from drcli.checks.first_step import idle_conditions, parsed
 from drcli.checks.sandbox.sandbox_records import (
     REMEDIES,
     Difference,
@@ -17,24 +16,25 @@ from drcli.rewards.course import TriedReward
 from drcli.rewards.loopholes import loopholes
 
 SIMULATION_STEP_S = 0.25e-3
-"""What the simulation itself takes for a step of one car, about: 4,200 steps/s were measured. A
-function that takes as long is called slow."""
+"""About the time of a simulation step of one car: 4,200 steps/s were measured. A function that
+takes as long is called slow."""
 
 _SLOW_CALL_S = 1.0
-"""A call that takes longer is near the limit of 5 s on a busy machine."""
+"""A longer call is near the limit of 5 s on a busy machine."""
 
 _CHATTY = 0.1
-"""Printed lines per call that make a flood."""
+"""Printed lines per call that are too many."""
 
 _DIGITS, _ALL_DIGITS = 4, 17
-"""Digits of a reward that are shown, and those that tell any two numbers apart."""
+"""Digits of a reward that are shown, and how many distinguish any two numbers."""
 
 _TRAINING_STEPS = 1_000_000
-"""What long trainings suffer from is told for so many steps."""
+"""Steps of a long training."""
 
 _RULES: dict[FailureKind, str] = {
     "load": "loads",
     "signature": "loads",
+    "undefined": "works",
     "raises": "works",
     "type": "type",
     "range": "range",
@@ -45,7 +45,7 @@ _RULES: dict[FailureKind, str] = {
 }
 
 _FATAL = {"load", "signature", "endless", "ends", "crashes"}
-"""After these failures there are too few values to judge what it pays for."""
+"""After these failures there are too few values to find loopholes."""
 
 _EFFECTS: dict[EffectKind, tuple[str, Severity, str, str]] = {
     "writes": (
@@ -71,25 +71,25 @@ _EFFECTS: dict[EffectKind, tuple[str, Severity, str, str]] = {
         "reads",
         "warning",
         "reads files",
-        "Put the numbers into the file itself: trainings work on a copy of this one file, and "
-        "other machines have no other.",
+        "Put the numbers into the file itself: trainings use a copy of this one file, and other "
+        "machines have no other.",
     ),
 }
 """Rule, severity, words and remedy for each kind of effect."""
 
 
 def problems_of(tried: TriedReward) -> list[Problem]:
-    """Everything worth telling, errors first."""
+    """All problems of a reward function, errors first."""
     found = [
         *_failures(tried),
         *_effects(tried),
-        *_habits(tried),
+        *_prints(tried),
         *_names(tried),
         *_memory(tried),
         *_speed(tried),
     ]
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
-        found += [_warning(tried, *loophole) for loophole in loopholes(tried)]
+        found += loopholes(tried)
     return sorted(found, key=lambda problem: problem.severity != "error")
 
 
@@ -97,19 +97,14 @@ def named_parameters(text: bytes) -> set[str]:
     """All words in quotes in a reward function, among them the parameters that it reads."""
     return {
         node.value
-        for node in ast.walk(_parsed(text))
+        for node in ast.walk(parsed(text))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
 
 
 def unknown_parameters(text: bytes, known: set[str]) -> dict[str, int]:
-    """Names that a reward function asks its argument for and that are not parameters, with a line.
-
-    Args:
-        text: The file.
-        known: The parameters there are.
-    """
-    tree = _parsed(text)
+    """Names that a reward function looks up in its argument but that are not known, with a line."""
+    tree = parsed(text)
     arguments = {
         function.args.args[0].arg
         for function in ast.walk(tree)
@@ -134,40 +129,27 @@ def unknown_parameters(text: bytes, known: set[str]) -> dict[str, int]:
     return {key: line for key, line in asked.items() if key not in known | own}
 
 
-def _parsed(text: bytes) -> ast.Module:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ast.Module([], [])
-
-
 def _failures(tried: TriedReward) -> Iterator[Problem]:
     for failure in tried.result.failures:
-        message = failure.sentence() + _first(tried, failure)
+        message = failure.sentence()
+        if failure.first is not None:
+            times, calls = failure.times, tried.result.calls
+            often = f", {times:,} of {calls:,} calls" if times > 1 else ""
+            message += f" First: {tried.course.describe(failure.first)}{often}."
         remedy = _missing_module(tried, failure) or REMEDIES[failure.kind]
-        line = failure.line or None
-        yield Problem(_RULES[failure.kind], "error", tried.name, line, message, remedy)
-
-
-def _first(tried: TriedReward, failure: Failure) -> str:
-    if failure.first is None:
-        return ""
-    often = f", {failure.times:,} of {tried.result.calls:,} calls" if failure.times > 1 else ""
-    return f" First: {tried.course.describe(failure.first)}{often}."
+        yield Problem(_RULES[failure.kind], "error", tried.name, failure.line, message, remedy)
 
 
 def _missing_module(tried: TriedReward, failure: Failure) -> str:
-    """What to do about a module that cannot be imported; nothing where all can."""
+    """The remedy for a module that cannot be imported; empty without one."""
     module = failure.missing.partition(".")[0]
     if not module:
         return ""
     if module in (tried.file.stem, "reward_function"):
-        return "Remove the import: all that the file defines is there already."
+        return "Remove the import: everything that the file defines is already there."
     if tried.file.with_name(f"{module}.py").exists() or tried.file.with_name(module).is_dir():
         return (
-            f"Put what you need of {module} into {tried.file.name}: a training takes this one file."
+            f"Put what you need of {module} into {tried.file.name}: a training uses only this file."
         )
     return (
         f"Install the package where trainings run, as with `pip install {module}`, or do without."
@@ -178,78 +160,50 @@ def _effects(tried: TriedReward) -> Iterator[Problem]:
     for kind, (rule, severity, words, remedy) in _EFFECTS.items():
         for line in sorted({effect.line for effect in tried.result.effects if effect.kind == kind}):
             done = [e for e in tried.result.effects if e.kind == kind and e.line == line]
-            times = sum(effect.times for effect in done)
+            times = _counted(sum(effect.times for effect in done), "time")
             what = f": {done[0].what}" if done[0].what else ""
-            yield Problem(
-                rule,
-                severity,
-                tried.name,
-                line or None,
-                f"It {words}{what} ({_counted(times, 'time')} in "
-                f"{_counted(tried.result.calls, 'call')}).",
-                remedy,
-            )
+            message = f"It {words}{what} ({times} in {_counted(tried.result.calls, 'call')})."
+            yield Problem(rule, severity, tried.name, line, message, remedy)
 
 
-def _habits(tried: TriedReward) -> Iterator[Problem]:
-    """What it prints, and what it collects."""
+def _prints(tried: TriedReward) -> Iterator[Problem]:
     printed, calls = tried.result.printed, max(tried.result.calls, 1)
     if printed.lines > _CHATTY * calls:
         megabytes = printed.characters / calls * _TRAINING_STEPS / 1e6
-        yield _warning(
-            tried,
+        yield tried.warning(
             "prints",
             f"It prints {printed.lines / calls:,.1f} lines per call: {megabytes:,.0f} MB in a "
             "million steps, into the log of the worker.",
             "Print only now and then, such as at the end of a lap.",
             printed.line,
         )
-    for growing in tried.result.growing:
-        more = (growing.after - growing.before) / growing.calls
-        yield _warning(
-            tried,
-            "globals",
-            f"`{growing.name}` grows with every call, by {more:.2g} values, and is never emptied: "
-            "a long training runs out of memory.",
-            'Empty it when an episode begins (`params["steps"] <= 2`), or keep only the last few '
-            "values.",
-        )
 
 
 def _names(tried: TriedReward) -> Iterator[Problem]:
     """Conditions on steps that never come, and names that are not parameters."""
     for idle in idle_conditions(tried.text):
-        yield _warning(tried, "first-step", idle.message, idle.remedy, idle.line)
+        yield tried.warning("first-step", idle.message, idle.remedy, idle.line)
     known = {*tried.course.drive.trips[0].calls[0], "waypoints"}
     for name, line in unknown_parameters(tried.text, known).items():
         likely = closest(name, known)
-        yield _warning(
-            tried,
-            "parameters",
-            f"It asks for `{name}`, which is not a parameter.",
-            f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists them all.",
-            line,
-        )
+        remedy = f"Did you mean `{likely}`?" if likely else "See docs/reward-functions.md."
+        what = f"It asks for `{name}`, which is not a parameter."
+        yield tried.warning("parameters", what, remedy, line)
 
 
 def _memory(tried: TriedReward) -> Iterator[Problem]:
     random, memory = tried.result.random, tried.result.memory
     if random is not None:
-        yield _warning(
-            tried,
+        yield tried.warning(
             "random",
-            "The reward changes when the same drive is repeated: "
-            f"{_both(random, 'and')} ({tried.course.describe(random.place)}; {random.times:,} of "
-            f"{random.of:,} calls).",
+            f"The reward changes when the same drive is repeated: {_both(tried, random, 'and')}.",
             "Remove random numbers and clocks: the car also learns from noise in the reward.",
         )
     if memory is not None:
-        yield _warning(
-            tried,
+        yield tried.warning(
             "memory",
             "For the same parameters the reward depends on earlier calls: "
-            f"{_both(memory, 'or')} ({tried.course.describe(memory.place)}; {memory.times:,} of "
-            f"{memory.of:,} calls). What it remembers outlives the episode.",
+            f"{_both(tried, memory, 'or')}. It remembers something from earlier episodes.",
             'Reset it when an episode begins (`params["steps"] <= 2`), or do without it.',
         )
 
@@ -262,17 +216,15 @@ def _speed(tried: TriedReward) -> Iterator[Problem]:
         calls, size = tried.result.calls, tried.course.size
         verb = "was" if calls == 1 else "were"
         cut = f" Only {calls:,} of {_counted(size, 'call')} {verb} made." if calls < size else ""
-        yield _warning(
-            tried,
+        yield tried.warning(
             "costly",
             f"A call takes {timing.mean_s * 1e3:,.4g} ms, more than the simulation of the step "
             f"itself: a million steps take {timing.mean_s * _TRAINING_STEPS / 60:,.0f} minutes "
             f"longer.{cut}",
-            "Compute what does not change from step to step once, outside the function.",
+            "If something is the same in every step, compute it once, outside the function.",
         )
     if timing.worst_s > _SLOW_CALL_S:
-        yield _warning(
-            tried,
+        yield tried.warning(
             "costly-call",
             f"One call takes {timing.worst_s:.1f} s ({tried.course.describe(timing.worst)}); a "
             "call of 5 s ends a training.",
@@ -280,24 +232,17 @@ def _speed(tried: TriedReward) -> Iterator[Problem]:
         )
 
 
-def _both(difference: Difference, word: str) -> str:
-    """Both values, with as many digits as it takes to tell them apart."""
-    values = (difference.value, difference.other)
-    digits = range(_DIGITS, _ALL_DIGITS + 1)
-    told = ([_paid(value, count) for value in values] for count in digits)
-    one, other = next((pair for pair in told if pair[0] != pair[1]), map(repr, values))
-    return f"{one} {word} {other}"
-
-
-def _paid(value: float | None, digits: int) -> str:
-    return "a failure" if value is None else f"{value:.{digits}g}"
+def _both(tried: TriedReward, difference: Difference, word: str) -> str:
+    """Both values, with enough digits to distinguish them, and the place."""
+    values, digits = (difference.value, difference.other), _DIGITS
+    while True:
+        one, other = ("a failure" if value is None else f"{value:.{digits}g}" for value in values)
+        if one != other or digits == _ALL_DIGITS:
+            break
+        digits += 1
+    often = f"{difference.times:,} of {difference.of:,} calls"
+    return f"{one} {word} {other} ({tried.course.describe(difference.place)}; {often})"
 
 
 def _counted(count: int, thing: str) -> str:
     return f"{count:,} {thing}{'s' * (count != 1)}"
-
-
-def _warning(
-    tried: TriedReward, rule: str, message: str, remedy: str, line: int | None = None
-) -> Problem:
-    return Problem(rule, "warning", tried.name, line or None, message, remedy)

@@ -1,36 +1,34 @@
-"""What a reward function pays for, as far as a drive can tell: the loopholes that cars find."""
+"""Finds loopholes: rewards that lead a car to something else than a fast lap."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
+from drcli.base.problems import Problem
 from drcli.rewards.course import TriedReward
 from drcli.rewards.drivers import FAST, LEAVING, STANDING, STEADY
 
-Loophole = tuple[str, str, str]
-"""Rule, message and remedy."""
-
 _SAME = 1e-9
 _GROWS = 3.0
-"""A late step that pays so many times the greatest reward of the drive grows without end."""
+"""A reward is unbounded if a late step pays this many times the greatest reward of the drive."""
 
 _TIE = 0.05
-"""Totals that differ by less are the same."""
+"""Totals that differ by a smaller share are the same."""
 
 _NEARLY = 0.95
-"""A reward from this share on is as good."""
+"""From this share on, a reward is as good as another."""
 
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
-def loopholes(tried: TriedReward) -> Iterator[Loophole]:
-    """What its values lead a car to."""
+def loopholes(tried: TriedReward) -> Iterator[Problem]:
+    """The loopholes that show in the values of a function."""
     values = np.concatenate([tried.drive_values, tried.grid_values.reshape(-1)])
     values = values[~np.isnan(values)]
     if not len(values):
         return
     if np.ptp(values) <= _SAME * max(abs(values.max()), 1.0):
-        yield (
+        yield tried.warning(
             "constant",
             f"It always pays {values[0]:.4g}: the car learns at most to stay on the road for a "
             "long time, slowly or in circles.",
@@ -43,38 +41,38 @@ def loopholes(tried: TriedReward) -> Iterator[Loophole]:
         yield from _laps(tried)
 
 
-def _growth(tried: TriedReward, greatest: float) -> Iterator[Loophole]:
+def _growth(tried: TriedReward, greatest: float) -> Iterator[Problem]:
     late = tried.result.values[-1][0]
     if late is not None and abs(late) > max(_GROWS * greatest, 1.0):
-        yield (
+        yield tried.warning(
             "unbounded",
             f"It grows without end: {next(iter(tried.course.unusual))}, one step pays {late:,.4g}; "
-            f"on the whole drive no step pays more than {greatest:,.4g}. Then a long episode is "
-            "worth more than one that is driven well.",
+            f"on the whole drive no step pays more than {greatest:,.4g}. So a long episode is "
+            "worth more than a good one.",
             "Limit it, as in min(reward, 10.0), or pay for the pace: progress / steps.",
         )
 
 
-def _off_track(tried: TriedReward) -> Iterator[Loophole]:
+def _off_track(tried: TriedReward) -> Iterator[Problem]:
     values, off = tried.grid_values, tried.course.grid.off
     beside, centre = values[off], values[len(values) // 2]
     if np.isnan(beside).all() or np.isnan(centre).all():
         return
     off_mean, on_mean = float(np.nanmean(beside)), float(np.nanmean(centre))
     if off_mean >= on_mean - (1.0 - _NEARLY) * abs(on_mean):
-        yield (
+        yield tried.warning(
             "off-track",
-            "A car with all wheels off the road is paid as much as one on the centre line "
+            "A car with all wheels off the road earns as much as one on the centre line "
             f"({off_mean:.3g} and {on_mean:.3g} per step).",
             'Return almost nothing if params["is_offtrack"], or if not '
             'params["all_wheels_on_track"].',
         )
 
 
-def _laps(tried: TriedReward) -> Iterator[Loophole]:
+def _laps(tried: TriedReward) -> Iterator[Problem]:
     steady, left = tried.total(STEADY), tried.total(LEAVING)
     if steady is not None and left is not None and left >= steady:
-        yield (
+        yield tried.warning(
             "short",
             f"Leaving the road soon earns {left:.4g}, a whole lap earns {steady:.4g}: the car "
             "learns to end the episode.",
@@ -84,33 +82,30 @@ def _laps(tried: TriedReward) -> Iterator[Loophole]:
     step, standing = tried.mean(STEADY), tried.mean(STANDING)
     creeping = ""
     if step is not None and standing is not None and standing >= _NEARLY * step > 0:
-        creeping = (
-            f"A car that creeps at 0.1 m/s earns {standing:.3g} per step, as much as one that "
-            "drives."
-        )
+        creeping = f"Creeping at 0.1 m/s earns {standing:.3g} per step, as much as driving."
     fast, prefers_fast = tried.total(FAST), tried.prefers_fast
     if steady is None or fast is None or prefers_fast is None:
         if creeping:
-            yield "standing", creeping, _BETTER
+            yield tried.warning("standing", creeping, _BETTER)
         return
     both = (
         f"{steady:,.4g} in {tried.trip(STEADY).seconds:.1f} s and "
         f"{fast:,.4g} in {tried.trip(FAST).seconds:.1f} s"
     )
     if abs(steady - fast) <= _TIE * max(abs(steady), abs(fast)):
-        yield (
+        yield tried.warning(
             "cancels-out",
-            f"A slow lap earns as much as a fast one ({both}): the fast one is paid more per step, "
+            f"A slow lap earns as much as a fast one ({both}): the fast one earns more per step, "
             f"but has fewer steps. {creeping}".strip(),
             "Pay more than twice as much for twice the speed, such as the square of the speed, or "
             "pay for a complete lap by the number of its steps.",
         )
     elif not prefers_fast:
-        yield (
+        yield tried.warning(
             "standing" if creeping else "slow-lap",
             f"A slow lap earns more than a fast one ({both}), so the car has no reason to get "
             f"faster. {creeping}".strip(),
-            f"{_BETTER} It is fine as it is for learning to stay on the road.",
+            f"{_BETTER} For learning to stay on the road it is fine as it is.",
         )
     elif creeping:
-        yield "standing", creeping, _BETTER
+        yield tried.warning("standing", creeping, _BETTER)

@@ -1,4 +1,4 @@
-"""Draws what a reward function pays: a map of the track, and curves along the lap."""
+"""Plots a reward function: a map of the track, and curves along the lap."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from drcli.base.atomic_file import rewrite
 from drcli.config.settings import Settings
-from drcli.rewards.course import Course, refuse_failing, try_rewards
+from drcli.rewards.course import Course, try_rewards
 from drcli.rewards.pictures import draw_reward, refuse_replacing
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import file_of
@@ -20,8 +20,8 @@ class PlotReport:
     Attributes:
         file: The reward function.
         world: The track.
-        picture: Where the picture is.
-        replaced: There was a file of that name before.
+        picture: File of the picture.
+        replaced: Whether it replaced an older file.
         least: The least reward on the map.
         greatest: The greatest reward on the map.
         laps: The sum of the rewards of each driver, by name.
@@ -37,11 +37,11 @@ class PlotReport:
 
 
 def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> PlotReport:
-    """Draw what a reward function pays on the configured track.
+    """Draw the rewards of a function on the configured track.
 
     Args:
         settings: The track, the race and the direction.
-        file: The function; None takes the one that a training would use.
+        file: The function; None takes that of a training.
         out: The picture, a PNG file; an older one is replaced.
         directory: The racer's working folder.
 
@@ -52,7 +52,7 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
     refuse_replacing(out)
     course = Course.of(drive(settings.race))
     [tried] = try_rewards([path], course, directory)
-    refuse_failing(tried)
+    tried.refuse_failing()
     replaced = out.exists()
     rewrite(out, draw_reward(tried))
     values = tried.grid_values

@@ -1,10 +1,9 @@
-"""Lets scripted drivers drive on the configured track and records the reward parameters."""
+"""Drives scripted drivers on the configured track and records the reward parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.config.run_config import RaceConfig
@@ -28,10 +27,10 @@ from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
 
 _FORGIVEN = 1_000
-"""Resets that a lap survives: it has to be a whole one, whatever is on the road."""
+"""Most resets of a lap, which has to be completed even with objects on the road."""
 
 _SLOWEST_LAP_MPS = 0.4
-"""A lap that would take longer than at this speed is given up."""
+"""A lap with a lower mean speed is stopped."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Trip:
     """One driver's episode.
 
     Attributes:
-        driver: Who drove.
+        driver: The driver.
         calls: The reward parameters of each step, without the waypoints.
         end: How it ended, in the words of traces.
         progress: Percent of the lap, at its end.
@@ -59,21 +58,13 @@ class Trip:
 
     @property
     def seconds(self) -> float:
-        """How long it took."""
+        """Its duration."""
         return len(self.calls) / CONTROL_HZ
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The trips of all drivers on one track.
-
-    Attributes:
-        track: The track as it is driven.
-        world: Its name in the config.
-        race: What else is on it.
-        race_type: Its name in the config.
-        trips: One for each driver.
-    """
+    """The trips of all drivers on one track, which is given in the driving direction."""
 
     track: Track
     world: str
@@ -87,13 +78,13 @@ class Drive:
 
     @property
     def start_fraction(self) -> float:
-        """Where on the lap the drivers of whole laps started, 0 .. 1."""
+        """The common start on the lap, 0 .. 1."""
         first = self.trip(STEADY).calls[0]
         travelled = first["progress"] / 100.0
         return float((first["projection_distance"] / self.track.length_m - travelled) % 1.0)
 
     def waypoints(self) -> dict[bool, list[tuple[float, float]]]:
-        """The parameter `waypoints`, which `calls` leaves out, by `is_reversed`."""
+        """The parameter `waypoints`, which the calls lack, by `is_reversed`."""
         return {track.reverse: track.waypoints for track in (self.track, self.track.reversed())}
 
 
@@ -101,9 +92,9 @@ def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
     """The race of the first worker, and those of the others whose track or race differs."""
     distinct: dict[tuple[object, ...], RaceConfig] = {}
     for own in races:
-        what = (own.world_name, race_of(own), own.train_reverse_direction)
-        how = (own.train_start_position_offset, own.train_alternate_driving_direction)
-        distinct.setdefault((*what, *how), own)
+        driving = (own.train_start_position_offset, own.train_alternate_driving_direction)
+        race = (own.world_name, race_of(own), own.train_reverse_direction)
+        distinct.setdefault((race, driving), own)
     return list(distinct.values())
 
 
@@ -111,7 +102,7 @@ def drive(config: RaceConfig) -> Drive:
     """Let all drivers drive on the track and in the race of a worker.
 
     Raises:
-        SettingsError: There is no such track, or the race does not fit on it.
+        SettingsError: The track does not exist, or the race does not fit on it.
     """
     if (problem := config.untrainable) is not None:
         remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."
@@ -125,7 +116,7 @@ def drive(config: RaceConfig) -> Drive:
         drivers.append(TURNED)
     trips = _trips(
         track,
-        _merciful(race),
+        race,
         drivers,
         start=config.train_start_position_offset,
         reverse=config.train_reverse_direction,
@@ -134,72 +125,52 @@ def drive(config: RaceConfig) -> Drive:
     return Drive(driven, config.world_name, race, config.race_type, trips)
 
 
-def _merciful(race: Race) -> Race:
-    """The race with rules by which no obstacle can stop a driver for ever."""
-    if race.obstacles is None:
-        return race
-    return replace(race, obstacles=replace(race.obstacles, mercy=1))
-
-
 def _trips(
     track: Track, race: Race, drivers: list[ScriptedDriver], *, start: float, reverse: bool
 ) -> list[Trip]:
-    directions = (track, track.reversed())
-    backward = np.array([reverse != driver.turned for driver in drivers])
+    if race.obstacles is not None:  # no obstacle may stop a driver for good
+        race = replace(race, obstacles=replace(race.obstacles, mercy=1))
+    backward = [reverse != driver.turned for driver in drivers]
     navigators = [
-        Navigator(driver, directions[way])
-        for driver, way in zip(drivers, backward.tolist(), strict=True)
+        Navigator(driver, track.reversed() if turned else track)
+        for driver, turned in zip(drivers, backward, strict=True)
     ]
-    told: list[list[RewardParams]] = [[] for _ in drivers]
+    calls: list[list[RewardParams]] = [[] for _ in drivers]
     max_steps = int(track.length_m / _SLOWEST_LAP_MPS * CONTROL_HZ)
     simulation = Simulation(
         track,
         num_cars=len(drivers),
-        reward_function=[_recorder(calls) for calls in told],
+        reward_function=[_recorder(own) for own in calls],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
         race=race,
     )
-    cars = np.arange(len(drivers))
     starts = np.array([start + driver.start for driver in drivers])
-    ends = ["in_progress"] * len(drivers)
+    seeds = np.ones(len(drivers), np.uint64)  # the same objects for all drivers
+    trips: dict[int, Trip] = {}
     try:
-        # The same seed puts the same objects before all of them.
-        simulation.reset(cars, starts, reverse=backward, seeds=np.ones(len(drivers), np.uint64))
-        progress, resets = np.zeros(len(drivers)), np.zeros(len(drivers), np.int64)
-        running = np.ones(len(drivers), np.bool_)
-        while running.any():
-            asked = _requests(navigators, told)
-            known = [len(calls) for calls in told]
-            result = simulation.step(asked[:, 0], asked[:, 1])
+        simulation.reset(np.arange(len(drivers)), starts, reverse=np.array(backward), seeds=seeds)
+        while len(trips) < len(drivers):
+            requests = np.array(
+                [
+                    navigator.act(own[-1]) if own else navigator.first()
+                    for navigator, own in zip(navigators, calls, strict=True)
+                ]
+            )
+            result = simulation.step(requests[:, 0], requests[:, 1])
             for car, driver in enumerate(drivers):
-                if not running[car]:
-                    del told[car][known[car] :]  # its trip had ended before
-                    continue
-                progress[car], resets[car] = result.progress[car], result.resets[car]
-                ends[car] = Status(result.status[car]).label
-                mishap = not driver.laps and resets[car] > 0
-                enough = len(told[car]) >= driver.steps
-                running[car] = not (result.done[car] or mishap or enough)
+                resets = int(result.resets[car])
+                mishap = not driver.laps and resets > 0
+                enough = len(calls[car]) >= driver.steps
+                if car not in trips and (result.done[car] or mishap or enough):
+                    end, progress = Status(result.status[car]).label, float(result.progress[car])
+                    trips[car] = Trip(driver, calls[car].copy(), end, progress, resets)
     finally:
         simulation.close()
-    return [
-        Trip(*facts)
-        for facts in zip(drivers, told, ends, progress.tolist(), resets.tolist(), strict=True)
-    ]
-
-
-def _requests(navigators: list[Navigator], told: list[list[RewardParams]]) -> NDArray[np.float64]:
-    """Steering angle and speed of each car. Shape (n, 2)."""
-    return np.array(
-        [
-            navigator.act(calls[-1]) if calls else navigator.first()
-            for navigator, calls in zip(navigators, told, strict=True)
-        ]
-    )
+    return [trips[car] for car in range(len(drivers))]
 
 
 def _recorder(calls: list[RewardParams]) -> RewardFunction:
-    """A reward function that records its parameters, except for the waypoints."""
+    """A reward function that records its parameters, except the waypoints."""
 
     def record(params: RewardParams) -> float:
         del params["waypoints"]

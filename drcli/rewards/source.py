@@ -1,64 +1,44 @@
-"""Which file of a reward function is meant."""
+"""Finds the file of a reward function."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
-from drcli.base.problems import Problem, ProblemsError
+from drcli.base.problems import Problem, refuse
 from drcli.config.settings import Settings
 from drcli.config.shipped import model_file
 from drcli.store import keys
 
 
 def file_of(settings: Settings, file: Path | None) -> Path:
-    """The file given, else the racer's own, else the shipped example.
+    """The given file, else the racer's own, else the shipped example.
 
     Raises:
-        SettingsError: The file given does not exist.
+        ProblemsError: The given file does not exist.
     """
-    if file is None:
-        own = settings.custom_files_dir / keys.REWARD_FUNCTION_FILE
-        return own if own.is_file() else model_file(keys.REWARD_FUNCTION_FILE)
-    found = _inside(file)
-    if not found.is_file():
-        raise SettingsError(
-            f"{found}: there is no such file.",
-            remedy="Name a reward function, such as custom_files/reward_function.py, or none at "
-            "all for that of your training.",
-        )
-    return found
+    if file is not None:
+        return files_of([file])[0]
+    own = settings.custom_files_dir / keys.REWARD_FUNCTION_FILE
+    return own if own.is_file() else model_file(keys.REWARD_FUNCTION_FILE)
 
 
-def files_of(files: Sequence[Path]) -> list[Path]:
-    """The files given, each of which must be there.
+def files_of(paths: Sequence[Path]) -> list[Path]:
+    """The given files; for a folder, the reward function in it.
 
     Raises:
         ProblemsError: Some do not exist.
     """
-    found = [_inside(file) for file in files]
-    missing = [
-        Problem(
-            "V-02",
-            "error",
-            str(file),
-            None,
-            "there is no such file.",
-            "Name a reward function, such as custom_files/reward_function.py.",
-        )
-        for file in found
+    files = [path / keys.REWARD_FUNCTION_FILE if path.is_dir() else path for path in paths]
+    what = "there is no such file."
+    remedy = "Name a reward function, such as custom_files/reward_function.py."
+    refuse(
+        Problem("V-02", "error", str(file), None, what, remedy)
+        for file in files
         if not file.is_file()
-    ]
-    if missing:
-        raise ProblemsError(missing)
-    return found
+    )
+    return files
 
 
 def display_name(file: Path, directory: Path) -> str:
-    """A file as a racer would write it: from the working folder where it lies below it."""
+    """A file as a racer would write it: relative to the working folder, if it is inside."""
     path, folder = file.absolute(), directory.absolute()
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(file)
-
-
-def _inside(file: Path) -> Path:
-    """The reward function of a folder, or the file itself."""
-    return file / keys.REWARD_FUNCTION_FILE if file.is_dir() else file

@@ -1,4 +1,4 @@
-"""Places all over the road and beside it, and the reward parameters of a car at each."""
+"""Places on the road and beside it, and the reward parameters of a car at each."""
 
 import math
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.checks.sandbox.sample_calls import places
 from drcli.rewards.scripted_drive import Drive
 from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK
 from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M, WHEELS_M
@@ -18,12 +19,12 @@ from drsim.race.traffic import Traffic
 Floats = NDArray[np.float64]
 
 SPEED_MPS = 1.5
-"""Speed that the car requests at every place."""
+"""Requested speed at every place."""
 
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
 OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
-"""Places across the road in widths of it from the centre line, left positive. The road ends midway
-between two of them, and all wheels are off it with the outermost."""
+"""Distances to the left of the centre line, in road widths. The border of the road is midway
+between two of them, and all wheels are off the road at the outermost."""
 
 _SPACING_M = 0.12
 _MOST_ALONG = 400
@@ -36,9 +37,9 @@ class Grid:
 
     Attributes:
         along_m: Distances from waypoint 0. Shape (n,).
-        xy: Places, offset by offset. Shape (offsets, n, 2).
+        xy: Places. Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
-        objects: Outlines of the objects, corner by corner. Shape (objects, 4, 2).
+        objects: Corners of the objects. Shape (objects, 4, 2).
         calls: The reward parameters, offset by offset, without the waypoints.
     """
 
@@ -54,12 +55,9 @@ def track_grid(drive: Drive) -> Grid:
     track = drive.track
     count = int(min(max(track.length_m / _SPACING_M, 40), _MOST_ALONG))
     along_m = np.linspace(0.0, track.length_m, count, endpoint=False)
-    poses = np.tile(track.pose_at(along_m), (len(OFFSETS), 1))
-    width_m = np.tile(track.locate(poses[:count, :2]).track_width_m, len(OFFSETS))
-    aside_m = np.repeat(OFFSETS, count) * width_m
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    xy = poses[:, :2] + aside_m[:, None] * np.stack([-sin, cos], axis=1)
+    xy, yaw_rad = places(track, along_m, OFFSETS)
 
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     turns = np.stack([np.stack([cos, sin], axis=1), np.stack([-sin, cos], axis=1)], axis=1)
     origin = xy - REFERENCE_POINT_AHEAD_M * turns[:, 0]
     wheels_on = track.on_road(origin[:, None] + WHEELS_M[:, :2] @ turns).sum(axis=1)
@@ -70,7 +68,7 @@ def track_grid(drive: Drive) -> Grid:
     objects, outlines = _objects(drive, len(xy))
     situation = Situation(
         xy=xy,
-        heading_deg=np.degrees(poses[:, 2]),
+        heading_deg=np.degrees(yaw_rad),
         where=track.locate(xy),
         all_on=wheels_on == len(WHEELS_M),
         none_on=off,
@@ -91,20 +89,13 @@ def track_grid(drive: Drive) -> Grid:
 
 
 def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
-    """States that come up in trainings but not in a good drive, by name.
-
-    Args:
-        drive: The drive.
-        trip_calls: The reward parameters of a driver that stays on the road.
-    """
+    """States that come up in trainings but not in a good drive, by name; from a good drive."""
     usual = trip_calls[len(trip_calls) // 2]
-    longest = longest_episode(drive)
+    slow_lap_s = drive.track.length_m / _SLOWEST_MPS
+    longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))
+    late = {**usual, "steps": float(longest), "sim_time": longest / CONTROL_HZ}
     return {
-        f"after {longest:,} steps": {
-            **usual,
-            "steps": float(longest),
-            "sim_time": longest / CONTROL_HZ,
-        },
+        f"after {longest:,} steps": late,
         "after a day of training": {**usual, "sim_time": 86_400.0},
         "backed over the start line": {**usual, "progress": -0.5},
         "at full lock to the left, 4 m/s": {**usual, "steering_angle": 30.0, "speed": 4.0},
@@ -113,32 +104,18 @@ def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, Re
     }
 
 
-def longest_episode(drive: Drive) -> int:
-    """Steps of the longest episode to expect, with slow actions."""
-    lap_s = drive.track.length_m / _SLOWEST_MPS
-    return min(MAX_EPISODE_STEPS, math.ceil(SLACK * lap_s * CONTROL_HZ))
-
-
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:
-    """The objects at the start of the drive, repeated for so many cars, and their outlines."""
+    """The objects at the start of the drive, the same for each car, and their outlines."""
     if drive.race == TIME_TRIAL:
         return None, np.empty((0, 4, 2))
     traffic = Traffic((drive.track, drive.track.reversed()), 1, drive.race)
     car = np.zeros(1, np.int64)
     traffic.begin(car, np.array([drive.start_fraction]), car, np.ones(1, np.uint64))
     one = traffic.objects()
-    everywhere = Objects(
-        xy=np.repeat(one.xy, count, axis=0),
-        yaw_rad=np.repeat(one.yaw_rad, count, axis=0),
-        footprint_m=one.footprint_m,
-        distance_m=np.repeat(one.distance_m, count, axis=0),
-        from_center_m=np.repeat(one.from_center_m, count, axis=0),
-        left_of_center=np.repeat(one.left_of_center, count, axis=0),
-        speed_mps=one.speed_mps,
-        tells_heading=one.tells_heading,
-    )
+    of_each_car = ("xy", "yaw_rad", "distance_m", "from_center_m", "left_of_center")
+    repeated = {name: np.repeat(getattr(one, name), count, axis=0) for name in of_each_car}
     corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) / 2 * one.footprint_m[:, None]
     cos, sin = np.cos(one.yaw_rad[0])[:, None], np.sin(one.yaw_rad[0])[:, None]
     x, y = corners[..., 0], corners[..., 1]
     turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-    return everywhere, one.xy[0][:, None] + turned
+    return one._replace(**repeated), one.xy[0][:, None] + turned

@@ -19,7 +19,6 @@ sys.path[:0] = [str(FOLDER), str(FOLDER.parent / "bench")]
 
 import commands_page  # noqa: E402  (these lie beside this file)
 import errors_page  # noqa: E402
-import rules_page  # noqa: E402
 import settings_page  # noqa: E402
 
 DOCS = FOLDER.parents[1] / "docs"
@@ -28,7 +27,6 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "commands.md": commands_page.document,
     "errors.md": errors_page.document,
     "settings.md": settings_page.document,
-    "validation.md": rules_page.document,
 }
 """Name of each page, and the function that returns its text."""
 

@@ -1,4 +1,4 @@
-"""Runs a racer's reward function in the sandbox: a process of its own, which can be given up."""
+"""Runs a racer's reward function in the sandbox: a separate process, which can be ended."""
 
 import contextlib
 import os
@@ -31,19 +31,19 @@ _POLL_S = 0.05
 
 
 class Sandbox:
-    """A sandbox that is running; a context manager, which ends it and all that it has started.
+    """A running sandbox; a context manager, which ends it and all that it has started.
 
     Args:
         request: What to try.
-        content: The file of the reward function; None loads worlds and races only.
-        directory: Working folder of the process, that of the racer as in a training.
+        content: The reward function; None loads worlds and races only.
+        directory: The racer's working folder, which is that of a training too.
     """
 
     def __init__(self, request: SandboxRequest, content: bytes | None, directory: Path) -> None:
         self._request = request
         self._scratch = tempfile.TemporaryDirectory(prefix="dr-reward-")
         self._folder = Path(self._scratch.name)
-        # A training works on a copy too: a function finds the same beside its file.
+        # A training uses a copy too: a function finds the same files next to it.
         self._copy = self._folder / REWARD_FUNCTION_FILE
         if content is not None:
             self._copy.write_bytes(content)
@@ -59,7 +59,7 @@ class Sandbox:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # signals that it sends to its group are for itself
+            start_new_session=True,  # signals that it sends to its group reach only itself
         )
 
     def __enter__(self) -> "Sandbox":
@@ -72,10 +72,7 @@ class Sandbox:
         self._scratch.cleanup()
 
     def result(self, given_up: Event | None = None) -> SandboxResult:
-        """Wait for what it finds.
-
-        Args:
-            given_up: Once set, nothing is waited for and nothing is found.
+        """Wait for the result, which is empty if `given_up` is set.
 
         Raises:
             RuntimeError: It ended before the racer's code was loaded.
@@ -92,25 +89,26 @@ class Sandbox:
         try:
             result = SandboxResult.read(self._folder)
         except Misfit as why:
-            failure = Failure("ends", f"It has overwritten the result of the sandbox: {why}.")
-            return SandboxResult(failures=[failure])
+            what = f"The reward function has overwritten the result of the sandbox: {why}."
+            return SandboxResult(failures=[Failure("ends", what)])
         if result is None:
             raise RuntimeError(f"The sandbox did not start (exit code {code}):\n{trace}")
         return result if result.finished else self._ended(result, code, trace)
 
     def _ended(self, result: SandboxResult, code: int | None, trace: str) -> SandboxResult:
-        """What is known of a function that ended the process."""
+        """The result for a function that ended the process."""
         kind: FailureKind = "ends"
+        reason = signal.Signals(-code).name if code and code < 0 else f"exit code {code}"
         if code is None or trace.startswith("Timeout"):
             kind, what = "endless", "does not return, and cannot be interrupted"
         elif "Fatal Python error" in trace:
-            kind, what = "crashes", f"crashes Python ({_reason(code)})"
+            kind, what = "crashes", f"crashes Python ({reason})"
         elif code == -signal.SIGKILL:
-            what = "ends the process, or has the system end it (SIGKILL)"
+            what = "ends the process, or makes the system end it (SIGKILL)"
         elif trace.startswith("Traceback"):
             what = f"ends the process with {trace.splitlines()[-1]}"
         else:
-            what = f"ends the process ({_reason(code)})"
+            what = f"ends the process ({reason})"
         _, line = stuck_place(trace)
         lines = self._copy.read_text("utf-8", "replace").splitlines()
         failure = Failure(
@@ -121,8 +119,3 @@ class Sandbox:
         )
         values: list[list[float | None]] = [[None] * len(c) for c in self._request.sequences]
         return SandboxResult(problems=result.problems, failures=[failure], values=values)
-
-
-def _reason(code: int) -> str:
-    """Why a process ended."""
-    return signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -1,11 +1,11 @@
-"""The calls that a reward function is tried with before a start, all along the laps."""
+"""The calls with which a reward function is tried before a start, all along the lap."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
 from drcli.workers.build_race import load_race, load_world
@@ -18,36 +18,32 @@ from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
 POSITIONS = 40
-"""Places along the lap at which the reward function is tried."""
+"""Places along the lap."""
 
 OFFSETS = (0.0, 0.3, -0.3, 1.0)
-"""Distances to the left of the centre line, in widths of the road: the last is off the track."""
+"""Distances to the left of the centre line, in road widths: the last is off the track."""
+
+Floats = NDArray[np.float64]
 
 _STATES = (0, POSITIONS // 4, POSITIONS // 2, 3 * POSITIONS + POSITIONS // 4, POSITIONS - 1)
-"""Five samples that are tried first, in the order of `before_start.STATES`. Source: the console's
-validator. The first is the first call of an episode, in which functions set up what they keep."""
+"""Five samples that are tried first, in the order of `try_inputs.STATES`. Source: the console's
+validator. The first is the first call of an episode, in which functions set up their variables."""
 
 _SPEED_MPS = 1.0
 
 _FALLBACK_WORLD = "reinvent_base"
-"""Where the reward function is tried when no track of the racer's own loads."""
+"""The reward function is tried here if none of the racer's tracks loads."""
 
 
 def sample_races(
     races: Sequence[RaceConfig],
 ) -> tuple[list[list[RewardParams]], list[Problem]]:
-    """A sequence of calls for each race of the workers, and what keeps a race from being loaded."""
+    """A sequence of calls for each race of the workers, and why races cannot be loaded."""
     problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
     for own in races:
         try:
             track = load_world(own)
-        except SettingsError as error:
-            place = own.place("DR_WORLD_NAME")
-            text, remedy = str(error), error.remedy
-            problems.append(Problem("V-05", "error", *place, text, remedy, "DR_WORLD_NAME"))
-            continue
-        try:
             race = load_race(own, track)
         except ProblemsError as error:
             problems += error.problems
@@ -61,18 +57,13 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
     """Reward parameters all along a lap, on the centre line, beside it and off the track."""
     count = POSITIONS * len(OFFSETS)
     fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
-    poses = track.pose_at(fraction * track.length_m)
-    where = track.locate(poses[:, :2])
-    aside_m = np.repeat(OFFSETS, POSITIONS) * where.track_width_m
-    left = np.stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])], axis=1)
-    xy = poses[:, :2] + left * aside_m[:, None]
+    xy, yaw_rad = places(track, fraction[:POSITIONS] * track.length_m, OFFSETS)
     off = np.repeat([abs(offset) > 0.5 for offset in OFFSETS], POSITIONS)
     progress = 100.0 * fraction
-    # The last step of a lap shows exactly 100.
-    progress[POSITIONS - 1] = 100.0
+    progress[POSITIONS - 1] = 100.0  # at the finish
     situation = Situation(
         xy=xy,
-        heading_deg=np.degrees(poses[:, 2]),
+        heading_deg=np.degrees(yaw_rad),
         where=track.locate(xy),
         all_on=~off,
         none_on=off,
@@ -82,8 +73,7 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
         steering_deg=np.zeros(count),
         speed_mps=np.full(count, _SPEED_MPS),
         backward=np.zeros(count, dtype=np.int64),
-        # Where a car stands off the track it may as well have crashed.
-        crashed=off & (race != TIME_TRIAL),
+        crashed=off & (race != TIME_TRIAL),  # so that crashes are tried as well
     )
     tracks = (track, track.reversed())
     if race != TIME_TRIAL:
@@ -94,3 +84,21 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
     samples = list(params_of(tracks, situation, np.arange(count)))
     rest = [params for index, params in enumerate(samples) if index not in _STATES]
     return [*(samples[index] for index in _STATES), *rest]
+
+
+def places(track: Track, along_m: Floats, offsets: Sequence[float]) -> tuple[Floats, Floats]:
+    """Places along the lap, offset by offset, and the direction of the track at each in radians.
+
+    Args:
+        track: The track.
+        along_m: Distances from waypoint 0. Shape (n,).
+        offsets: Distances to the left of the centre line, in road widths. Shape (m,).
+
+    Returns:
+        Shapes (m * n, 2) and (m * n,).
+    """
+    poses = np.tile(track.pose_at(along_m), (len(offsets), 1))
+    width_m = np.tile(track.locate(poses[: len(along_m), :2]).track_width_m, len(offsets))
+    yaw_rad = poses[:, 2]
+    left = np.stack([-np.sin(yaw_rad), np.cos(yaw_rad)], axis=1)
+    return poses[:, :2] + left * (np.repeat(offsets, len(along_m)) * width_m)[:, None], yaw_rad

@@ -1,8 +1,8 @@
-"""Calls a racer's reward function in a process of its own: the code may end, hang or crash that.
+"""Calls a racer's reward function in a separate process, which the code may end, hang or crash.
 
 Run as `python -m drcli.checks.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request
-and the copy of the file; without the copy only worlds and races are loaded. The result is written
-there before the racer's code is loaded, and again at the end. Needs no torch and no bucket.
+and a copy of the file; without the copy, only worlds and races are loaded. The result is written
+before the racer's code is loaded, and again at the end. Needs neither torch nor a bucket.
 """
 
 import contextlib
@@ -31,25 +31,25 @@ from drcli.checks.sandbox.sandbox_records import (
     Difference,
     Failure,
     FailureKind,
-    Growth,
     Place,
     SandboxRequest,
     SandboxResult,
     Timing,
 )
-from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter, growth, sizes
+from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter
 from drcli.store.keys import REWARD_FUNCTION_FILE
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
 from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
-"""How long the calls of a pass may take; what is left over is not called."""
+"""Longest time for the calls of a pass; the rest is not called."""
 
 _GRACE_S = 2.0
-"""A call and loading are interrupted in time. What goes on for so much longer ends the process."""
+"""Slow calls and slow loading are interrupted; if that does not help, the process ends this much
+later."""
 
 _MEMORY_BYTES = 16 << 30
-"""Memory that may be asked for: a list that grows in an endless loop must not fill the machine."""
+"""Memory limit: a list that grows in an endless loop must not fill the machine."""
 
 _PARENT_S = 0.5
 """How often to check whether the parent is alive."""
@@ -59,7 +59,7 @@ Values = dict[Place, float | None]
 
 
 def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
-    """The calls that are asked for, waypoints included, and what cannot be loaded."""
+    """The requested calls with their waypoints, and the problems of worlds and races."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:
         for params in calls:
@@ -73,21 +73,14 @@ def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
 def try_function(
     request: SandboxRequest, file: Path, calls: Calls, faults: TextIO
 ) -> SandboxResult:
-    """Make all calls, then the repeated ones again in several ways.
-
-    Args:
-        request: What to do.
-        file: The copy of the racer's file.
-        calls: The calls of each sequence.
-        faults: Open file for what Python says where it ends the process.
-    """
+    """Make all calls, then repeat some; `faults` is where Python writes if it ends the process."""
     passes = _Passes(request, file, calls, faults)
     with contextlib.redirect_stdout(passes.printed), contextlib.redirect_stderr(passes.printed):
         return passes.run()
 
 
 class _Passes:
-    """Passes through the calls, and what was found in them."""
+    """Goes through the calls several times and collects the results."""
 
     def __init__(self, request: SandboxRequest, file: Path, calls: Calls, faults: TextIO) -> None:
         self.printed = PrintCounter(str(file))
@@ -108,47 +101,40 @@ class _Passes:
         everything = [Place(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))]
         values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
         printed = self.printed.noted()
-        growing: list[Growth] = []
         random = memory = None
         repeated = [where for where in everything if where.sequence < self._request.repeated]
         if function and values and repeated and not self._hangs:
-            growing = self._growth(function, repeated)
             random = self._difference(values, repeated)
-            # The episodes the other way round. What is remembered within one is no surprise.
+            # The episodes in reverse order. To remember something within one is fine.
             turned = sorted(repeated, key=lambda where: -where.sequence)
             memory = self._difference(values, turned) if random is None else None
+        if replaced := ", ".join(self._originals.replaced):
+            what = f"The file replaces {replaced}, which the simulation and other packages use too."
+            self._failures["replaces", "", None] = Failure("replaces", what)
         return SandboxResult(
             values=[
                 [values.get(Place(k, i)) for i in range(len(calls))]
                 for k, calls in enumerate(self._calls)
             ],
-            failures=[*self._failures.values(), *self._replaced()],
+            failures=list(self._failures.values()),
             returned=dict(self._returned),
             line=function.__code__.co_firstlineno if isinstance(function, FunctionType) else None,
             timing=_timing(self._took_s),
             calls=len(values),
             effects=self._effects.noted(),
             printed=printed,
-            growing=growing,
             random=random,
             memory=memory,
         )
 
-    def _growth(self, function: RewardFunction, places: list[Place]) -> list[Growth]:
-        """What more its globals hold after the same calls were made once more."""
-        module = getattr(function, "__globals__", {})
-        before = sizes(module)
-        again = self._play(function, places, OTHER_PASS_S)
-        return growth(before, sizes(module), len(again))
-
     def _load(self, *, first: bool = False) -> RewardFunction | None:
-        """A fresh copy of the function; None where that fails."""
+        """A fresh copy of the function; None if it cannot be loaded."""
         self._effects.listening = first
         self._watch(self._request.load_s)
         try:
             return load_reward_function(self._file)
         except RewardError as error:
-            self._note(error, None)
+            self._record(error, None)
             return None
         finally:
             self._regain()
@@ -162,7 +148,7 @@ class _Passes:
         *,
         first: bool = False,
     ) -> Values:
-        """Call the function for the places in turn, for as long as the budget lasts."""
+        """Call the function for the places in turn, until the time is up."""
         last = _LastCall()
         timed = _timed(function, last)
         values: Values = {}
@@ -177,7 +163,7 @@ class _Passes:
                 values[where] = None
                 self._hangs = self._hangs or error.kind == "endless"
                 if first:
-                    self._note(error, where, last.returned)
+                    self._record(error, where, last.returned)
             finally:
                 self._regain()
             if first and last.returned:
@@ -190,10 +176,10 @@ class _Passes:
         return values
 
     def _watch(self, limit_s: float) -> None:
-        """End the process where one call takes far too long, within a library or without end.
+        """End the process if one call takes far too long, even within a library.
 
-        The watch is a thread of Python's own that needs no lock. To start one for each call would
-        cost more than most calls.
+        The watch is a thread of Python that needs no lock. Starting one for each call would cost
+        more than most calls.
         """
         if monotonic() > self._watched_until_s - limit_s - _GRACE_S / 2:
             until_s = limit_s + _GRACE_S
@@ -205,12 +191,12 @@ class _Passes:
         self._watched_until_s = 0.0
 
     def _regain(self) -> None:
-        """The racer's code has returned: the process is ours again."""
+        """Undo what the racer's code has replaced, after it has returned."""
         self._originals.restore()
         self._effects.listening = False
 
     def _difference(self, values: Values, places: Sequence[Place]) -> Difference | None:
-        """The first place where a fresh copy, called in this order, pays something else."""
+        """The first place where a fresh copy, called in this order, returns something else."""
         function = self._load()
         if function is None:
             return None
@@ -225,44 +211,38 @@ class _Passes:
         first = unlike[0]
         return Difference(first, values[first], others[first], len(unlike), len(both))
 
-    def _note(self, error: RewardError, where: Place | None, returned: str = "") -> None:
-        """Note a failure; of those that differ in numbers only, the first is enough."""
-        alike = "" if error.kind == "range" else returned
-        key = (error.kind, type(error.__cause__).__name__ if error.__cause__ else alike, error.line)
+    def _record(self, error: RewardError, where: Place | None, returned: str = "") -> None:
+        """Record a failure; of those that differ in numbers only, the first is enough."""
+        cause = error.__cause__
+        kind: FailureKind = "undefined" if type(cause) is NameError else error.kind
+        alike = "" if kind == "range" else returned
+        key = (kind, type(cause).__name__ if cause else alike, error.line)
         known = self._failures.get(key)
         if known is not None:
             self._failures[key] = replace(known, times=known.times + 1)
             return
-        missing = error.__cause__.name if isinstance(error.__cause__, ImportError) else None
+        missing = cause.name if isinstance(cause, ImportError) else None
         self._failures[key] = Failure(
-            kind=error.kind,
+            kind=kind,
             reason=error.reason.replace(str(self._file), self._request.name),
-            line=error.line,
+            line=error.line or None,
             source=error.source,
             params=str(error.params) if error.params else "",
             missing=missing or "",
             first=where,
         )
 
-    def _replaced(self) -> list[Failure]:
-        """One failure for all functions of Python's own that were replaced."""
-        if not self._originals.replaced:
-            return []
-        names = ", ".join(self._originals.replaced)
-        reason = f"The file replaces {names}, which the simulation and other packages use too."
-        return [Failure("replaces", reason)]
-
 
 @dataclass
 class _LastCall:
-    """How long the last call took, and the type that it returned; empty if it returned nothing."""
+    """Duration of the last call, and the type that it returned; empty if it failed."""
 
     took_s: float = 0.0
     returned: str = ""
 
 
 def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
-    """The same function, which notes about each call what can be told only from inside."""
+    """The same function, which records the time and the type of each call."""
 
     @wraps(function)  # failures are placed by the code of the function itself
     def timed(params: RewardParams) -> float:
@@ -281,7 +261,7 @@ def _timed(function: RewardFunction, last: _LastCall) -> RewardFunction:
 
 
 def _copied(value: Any) -> Any:
-    """Parameters as the simulation gives them, fresh lists included."""
+    """A copy of parameters, lists included, as the simulation gives them."""
     if isinstance(value, dict):
         return {key: _copied(item) for key, item in value.items()}
     return [_copied(item) for item in value] if isinstance(value, list) else value
@@ -296,7 +276,7 @@ def _timing(took_s: Mapping[Place, float]) -> Timing | None:
 
 
 def main(folder: Path, parent_pid: int) -> None:
-    """Do what the request in the folder says, and leave the result there."""
+    """Try what the request in the folder says, and write the result there."""
     threading.Thread(target=_end_after, args=(parent_pid,), daemon=True).start()
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)
@@ -321,11 +301,11 @@ def main(folder: Path, parent_pid: int) -> None:
     result.write(folder)
     if not result.finished:
         replace(try_function(request, file, calls, faults), problems=problems).write(folder)
-    ends_at_once(0)  # threads of the racer's code hold nothing up
+    ends_at_once(0)  # does not wait for threads of the racer's code
 
 
 def _end_after(parent_pid: int) -> None:
-    """End this process, and whatever the racer's code has started, once the parent is gone."""
+    """End this process, and all that the racer's code has started, when the parent is gone."""
     while os.getppid() == parent_pid:
         sleep(_PARENT_S)
     os.killpg(0, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""What the sandbox is asked to do and what it found; both travel as JSON files."""
+"""The sandbox's request and result; both travel as JSON files."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -13,13 +13,23 @@ FAULTS_FILE = "faults.txt"
 """What Python writes when it ends the process: stacks, or the traceback of an exception."""
 
 FailureKind = Literal[
-    "load", "signature", "raises", "type", "range", "endless", "ends", "crashes", "replaces"
+    "load",
+    "signature",
+    "undefined",
+    "raises",
+    "type",
+    "range",
+    "endless",
+    "ends",
+    "crashes",
+    "replaces",
 ]
 EffectKind = Literal["writes", "reads", "network", "process"]
 
 REMEDIES: dict[FailureKind, str] = {
     "load": "Correct the file, and check it again.",
     "signature": "Write `def reward_function(params):` with a `return` on every path.",
+    "undefined": "Correct the name, or give it a value before that line.",
     "raises": "Correct that line: a training ends where it fails.",
     "type": "Return a number on every path, as in `return float(reward)`: a path without `return` "
     "gives None.",
@@ -40,14 +50,14 @@ class SandboxRequest:
     """What to try.
 
     Attributes:
-        name: What the author calls the file of the reward function.
-        sequences: Parameters of calls in the order in which to make them, without the waypoints.
-        waypoints: The waypoints by `is_reversed`. Shape (2, n, 2).
-        repeated: How many of the sequences, from the first, are played more than once, to see what
-            the function remembers; 0 plays everything once.
+        name: The author's name for the file of the reward function.
+        sequences: Parameters of the calls, in order, without the waypoints.
+        waypoints: By `is_reversed`. Shape (2, n, 2).
+        repeated: How many of the first sequences are called again, to see what the function
+            remembers.
         races: Load the tracks and races of these workers, and add a sequence for each.
-        call_s: How long one call may take, seconds.
-        load_s: How long loading the file may take, seconds.
+        call_s: Longest time of one call.
+        load_s: Longest time of loading the file.
     """
 
     name: str
@@ -59,7 +69,7 @@ class SandboxRequest:
     load_s: float = 60.0
 
     def write(self, folder: Path) -> None:
-        """Leave it for the process."""
+        """Write it for the sandbox process."""
         (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=written), "utf-8")
 
     @staticmethod
@@ -82,12 +92,12 @@ class Failure:
 
     Attributes:
         kind: What went wrong.
-        reason: Such as "KeyError: 'sped'"; a whole sentence where no call was made.
-        line: Line in the racer's file, where known.
-        source: The text of that line, or nothing.
+        reason: Such as "KeyError: 'sped'"; a whole sentence if no call was made.
+        line: Line in the racer's file, if known.
+        source: The text of that line.
         params: The parameters of the first such call, in short form.
         missing: The module that cannot be imported, if that is the reason.
-        first: The first call that fails like this; None where it is not known.
+        first: The first call that fails like this, if known.
         times: How many calls fail like this.
     """
 
@@ -101,21 +111,17 @@ class Failure:
     times: int = 1
 
     def sentence(self, state: str = "") -> str:
-        """What went wrong, with the line that did it; a wrong value is not the fault of a line.
-
-        Args:
-            state: In which state the car was, such as "on the start line".
-        """
+        """The failure in words, with the state of the car, such as "on the start line"."""
         failed = f"The reward function failed{f' {state}' if state else ''}: {self.reason}."
         text = failed if self.params else self.reason
-        if not self.source or self.kind in ("type", "range"):
+        if not self.source or self.kind in ("type", "range"):  # not the fault of one line
             return text
         return f"{text} The line is `{self.source}`."
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Something that a line does beside returning a number: with which file, address or program."""
+    """A side effect of a line; `what` is the file, address or program."""
 
     kind: EffectKind
     what: str
@@ -125,9 +131,9 @@ class Effect:
 
 @dataclass(frozen=True)
 class Difference:
-    """Calls that returned something else in another pass: the first one, and how many of how many.
+    """`times` of `of` calls returned something else in another pass, first the one at `place`.
 
-    A value is None where the call failed.
+    A value is None if the call failed.
     """
 
     place: Place
@@ -139,7 +145,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Printed:
-    """What went to stdout and stderr in the first pass; `line` printed first, where known."""
+    """Output to stdout and stderr in the first pass; `line` printed first, if known."""
 
     lines: int = 0
     characters: int = 0
@@ -148,7 +154,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Timing:
-    """How long calls took in seconds, and which one took longest."""
+    """Duration of the calls, and which call took longest."""
 
     median_s: float
     mean_s: float
@@ -157,33 +163,22 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Growth:
-    """A global that held so many things before a pass of so many calls, and more after it."""
-
-    name: str
-    before: int
-    after: int
-    calls: int
-
-
-@dataclass(frozen=True)
 class SandboxResult:
     """What the sandbox found.
 
     Attributes:
         problems: Worlds and races that cannot be loaded.
-        values: What each call returned; None where it failed or was not made.
-        failures: What ends a training.
+        values: The value of each call; None if it failed or was not made.
+        failures: Everything that ends a training.
         returned: How many calls returned which type.
-        line: Line of `def reward_function`, where known.
-        timing: How long calls took; None where none was made.
-        calls: How many calls were made of those asked for.
-        effects: What it does beside returning a number.
-        printed: What it printed.
-        growing: Globals that grow for ever.
-        random: A call that paid something else when the same calls were repeated.
-        memory: A call that paid something else when the episodes came in another order.
-        finished: False as long as nothing but the worlds has been tried.
+        line: Line of `def reward_function`, if known.
+        timing: Duration of the calls; None without any.
+        calls: How many calls were made.
+        effects: Side effects.
+        printed: Output.
+        random: A call that returned something else when the same calls were repeated.
+        memory: A call that returned something else when the episodes came in another order.
+        finished: False until the reward function has been tried.
     """
 
     problems: list[Problem] = field(default_factory=list)
@@ -195,23 +190,22 @@ class SandboxResult:
     calls: int = 0
     effects: list[Effect] = field(default_factory=list)
     printed: Printed = Printed()
-    growing: list[Growth] = field(default_factory=list)
     random: Difference | None = None
     memory: Difference | None = None
     finished: bool = True
 
     def write(self, folder: Path) -> None:
-        """Leave it for the parent, in one step."""
+        """Write it for the parent, in one step."""
         unfinished = folder / f"{_RESULT_FILE}.part"
         unfinished.write_text(json.dumps({"version": _VERSION, **asdict(self)}), "utf-8")
         unfinished.rename(folder / _RESULT_FILE)
 
     @staticmethod
     def read(folder: Path) -> "SandboxResult | None":
-        """What the process has written; None where it did not come to that.
+        """The result in a folder; None if the process has not written it.
 
         Raises:
-            Misfit: It is something else, as when the racer's code has overwritten it.
+            Misfit: The racer's code has overwritten it.
         """
         try:
             record = parsed((folder / _RESULT_FILE).read_bytes())

@@ -1,7 +1,6 @@
-"""Notices what racers' code does beside returning a number. Works in a process of its own only."""
+"""Detects side effects of racers' code. Only for the sandbox process."""
 
 import builtins
-import gc
 import io
 import math
 import os
@@ -9,11 +8,10 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping
-from types import FrameType, FunctionType, ModuleType
+from types import FrameType
 from typing import Any
 
-from drcli.checks.sandbox.sandbox_records import Effect, EffectKind, Growth, Printed
+from drcli.checks.sandbox.sandbox_records import Effect, EffectKind, Printed
 
 _FILE_CHANGES = ("chmod", "chown", "link", "mkdir", "remove", "rename", "rmdir", "symlink")
 _EVENTS: dict[EffectKind, tuple[str, ...]] = {
@@ -27,15 +25,13 @@ _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _HARMLESS = ("/dev/", "/proc/", "/sys/")
 _LIBRARIES = tuple({f"{sys.prefix}/", f"{sys.base_prefix}/"})
 _SHOWN = 80
-_MOST_COUNTED = 500_000
-"""Things counted in a global at most: enough to see growth, soon done."""
 
 _SHARED = (builtins, math, random, time)
 """Modules that the simulation uses in the same process as the reward function."""
 
 
 class Effects:
-    """What a file of Python does while `listening` is set."""
+    """The side effects of a Python file while `listening` is set."""
 
     def __init__(self, file: str) -> None:
         self.listening = False
@@ -44,11 +40,11 @@ class Effects:
         _listen_with(self)
 
     def noted(self) -> list[Effect]:
-        """What it did, in the order in which it began to."""
+        """The effects so far, in the order in which they first happened."""
         return [Effect(*what, times=times) for what, times in self._seen.items()]
 
     def hear(self, event: str, args: tuple[Any, ...]) -> None:
-        """Note an event of Python's if the file has caused it."""
+        """Record an audit event of Python if the file has caused it."""
         if not self.listening:
             return
         self.listening = False  # what follows may itself be an event
@@ -70,7 +66,7 @@ class Effects:
 
 
 class PrintCounter(io.TextIOBase):
-    """Counts what is printed, and drops it: a flood must not fill the disk."""
+    """Counts and drops all output, so that a flood cannot fill the disk."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
@@ -79,7 +75,7 @@ class PrintCounter(io.TextIOBase):
         self._first: int | None = None
 
     def writable(self) -> bool:
-        """It takes everything."""
+        """Always."""
         return True
 
     def write(self, text: str, /) -> int:
@@ -91,16 +87,12 @@ class PrintCounter(io.TextIOBase):
         return len(text)
 
     def noted(self) -> Printed:
-        """What was printed so far."""
+        """The output so far."""
         return Printed(self._lines, self._characters, self._first)
 
 
 class Originals:
-    """Python's own functions, which racers' code may replace by others.
-
-    Attributes:
-        replaced: Which ones it has replaced, such as `math.sqrt`.
-    """
+    """Python's own functions; `replaced` names those that racers' code replaced: `math.sqrt`."""
 
     def __init__(self) -> None:
         self.replaced: list[str] = []
@@ -122,7 +114,7 @@ class Originals:
 
 
 def line_in(file: str, frame: FrameType | None) -> int | None:
-    """The line of a file that is being executed; None if it has not caused this, or imports."""
+    """The line of a file that is running; None if the file is not running, or imports."""
     while frame is not None:
         name = frame.f_code.co_filename
         if name == file:
@@ -133,54 +125,12 @@ def line_in(file: str, frame: FrameType | None) -> int | None:
     return None
 
 
-def sizes(module: Mapping[str, Any]) -> dict[str, int]:
-    """How many things each global of a module holds, its functions and classes included."""
-    return {name: _size(value, module) for name, value in module.items() if name[:2] != "__"}
-
-
-def growth(before: Mapping[str, int], after: Mapping[str, int], calls: int) -> list[Growth]:
-    """The globals that hold more than before, by at least one thing in a hundred calls."""
-    return [
-        Growth(name, before.get(name, 0), size, calls)
-        for name, size in after.items()
-        if size - before.get(name, 0) > calls / 100
-    ]
-
-
-def _size(value: Any, module: Mapping[str, Any]) -> int:
-    """Things within a value, itself not counted; never more than about `_MOST_COUNTED`."""
-    seen: set[int] = {id(module)}
-    waiting, count = [value], 0
-    while waiting and count <= _MOST_COUNTED:
-        item = waiting.pop()
-        if id(item) in seen or _is_foreign(item, module):
-            continue
-        seen.add(id(item))
-        if isinstance(item, str | bytes | bytearray):
-            count += len(item)
-            continue
-        size = getattr(item, "size", 0)  # numbers in an array, of whatever library
-        inside = gc.get_referents(item)
-        count += len(inside) + (size if isinstance(size, int) else 0)
-        waiting += inside
-    return count
-
-
-def _is_foreign(item: Any, module: Mapping[str, Any]) -> bool:
-    """Whether a library keeps this, so that it is not the racer's to empty."""
-    if isinstance(item, FunctionType):
-        return item.__globals__ is not module
-    if isinstance(item, type):
-        return item.__module__ != module.get("__name__")
-    return isinstance(item, ModuleType)
-
-
 def _kind_of(event: str) -> EffectKind | None:
     return next((kind for kind, starts in _EVENTS.items() if event.startswith(starts)), None)
 
 
 def _what(event: str, args: tuple[Any, ...]) -> str:
-    """Which file, address or program an event is about."""
+    """The file, address or program of an event."""
     if event.startswith("socket."):
         return _shown(args[0] if event.startswith("socket.get") else args[1])
     if event.startswith(_EVENTS["process"]):
@@ -195,7 +145,7 @@ def _shown(value: object) -> str:
 
 
 _listening: list[Effects] = []
-"""The one that listens now: Python never forgets an audit hook, so there is one."""
+"""The current listener. Python cannot remove an audit hook, so there is only one hook."""
 
 
 def _listen_with(effects: Effects) -> None:

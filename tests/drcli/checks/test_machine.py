@@ -39,7 +39,7 @@ def test_a_disk_that_is_nearly_full_is_told_once(settings, monkeypatch, free_gb,
     found = list(review_disk(settings.storage, settings.directory))
 
     assert [(item.rule, item.severity) for item in found] == [("V-50", "warning")] * told
-    assert all("only 1.9 GB of the disk are free" in item.message for item in found)
+    assert all("only 1.9 GB of the disk is free" in item.message for item in found)
 
 
 @pytest.mark.parametrize(("free_gb", "told"), [(2.2, 0), (2.0, 1)])

@@ -19,7 +19,7 @@ def test_a_good_function_is_paid_for_and_nothing_is_said(found):
     assert result.returned == {"float": 80}
     assert result.timing is not None
     assert 0 < result.timing.median_s <= result.timing.worst_s
-    for nothing in ("failures", "effects", "growing", "random", "memory"):
+    for nothing in ("failures", "effects", "random", "memory"):
         assert not getattr(result, nothing), nothing
 
 
@@ -192,35 +192,14 @@ def test_a_flood_of_words_is_counted_and_kept_from_the_screen(found, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_list_that_is_never_emptied_grows(found):
-    result = found(function("SEEN.append(params['x'])\nreturn 1.0", before="SEEN = []"))
-
-    [growing] = result.growing
-    assert growing.name == "SEEN"
-    assert growing.after - growing.before == 80
-
-
-def test_what_is_kept_in_a_class_or_in_the_function_itself_grows_too(found):
-    text = function(
-        "Memory.seen[len(Memory.seen)] = 1\n"
-        "reward_function.steps = getattr(reward_function, 'steps', []) + [1]\nreturn 1.0",
-        before="class Memory:\n    seen = {}\n",
-    )
-
-    assert {growing.name for growing in found(text).growing} == {"Memory", "reward_function"}
-
-
-def test_what_is_emptied_in_each_episode_does_not_grow(found):
+def test_what_is_emptied_in_each_episode_is_not_memory(found):
     text = function(
         "if params['steps'] <= 2:\n    SEEN.clear()\nSEEN.append(params['x'])\n"
         "CACHE[params['closest_waypoints'][0]] = 1.0\nreturn float(len(SEEN))",
         before="SEEN = []\nCACHE = {}",
     )
 
-    result = found(text)
-
-    assert result.growing == []
-    assert result.memory is None
+    assert found(text).memory is None
 
 
 def test_what_outlives_the_episode_is_told_with_a_place(found):

@@ -10,7 +10,6 @@ from drcli.checks.sandbox.sandbox_records import (
     Difference,
     Effect,
     Failure,
-    Growth,
     Place,
     Printed,
     SandboxRequest,
@@ -28,7 +27,6 @@ RESULT = SandboxResult(
     calls=2,
     effects=[Effect("writes", "log.txt", 4, 2)],
     printed=Printed(1, 5, 3),
-    growing=[Growth("SEEN", 1, 9, 8)],
     random=Difference(Place(0, 0), 1.0, None, 1, 2),
 )
 
