@@ -1,38 +1,157 @@
-"""The files that belong to a checkpoint: reward function, parameters, metrics."""
+"""Chooses a checkpoint of a model, and reads it with all files that belong to it."""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.run_config import ModelConfig
+from drcli.exchange.scores import Score, Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
-from drcli.models.checkpoint_choice import Item
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.repair import Model, readable_scores
+
+Choice = Literal["last", "best"] | int
+"""The newest checkpoint, the one with the best evaluation, or the one with this number."""
+
+OUR_PARTS = (".safetensors", ".json")
+"""Ends of the files that every checkpoint of ours has."""
 
 METADATA = "model/" + keys.MODEL_METADATA_FILE
 HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
 METRICS = "metrics/"
-NOTE = "ip/run.json"
+TRAINING_START = "ip/run.json"
 
 SHAPING = (METADATA, HYPERPARAMETERS)
-"""Without the right ones of these, weights cannot be read."""
+"""Files that give the network's shape: weights can only be read with the right ones."""
 
 PARAMETERS_FILE = "training_params.yaml"
-"""What import tools look for, whatever the training called it."""
+"""The name that import tools look for. Here it can have another one."""
+
+
+class CheckpointGone(SettingsError):
+    """The chosen checkpoint does not exist or lacks a file: a training may have deleted it."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """An object to copy, by its key below the model prefix."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A complete checkpoint; `parts` are the ends of its files' keys, after its name."""
+
+    choice: Choice
+    score: Score
+    parts: tuple[str, ...]
+    size_bytes: int
+
+    @property
+    def name(self) -> str:
+        """Such as `12_Step-7824.ckpt`."""
+        return self.score.name
+
+    @property
+    def number(self) -> int:
+        """The part before `_Step`."""
+        return int(self.name.partition("_")[0])
+
+    @property
+    def line(self) -> str:
+        """The line of the reference's command, which scripts look for."""
+        if self.choice == "last":
+            return f"Latest checkpoint = {self.number}"
+        if self.choice == "best":
+            return f"Best checkpoint: {self.number}"
+        return f"Chosen checkpoint: {self.number}"
+
+
+def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
+    """Find a checkpoint of a model.
+
+    Raises:
+        CheckpointGone: It does not exist, or one of its files is missing.
+        SettingsError: The model does not exist.
+    """
+    scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+    if scores is None and not isinstance(choice, int):
+        raise SettingsError(
+            f"No checkpoint file available at s3://{bucket.name}/"
+            f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
+            remedy="Train that model first, or correct its prefix; `dr-list-models` shows all.",
+        )
+    listed = bucket.list(keys.model_folder(prefix))
+    score = _score(scores, listed, prefix, choice)
+    missing = missing_parts(listed, prefix, score.name)
+    if missing:
+        raise CheckpointGone(
+            "No model files found. Files possibly deleted. Try again. "
+            f"s3://{bucket.name}/{missing[0]} is missing.",
+            remedy="Run the command again, or choose another checkpoint with -b or -c N.",
+        )
+    start = keys.checkpoint_part(prefix, score.name, "")
+    files = [info for info in listed if info.key.startswith(start + ".")]
+    parts = tuple(info.key.removeprefix(start) for info in files)
+    return Chosen(choice, score, parts, sum(info.size_bytes for info in files))
+
+
+def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
+    """Keys of the files that a checkpoint lacks; those of our own format if it has none at all."""
+    there = {info.key for info in listed}
+    ours, theirs = (
+        [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
+        for parts in (OUR_PARTS, keys.TENSORFLOW_PARTS)
+    )
+    is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
+    return theirs if is_tensorflow else ours
+
+
+def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
+    """Read the files of a checkpoint, and check ours against its record.
+
+    Skips an optimizer state that is damaged or is just being replaced; the weights do without it.
+
+    Raises:
+        ObjectMissing: A file has just been deleted.
+        ObjectDamaged: A file is not what was written.
+    """
+    start = f"model/{chosen.name}"
+    items = []
+    if all(part in chosen.parts for part in OUR_PARTS):
+        found = CheckpointStore(bucket, prefix).load(chosen.name, with_optimizer=True)
+        record = found.record if found.optimizer else replace(found.record, optimizer=None)
+        items.append(Item(f"{start}.safetensors", found.tensors))
+        if found.optimizer is not None:
+            items.append(Item(f"{start}.optimizer.safetensors", found.optimizer))
+        items.append(Item(f"{start}.json", json.dumps(asdict(record)).encode()))
+    theirs = [part for part in keys.TENSORFLOW_PARTS if part in chosen.parts]
+    items += [_filled(bucket, prefix, start + part) for part in theirs]
+    graph = keys.checkpoint_graph(prefix, chosen.number)
+    if bucket.exists(graph):
+        items.append(_filled(bucket, prefix, graph.removeprefix(keys.folder(prefix))))
+    return items
 
 
 def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
-    """Check that a model has everything that belongs to it.
+    """Check that a model has all files that its checkpoints share.
 
     Raises:
-        SettingsError: It has not.
+        SettingsError: Some are missing.
     """
-    missing = [name for name, found in _places(model, bucket, prefix).items() if not found]
+    _, missing = _shared_files(model, bucket, prefix)
     if missing and not bucket.list(keys.folder(prefix)):
         raise SettingsError(
             "Meta-data files are not found. Exiting. There is no model at "
             f"s3://{bucket.name}/{prefix}.",
             remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` shows "
-            "all there are.",
+            "all models.",
         )
     if missing:
         raise SettingsError(
@@ -46,74 +165,97 @@ def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
 def read_model_files(
     model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
 ) -> list[Item]:
-    """Read everything that belongs to a checkpoint.
+    """Read all files that the checkpoints of a model share.
 
     Args:
-        model: The model of the settings, for files that are elsewhere than below the prefix.
+        model: The model of the settings, which can have files outside its prefix.
         bucket: Holds the model.
-        prefix: The model.
+        prefix: The model to read.
         target: Bucket and prefix of the copy, which its parameter file names.
         described: The parameter file to copy if the model has none.
-
-    Raises:
-        StorageError: Something cannot be read.
     """
-    items: dict[str, Item] = {}
-    for kind, found in _places(model, bucket, prefix).items():
-        for key in found:
-            name = kind
-            if kind == METRICS:
-                name += key.removeprefix(_metrics_folder(model, prefix, key))
-            items[name] = Item(name, bucket.get(key))
-            if kind != METRICS and not items[name].data:
-                raise ObjectDamaged(
-                    f"s3://{bucket.name}/{key} is empty.",
-                    remedy="Restore it from a copy, or upload another model with -p.",
-                )
-    root = keys.MODEL_METADATA_FILE
-    items[root] = Item(root, items[METADATA].data)
+    found, _ = _shared_files(model, bucket, prefix)
+    items = {name: Item(name, bucket.get(key)) for name, key in found.items()}
+    for name, item in items.items():
+        if not item.data and not name.startswith(METRICS):
+            raise ObjectDamaged(
+                f"s3://{bucket.name}/{found[name]} is empty.",
+                remedy="Restore it from a copy, or upload another model with -p.",
+            )
+    copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
     if bucket.exists(keys.training_start(prefix)):
-        items[NOTE] = Item(NOTE, bucket.get(keys.training_start(prefix)))
+        copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))
     parameters = _parameters(model, bucket, prefix, target, described)
-    items[PARAMETERS_FILE] = Item(PARAMETERS_FILE, parameters)
-    return list(items.values())
+    return [*items.values(), *copies, Item(PARAMETERS_FILE, parameters)]
 
 
-def _places(model: ModelConfig, bucket: Bucket, prefix: str) -> dict[str, list[str]]:
-    """Keys of each kind of file that must be there; empty where it is missing."""
+def _score(scores: Scores | None, listed: Listing, prefix: str, choice: Choice) -> Score:
+    """The chosen checkpoint; a number needs no index."""
+    if scores is not None and choice == "best":
+        return scores.best_checkpoint
+    if scores is not None and choice == "last":
+        return scores.last_checkpoint
+    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    names = sorted(name for name in found if name is not None)
+    same = [str(name) for name in names if name.number == choice]
+    if not same:
+        numbers = sorted({name.number for name in names})
+        raise CheckpointGone(
+            "No model files found. Files possibly deleted. Try again. There is no checkpoint "
+            f"{choice}; there are {', '.join(map(str, numbers)) or 'none'}.",
+            remedy="Choose one of them with -c N.",
+        )
+    whole = [name for name in same if not missing_parts(listed, prefix, name)]
+    name = (whole or same)[-1]
+    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+    return next((score for score in known if score.name == name), Score(name))
+
+
+def _filled(bucket: Bucket, prefix: str, name: str) -> Item:
+    data = bucket.get(keys.folder(prefix) + name)
+    if not data:
+        raise ObjectDamaged(
+            f"{bucket.name}/{keys.folder(prefix)}{name} is empty.",
+            remedy="Restore it from a copy, or choose another checkpoint.",
+        )
+    return Item(name, data)
+
+
+def _shared_files(
+    model: ModelConfig, bucket: Bucket, prefix: str
+) -> tuple[dict[str, str], list[str]]:
+    """Keys of the files that all checkpoints share by their names in a copy; names of missing ones.
+
+    The settings of the model can name other places for the reward function and the metrics.
+    """
     rewards = [keys.reward_function(prefix)]
-    if prefix == model.prefix:
-        rewards.append(model.reward_key)
-    return {
-        keys.REWARD_FUNCTION_FILE: _existing(bucket, rewards)[:1],
-        METADATA: _existing(bucket, [keys.model_metadata(prefix)]),
-        HYPERPARAMETERS: _existing(bucket, [keys.hyperparameters(prefix)]),
-        METRICS: [
-            info.key for folder in _metrics_folders(model, prefix) for info in bucket.list(folder)
-        ],
-    }
-
-
-def _existing(bucket: Bucket, wanted: list[str]) -> list[str]:
-    return [key for key in wanted if bucket.exists(key)]
-
-
-def _metrics_folders(model: ModelConfig, prefix: str) -> list[str]:
-    """The usual place, and the one of the settings if these are of this model."""
     folders = [keys.folder(keys.metrics_prefix(prefix))]
     if prefix == model.prefix:
+        rewards.append(model.reward_key)
         folders.append(keys.folder(model.metrics_prefix))
-    return list(dict.fromkeys(folders))
-
-
-def _metrics_folder(model: ModelConfig, prefix: str, key: str) -> str:
-    return next(f for f in _metrics_folders(model, prefix) if key.startswith(f))
+    wanted = {
+        keys.REWARD_FUNCTION_FILE: rewards,
+        METADATA: [keys.model_metadata(prefix)],
+        HYPERPARAMETERS: [keys.hyperparameters(prefix)],
+    }
+    found = {}
+    for name, places in wanted.items():
+        key = next(filter(bucket.exists, places), None)
+        if key is not None:
+            found[name] = key
+    metrics = {
+        METRICS + info.key.removeprefix(folder): info.key
+        for folder in dict.fromkeys(folders)
+        for info in bucket.list(folder)
+    }
+    missing = [name for name in wanted if name not in found]
+    return found | metrics, missing if metrics else [*missing, METRICS]
 
 
 def _parameters(
     model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
 ) -> bytes:
-    """What the model was trained with, for its new place; from the settings where it is unknown."""
+    """The model's parameter file for its new place; that of the settings if it has none."""
     key = keys.parameter_file(prefix, model.parameters_file)
     written = bucket.get(key) if bucket.exists(key) else described
     try:

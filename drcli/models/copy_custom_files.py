@@ -1,4 +1,4 @@
-"""Copies the racer's own files to the bucket and back; nothing is ever deleted."""
+"""Copies the racer's own files to the bucket and back. Deletes nothing."""
 
 import errno
 import os
@@ -21,20 +21,20 @@ IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""
 
 BACKUP = ".bak"
-"""End of the name of a file as it was before another one took its place."""
+"""End of the name under which an overwritten file is kept."""
 
 
 @dataclass(frozen=True)
 class CustomFilesReport:
-    """What was copied.
+    """The result of copying the racer's files.
 
     Attributes:
         folder: The racer's folder.
-        place: Its counterpart in the bucket, an s3:// address.
+        place: The folder in the bucket, an s3:// address.
         copied: Names of the files that were copied, below both.
-        unchanged: Names of those that were the same.
-        refused: Names that cannot stand at the other end: those in the bucket that would be no
-            files inside the folder, those of files that are no text, printable.
+        unchanged: Names of the files that were the same.
+        refused: Names that the other end cannot have: names in the bucket that lead out of the
+            folder, and names of files that are not UTF-8.
     """
 
     folder: str
@@ -47,18 +47,17 @@ class CustomFilesReport:
 def upload_custom_files(
     config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
-    """Copy what lies in `custom_files/` of the working folder, or of the experiment.
+    """Copy all files in `custom_files/` of the working folder, or of the experiment.
 
     Raises:
-        SettingsError: There is no such folder, or something in it cannot be read.
-        StorageError: The bucket cannot be written.
+        SettingsError: There is no such folder, or a file in it cannot be read.
     """
     folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
     if not folder.is_dir():
         raise SettingsError(
             f"{folder}: this folder does not exist.",
-            remedy="Make it and put reward_function.py, hyperparameters.json and "
+            remedy="Create it and put reward_function.py, hyperparameters.json and "
             "model_metadata.json there, or let `dr init` do so.",
         )
     say(f"Uploading files to {place}")
@@ -67,8 +66,9 @@ def upload_custom_files(
     copied, unchanged, refused = [], [], []
     for path in sorted(_files(folder)):
         name = path.relative_to(folder).as_posix()
-        if not _is_text(name):
-            refused.append(os.fsencode(name).decode(errors="backslashreplace"))
+        readable = os.fsencode(name).decode(errors="backslashreplace")
+        if readable != name:  # Linux takes any bytes, S3 only UTF-8
+            refused.append(readable)
             continue
         data, key = _read(path), start + name
         if Proof.of(data).holds(bucket, there.get(key)):
@@ -82,12 +82,7 @@ def upload_custom_files(
 def download_custom_files(
     config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
-    """Copy everything back; a file that was different stays beside the new one as `NAME.bak`.
-
-    Raises:
-        SettingsError: A file cannot be written.
-        StorageError: The bucket cannot be read.
-    """
+    """Copy everything back; a file that was different is kept as `NAME.bak`."""
     folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
     say(f"Downloading files from {place}")
@@ -96,7 +91,7 @@ def download_custom_files(
     for info in bucket.list(start):
         name = info.key.removeprefix(start)
         if not name or name.endswith("/"):
-            continue  # consoles mark a folder so
+            continue  # web consoles mark a folder in this way
         if not _is_inside(name):
             refused.append(name)
         elif write_file(folder / name, bucket.get(info.key)):
@@ -107,13 +102,10 @@ def download_custom_files(
 
 
 def write_file(path: Path, data: bytes) -> bool:
-    """Write a file in one step and keep what was there before as `NAME.bak`.
+    """Write a file in one step and keep the old one as `NAME.bak`.
 
     Returns:
-        False when the file held the same.
-
-    Raises:
-        SettingsError: It cannot be written.
+        False if nothing has changed.
     """
     try:
         if path.is_file():
@@ -131,11 +123,7 @@ def write_file(path: Path, data: bytes) -> bool:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """The files on all levels that are the racer's own.
-
-    Raises:
-        SettingsError: A folder or a file cannot be looked at.
-    """
+    """The racer's own files in the folder and all folders inside it."""
     for parent, below, names in os.walk(folder, onerror=_refuse):
         below[:] = [name for name in below if name not in IGNORED]
         for name in names:
@@ -145,7 +133,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it is one, and no pipe and no link that leads nowhere."""
+    """Whether this is a file, not a pipe or a broken link."""
     try:
         return stat.S_ISREG(path.stat().st_mode)
     except OSError as e:
@@ -168,17 +156,8 @@ def _refuse(error: OSError, path: Path | None = None) -> NoReturn:
     ) from error
 
 
-def _is_text(name: str) -> bool:
-    """Whether a name can be one in a bucket: Linux takes any bytes, S3 only UTF-8."""
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
 def _is_inside(name: str) -> bool:
-    """Whether a name of the bucket is that of a file in the folder, and not of one around it."""
+    """Whether a name of the bucket leads to a file in the folder, not outside it."""
     parts = PurePosixPath(name).parts
     plain = "\\" not in name and "\0" not in name
     return plain and not name.startswith("/") and ".." not in parts

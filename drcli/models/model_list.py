@@ -2,17 +2,15 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime
 from fnmatch import fnmatchcase
 
-from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.scores import Score
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.repair import Model, readable_scores
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
-"""What a folder with a model has."""
+"""Ends of the keys of a model's pointers: a folder with one of them is a model."""
 
 
 @dataclass(frozen=True)
@@ -21,28 +19,32 @@ class CheckpointEntry:
 
     Attributes:
         name: Such as `12_Step-7824.ckpt`.
-        metric: What its evaluation scored on average; None before one.
+        metric: Average score of its evaluation episodes; None before an evaluation.
     """
 
     name: str
     metric: float | None
 
+    @staticmethod
+    def of(score: Score) -> "CheckpointEntry":
+        """The entry of a checkpoint in a model's index."""
+        return CheckpointEntry(score.name, score.avg_eval_metric)
+
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """A model.
+    """A model in the list.
 
     Attributes:
         prefix: Its folder.
         checkpoints: How many checkpoints it has.
-        best: The best of them; None where that is unknown.
-        last: The newest; None where that is unknown.
+        best: The best of them; None if unknown.
+        last: The newest; None if unknown.
         objects: How many objects it consists of, logs and traces included.
         size_bytes: Their size.
-        modified: When the newest of them was written, ISO 8601.
+        modified: When the newest object was written, ISO 8601.
         training: Whether it is being trained now.
-        damaged: What is damaged of its index, a sentence; the checkpoints are then what could be
-            rebuilt.
+        damaged: What is wrong with its index; `best` and `last` are reconstructed then.
     """
 
     prefix: str
@@ -62,7 +64,7 @@ class ModelList:
 
     Attributes:
         bucket: Its name.
-        pattern: What the prefixes were searched for; empty for all.
+        pattern: Part of a prefix, or a whole one with `*` and `?`; empty for all models.
         models: Sorted by prefix.
     """
 
@@ -72,15 +74,7 @@ class ModelList:
 
 
 def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
-    """Look through a bucket.
-
-    Args:
-        bucket: Where to look.
-        pattern: Part of a prefix, or all of it with `*` and `?` for anything.
-
-    Raises:
-        StorageError: The bucket cannot be read.
-    """
+    """List the models whose prefix contains a pattern, or fits one with `*` and `?`."""
     listed = bucket.list("")
     prefixes = {info.key.removesuffix(m) for info in listed for m in _MARKS if info.key.endswith(m)}
     own = _by_model(listed, prefixes)
@@ -89,7 +83,7 @@ def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
 
 
 def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, list[ObjectInfo]]:
-    """Each object with the innermost model that it lies in: models may lie in folders of others."""
+    """The objects of each model. A model may be inside another; its objects belong to it alone."""
     own: dict[str, list[ObjectInfo]] = {prefix: [] for prefix in prefixes}
     for info in listed:
         folder = info.key
@@ -102,32 +96,22 @@ def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, lis
 
 
 def _fits(prefix: str, pattern: str) -> bool:
-    if any(character in pattern for character in "*?["):
-        return fnmatchcase(prefix, pattern)
-    return pattern in prefix
+    has_wildcards = any(character in pattern for character in "*?[")
+    return fnmatchcase(prefix, pattern) if has_wildcards else pattern in prefix
 
 
 def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry:
-    names: set[CheckpointName] = set()
-    for info in objects:
-        name = keys.checkpoint_of(prefix, info.key)
-        if name is not None:
-            names.add(name)
+    names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
     scores, damaged = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     held = lease.holder(bucket, prefix)
-    newest: datetime = max(info.modified for info in objects)
     return ModelEntry(
         prefix=prefix,
         checkpoints=len(names),
-        best=None if scores is None else _checkpoint(scores.best_checkpoint),
-        last=None if scores is None else _checkpoint(scores.last_checkpoint),
+        best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint),
+        last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint),
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
-        modified=newest.isoformat(timespec="seconds"),
+        modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
         training=held is not None and lease.is_owner_alive(held),
         damaged=damaged,
     )
-
-
-def _checkpoint(score: Score) -> CheckpointEntry:
-    return CheckpointEntry(score.name, score.avg_eval_metric)

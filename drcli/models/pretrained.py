@@ -1,4 +1,4 @@
-"""Starts a model with the weights of another one: finds them, checks them, hands them over."""
+"""Finds the weights of another model for a new one to start with, and checks that they fit."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,6 @@ from typing import Literal
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
 from drcli.config.run_config import PretrainedConfig
 from drcli.config.setting_problems import setting_problem
-from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, misfits
 from drcli.store import keys
@@ -20,23 +19,11 @@ PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Transfer:
-    """Everything a start from another model's weights needs, read and checked.
-
-    Attributes:
-        tensors: The weights, a safetensors file.
-        warnings: What is allowed and may surprise.
-    """
+    """The weights (a safetensors file) to start with, and warnings about them."""
 
     source: Pretrained
     tensors: bytes
     warnings: list[Problem]
-
-    def hand_over(self, bucket: Bucket, prefix: str) -> CheckpointRecord:
-        """Make the weights checkpoint 0 of a new model, which its trainer goes on from.
-
-        Steps, episodes and time count from 0 and the optimizer starts afresh.
-        """
-        return CheckpointStore(bucket, prefix).save(0, 0, self.tensors)
 
 
 def find(
@@ -48,16 +35,16 @@ def find(
         config: Names the model that has the weights.
         bucket: Holds both models.
         new: Prefix of the new model.
-        wanted: The new model's own design.
-        wiping: Whether what lies under the new model's prefix is going to be deleted.
+        wanted: The design of the new model.
+        wiping: Whether everything under the new model's prefix will be deleted.
 
     Raises:
-        ProblemsError: There is no such model, it has no whole checkpoint, or it does not fit.
+        ProblemsError: There is no such model, it has no complete checkpoint, or it does not fit.
     """
     prefix, place = config.prefix, config.place
     if wiping and contains(new, prefix):
         what = f"-w would delete that model, because it is inside DR_LOCAL_S3_MODEL_PREFIX={new}."
-        remedy = "Choose a DR_LOCAL_S3_MODEL_PREFIX beside it."
+        remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX."
         raise _wrong(PREFIX, place, prefix, what, remedy)
     source, tensors = named_weights(config, bucket)
     try:
@@ -74,7 +61,7 @@ def find(
             f"no checkpoint of {model} has been evaluated yet, so its first one, {source.name}, "
             "counts as its best."
         )
-        remedy = "Go on if you mean it."
+        remedy = "Ignore this if you want that checkpoint."
         warnings.append(
             setting_problem(name, config.checkpoint_place, what, remedy, severity="warning")
         )
@@ -89,17 +76,10 @@ def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained,
 def read_weights(
     bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], name: str, place: Place
 ) -> tuple[Pretrained, bytes]:
-    """The weights of a model's last or best checkpoint, whole.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        checkpoint: Which of its checkpoints.
-        name: The setting that names the model.
-        place: Where that setting was given.
+    """Read the last or best checkpoint of a model, which the setting `name` chose at `place`.
 
     Raises:
-        ProblemsError: There are none; the sentence says what is missing.
+        ProblemsError: It does not exist or is not complete.
     """
     folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
     remedy = "Correct the prefix, or train that model first."
@@ -129,5 +109,5 @@ def read_weights(
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:
-    """Why the model that a setting names cannot be used."""
+    """The error for a model that a setting names and that cannot be used."""
     return ProblemsError([setting_problem(name, place, f"{name}={prefix}: {message}", remedy)])

@@ -21,7 +21,7 @@ from drcli.store.repair import Model, damages, repair, set_aside
 _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
 
-def look_after(
+def repair_or_warn(
     config: ModelConfig,
     bucket: Bucket,
     prefix: str,
@@ -29,13 +29,13 @@ def look_after(
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
-    """Tell what is damaged of a model, and repair it where nobody trains it.
+    """Warn of the damaged objects of a model, and repair them while nobody trains it.
 
     Args:
-        config: The model of the settings, whose metrics may lie elsewhere.
+        config: The model of the settings, which can have its metrics outside its prefix.
         bucket: Holds the model.
         prefix: The model.
-        may_write: Whether the command may change something.
+        may_write: Whether the command may change anything.
         missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
     """
     held = lease.holder(bucket, prefix)
@@ -49,22 +49,14 @@ def look_after(
 def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     """Put every damaged object of a model aside and reconstruct it; only while nobody trains it.
 
-    Args:
-        model: Which.
-        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
-
     Returns:
-        What was damaged and what became of it, a sentence each.
+        For each, a sentence on what was damaged and how it was repaired.
     """
-    return [
-        *repair(model, missing=missing),
-        *_repair_parameters(model),
-        *_repair_start(model),
-    ]
+    return [*repair(model, missing=missing), *_repair_parameters(model), *_repair_start(model)]
 
 
 def _repair_parameters(model: Model) -> list[str]:
-    """Bring back the model's copies of the parameter files, which each checkpoint carries."""
+    """Restore damaged parameter files from a checkpoint: each has a copy of them."""
     checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
         (
             keys.hyperparameters(model.prefix),
@@ -80,44 +72,36 @@ def _repair_parameters(model: Model) -> list[str]:
         except ObjectMissing:
             continue
         except SettingsError as error:
-            saved = _saved(model, name)
+            records = reversed(readable_records(model.bucket, model.prefix))
+            saved = next(
+                (r.counters.inputs[name] for r in records if name in r.counters.inputs), ""
+            )
             try:
-                check(saved, name)
+                check(saved.encode(), name)
             except SettingsError:
-                continue  # the command that needs the file tells what is wrong with it
+                continue  # the command that needs the file says what is wrong with it
             kept = set_aside(model.bucket, model.prefix, key)
-            model.bucket.put(key, saved)
+            model.bucket.put(key, saved.encode())
             told.append(
-                f"{error} It was brought back from a checkpoint. The damaged one is kept as "
+                f"{error} It was restored from a checkpoint. The damaged one is kept as "
                 f"{model.bucket.name}/{kept}."
             )
     return told
 
 
-def _saved(model: Model, name: str) -> bytes:
-    """The copy of a parameter file in the newest checkpoint, empty where there is none."""
-    for record in reversed(readable_records(model.bucket, model.prefix)):
-        text = record.counters.inputs.get(name)
-        if text is not None:
-            return text.encode()
-    return b""
-
-
 def _repair_start(model: Model) -> list[str]:
-    """Keep the seed at least, which a training goes on with."""
+    """Keep at least the seed of a damaged record: a training that is resumed needs it."""
     bucket, key = model.bucket, keys.training_start(model.prefix)
     try:
         read_start(bucket, model.prefix)
     except ObjectDamaged as error:
         found = _SEED.search(bucket.get(key))
         seeds = [record.counters.seed for record in readable_records(bucket, model.prefix)]
-        seed = next((s for s in reversed(seeds) if s is not None), None)
-        if seed is None and found is not None:
-            seed = int(found[1])
+        seed = next((s for s in reversed(seeds) if s is not None), int(found[1]) if found else None)
         kept = set_aside(bucket, model.prefix, key)
-        became = "Its seed is lost; the training goes on with a new one."
+        became = "Its seed is lost; the training continues with a new one."
         if seed is not None:
             bucket.put(key, TrainingStart(seed).encode())
-            became = f"Its seed, {seed}, was brought back."
+            became = f"Its seed, {seed}, was restored."
         return [f"{error} {became} The damaged one is kept as {bucket.name}/{kept}."]
     return []

@@ -1,12 +1,13 @@
-"""What a training was started with: seed, settings, versions, code and machine.
+"""Records the start of a training: seed, settings, versions, code and machine.
 
-The record is kept below the model prefix, so that a model tells where it is from wherever it is
-copied to. The three files that the racer wrote are beside it.
+The record is kept below the model prefix, so every copy of the model has it. The three files that
+the racer wrote are there too.
 """
 
 import os
 import platform
 import subprocess
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -20,9 +21,9 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
-"""Packages whose versions decide how a training goes."""
+"""Packages whose versions change the course of a training."""
 
-GIT_PATIENCE_S = 5.0
+PROGRAM_PATIENCE_S = 5.0
 
 
 def describe_start(
@@ -32,20 +33,20 @@ def describe_start(
     pretrained: Pretrained | None,
     before: TrainingStart | None,
 ) -> TrainingStart:
-    """Look at everything that decides how a training goes.
+    """Record everything that can change the course of a training.
 
     Args:
         settings: As the racer wrote them.
         directory: The racer's working folder.
         seed: Of this start.
-        pretrained: Whose weights a new model begins with.
+        pretrained: The weights that a new model begins with.
         before: The start that this one resumes; None for a new model.
     """
     return TrainingStart(
         seed=seed,
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),
         settings=chosen_settings(settings),
-        versions={"python": platform.python_version(), **{p: _version(p) for p in PACKAGES}},
+        versions={"python": platform.python_version(), **installed_versions(PACKAGES)},
         git={
             "working_folder": _git_state(directory, "."),
             "package": _git_state(Path(str(resources.files("drcli"))), "__init__.py"),
@@ -67,7 +68,7 @@ def write_start(bucket: Bucket, prefix: str, start: TrainingStart) -> None:
 
 
 def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
-    """The last start of a model, None where there is none.
+    """The last start of a model, None if it has no record.
 
     Raises:
         ObjectDamaged: It is unreadable.
@@ -80,29 +81,48 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
 
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:
-    """DR_ settings that somebody set to something else than their default, as plain values.
+    """DR_ settings with other values than their defaults, as plain values.
 
-    Settings that do nothing here are left out, and what nobody may read is hidden.
+    Leaves out settings that do nothing here, and hides secrets.
     """
-    chosen = {
-        name: _plain(getattr(settings, setting.field))
-        for name, setting in catalogue().items()
-        if name in settings.sources
-        and setting.effect != "accepted"
-        and getattr(settings, setting.field) != setting.default
-    }
-    return {
-        name: hidden(name, value) if isinstance(value, str) else value
-        for name, value in chosen.items()
-    }
+    chosen = {}
+    for name, setting in catalogue().items():
+        value = getattr(settings, setting.field)
+        if name in settings.sources and setting.effect != "accepted" and value != setting.default:
+            is_text = isinstance(value, str | Path)
+            chosen[name] = hidden(name, str(value)) if is_text else value
+    return chosen
 
 
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value
+def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:
+    """Versions of packages, None for one that is not installed."""
+    versions: dict[str, str | None] = dict.fromkeys(packages)
+    for package in packages:
+        with suppress(metadata.PackageNotFoundError):
+            versions[package] = metadata.version(package)
+    return versions
+
+
+def output_of(*command: str) -> str | None:
+    """The output of a program; None if it fails, is not installed or takes too long."""
+    try:
+        done = subprocess.run(
+            command,
+            env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=PROGRAM_PATIENCE_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def _processor() -> str:
-    """Name of the processor, as far as the system tells; else its architecture."""
+    """Name of the processor, or its architecture if the system does not give a name."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines():
             name, _, value = line.partition(":")
@@ -111,17 +131,10 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
 def _git_state(folder: Path, tracked: str) -> GitState | None:
-    """What git says about a folder; None where it does not track that file or folder in it.
+    """The git state of a folder; None if git does not track that file or folder in it.
 
-    A package that is installed below somebody's repository, in its `.venv`, is no part of that.
+    A package that is installed inside a repository, in its `.venv`, is not tracked there.
     """
     if not _git(folder, "ls-files", "--", tracked):
         return None
@@ -133,18 +146,4 @@ def _git_state(folder: Path, tracked: str) -> GitState | None:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """What git prints; None where it fails, is not installed or takes too long."""
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *arguments],
-            env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=GIT_PATIENCE_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
+    return output_of("git", "-C", str(folder), *arguments)

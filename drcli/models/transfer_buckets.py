@@ -1,4 +1,4 @@
-"""The two buckets of a transfer, and what is refused before it starts."""
+"""Opens the two buckets of a transfer, and refuses transfers that would do damage."""
 
 import re
 import uuid
@@ -16,13 +16,13 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 PLAN_PATIENCE_S = 5.0
-"""How long a command waits for a server that does not answer, before it copies anything."""
+"""How long a command waits for a server that does not answer before it copies anything."""
 
 COPY_PATIENCE_S = 120.0
-"""How long it waits while a model is copied, which gives a bad network time to recover."""
+"""The same while it copies a model, which gives a bad network time to recover."""
 
 UNDEFINED = "not-defined"
-"""Value of DR_UPLOAD_S3_BUCKET for no bucket. Source: the reference's template."""
+"""Value of DR_UPLOAD_S3_BUCKET for no bucket, as in the reference's template."""
 
 _ADDRESS = SettingNames(bucket="-s", prefix="-s")
 
@@ -32,17 +32,16 @@ _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
 def target_bucket(
     ends: TransferConfig, *, local: bool, patience_s: float, otherwise: str = ""
 ) -> Bucket:
-    """The bucket of uploads, or our own.
+    """Open the upload bucket, or our own if `local`.
 
     Args:
-        ends: Where both are.
-        local: Our own.
+        ends: Both buckets.
+        local: Whether to open our own.
         patience_s: How long calls wait for a server that does not answer.
-        otherwise: What else to do if there is no upload bucket, beginning with "or".
+        otherwise: Another way out if there is no upload bucket, beginning with "or".
 
     Raises:
-        SettingsError: There is none.
-        StorageError: It cannot be reached.
+        SettingsError: There is no upload bucket.
     """
     if local:
         return open_bucket(ends.own, patience_s=patience_s)
@@ -55,12 +54,7 @@ def target_bucket(
 
 
 def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
-    """Our own bucket or the upload bucket, for reading; the first without starting its server.
-
-    Raises:
-        SettingsError: There is no upload bucket.
-        StorageError: It cannot be reached.
-    """
+    """Open the upload bucket or our own for reading; does not start the server of our own."""
     if not upload:
         found = open_running_bucket(ends.own)
         if found is not None:
@@ -74,7 +68,7 @@ def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
 
 
 def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: float) -> Bucket:
-    """A bucket to download from: on the server of uploads, or on our own."""
+    """Open a bucket to download from: at the server of uploads, or at our own if `local`."""
     if local:
         own = server.ensure_running(ends.own)
         return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
@@ -122,12 +116,8 @@ def refuse_overlap(
 ) -> None:
     """Refuse to copy a model onto itself, or into its own folder.
 
-    Args:
-        source: Bucket and prefix.
-        target: The same.
-        flag: Chooses the prefix of the target.
-        may_write: Whether an object may be put at the target to see whether it shows at the
-            source: one server can have many addresses.
+    One server can have many addresses. With `may_write`, this puts a short-lived object at the
+    target to see whether it appears at the source.
 
     Raises:
         SettingsError: They overlap.
@@ -137,22 +127,17 @@ def refuse_overlap(
         return
     if not _is_same(source[0], target[0], may_write=may_write):
         return
+    problem = f"{after} overlaps with {before}; wiping one would delete the other."
     if before == after:
-        raise SettingsError(
-            "Target equals source. Exiting.",
-            remedy=f"Choose another prefix with {flag}.",
-        )
-    raise SettingsError(
-        f"{after} overlaps with {before}; wiping one would delete the other.",
-        remedy=f"Choose another prefix with {flag}.",
-    )
+        problem = "Target equals source. Exiting."
+    raise SettingsError(problem, remedy=f"Choose another prefix with {flag}.")
 
 
 def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
     """Refuse a copy in our own bucket that overlaps with something else.
 
     Raises:
-        SettingsError: It would share a folder with another model or with the racer's own files.
+        SettingsError: It would be in a folder with another model or with the racer's own files.
     """
     if contains(custom_files, prefix) or contains(prefix, custom_files):
         raise SettingsError(
@@ -180,7 +165,7 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
     """Refuse to write into a model that is being trained.
 
     Raises:
-        SettingsError: It is.
+        SettingsError: A training is running there.
     """
     held = lease.holder(bucket, prefix)
     if held is not None and lease.is_owner_alive(held):
@@ -191,7 +176,7 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
 
 
 def _is_same(source: Bucket, target: Bucket, *, may_write: bool) -> bool:
-    """Whether two buckets are one."""
+    """Whether both are the same bucket."""
     if source is target:
         return True
     if source.name != target.name:

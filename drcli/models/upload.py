@@ -1,23 +1,23 @@
-"""Copies one checkpoint of a model, with all that belongs to it, to where it can be used alone."""
+"""Uploads a checkpoint of a model, with all files that belong to it."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.modelfiles.params_yaml import training_parameters
-from drcli.models.checkpoint_choice import (
+from drcli.models.checkpoint_files import (
+    SHAPING,
     CheckpointGone,
     Choice,
     Chosen,
     Item,
     choose,
     read_checkpoint,
+    read_model_files,
+    refuse_incomplete,
 )
-from drcli.models.checkpoint_files import SHAPING, read_model_files, refuse_incomplete
-from drcli.models.delivery import POINTERS, Delivery, TransferReport
-from drcli.models.repair_model import look_after
+from drcli.models.delivery import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
@@ -28,12 +28,8 @@ from drcli.models.transfer_buckets import (
     target_bucket,
 )
 from drcli.store import keys
-from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, Watch
+from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_bucket
-
-Progress = Callable[[str, int], AbstractContextManager[Watch]]
-"""Shows a bar while its context lasts: takes what is done and how many bytes there are."""
 
 _PICKS = 5
 """How often another checkpoint is chosen because a running training has deleted the last one."""
@@ -41,16 +37,7 @@ _PICKS = 5
 
 @dataclass(frozen=True)
 class UploadOptions:
-    """What the command line adds to the settings.
-
-    Attributes:
-        choice: Which checkpoint.
-        prefix: Another model than that of the settings; the target is called the same then.
-        to: Another prefix at the target.
-        local: Stay in our own bucket.
-        wipe: Delete what an earlier upload left in the target's `model/`.
-        dry_run: Write nothing.
-    """
+    """Options of the command: `prefix` is another model to upload, `to` another target prefix."""
 
     choice: Choice = "last"
     prefix: str | None = None
@@ -62,11 +49,7 @@ class UploadOptions:
 
 @dataclass(frozen=True)
 class PlannedUpload:
-    """An upload that can be made.
-
-    Attributes:
-        chosen: The checkpoint as it was found.
-    """
+    """An upload that passed all checks, and its checkpoint as it was found."""
 
     options: UploadOptions
     chosen: Chosen
@@ -78,12 +61,12 @@ class PlannedUpload:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadReport(TransferReport):
-    """What was done.
+    """The result of `dr-upload-model`.
 
     Attributes:
         choice: last, best, or the number that was asked for.
-        metric: How the checkpoint was evaluated; None where it was not.
-        older: Checkpoints of earlier uploads that still lie there.
+        metric: Result of the checkpoint's evaluation; None if it was not evaluated.
+        older: Checkpoints of earlier uploads that are still there.
         older_bytes: Their size.
     """
 
@@ -110,10 +93,10 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
         otherwise="or upload into the local bucket with -L",
     )
     here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
-    look_after(settings.model, here, source, may_write=not options.dry_run)
+    repair_or_warn(settings.model, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings.model, here, source)
     chosen = choose(here, source, options.choice)
-    there.list(keys.model_folder(target))  # a target that cannot be reached ends it here
+    there.list(keys.model_folder(target))  # fails here if the target cannot be reached
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
         refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
@@ -148,35 +131,24 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     total = sum(len(item.data) for item in (*checkpoint, *shared))
     with progress("Uploading model", total) as watch:
         delivery = Delivery(there, planned.target, watch)
-        _deliver(delivery, there, planned, chosen, checkpoint, shared)
+        # Data first and pointers last: the target has a usable model for as long as possible.
+        if delivery.is_named(chosen.name) and any(map(delivery.differs, checkpoint)):
+            delivery.withdraw()  # another model has a checkpoint of this name there
+        shaping = [item for item in shared if item.name in SHAPING]
+        delivery.send(checkpoint)
+        if any(map(delivery.differs, shaping)):
+            delivery.withdraw()  # the checkpoint there does not fit the files that come now
+        delivery.send(shared)
+        delivery.publish(chosen.score)
+        if options.wipe:
+            delivery.delete_strays("model/")
+        delivery.repair_crossing(chosen.score, [*checkpoint, *shaping])
     older, older_bytes = _older(there, planned.target, chosen.name)
-    return replace(delivery.told(report), older=older, older_bytes=older_bytes)
-
-
-def _deliver(
-    delivery: Delivery,
-    there: Bucket,
-    planned: PlannedUpload,
-    chosen: Chosen,
-    checkpoint: list[Item],
-    shared: list[Item],
-) -> None:
-    """Send data first and pointers last, so that the target stays usable as long as possible."""
-    if chosen.name in _named(there, planned.target) and any(map(delivery.differs, checkpoint)):
-        delivery.withdraw()  # another model's checkpoint of the same name: one of them must go
-    shaping = [item for item in shared if item.name in SHAPING]
-    delivery.send(checkpoint)
-    if any(map(delivery.differs, shaping)):
-        delivery.withdraw()  # the checkpoint there cannot be read with what comes now
-    delivery.send(shared)
-    delivery.publish(chosen.score)
-    if planned.options.wipe:
-        delivery.sweep("model/", kept=())
-    delivery.settle(chosen.score, [*checkpoint, *shaping])
+    return replace(delivery.complete(report), older=older, older_bytes=older_bytes)
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
-    """The checkpoint; a running training may delete it while it is read."""
+    """Read the checkpoint, or the next choice if a running training deletes it meanwhile."""
     chosen = planned.chosen
     for attempt in range(_PICKS):
         try:
@@ -194,7 +166,7 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
 def _rehearsed(
     report: UploadReport, there: Bucket, planned: PlannedUpload, items: list[Item]
 ) -> UploadReport:
-    """What an upload would do."""
+    """The report of a dry run."""
     delivery = Delivery(there, planned.target, lambda more: None)
     copied = [item for item in items if not delivery.holds(item)]
     names = [item.name for item in items]
@@ -208,22 +180,8 @@ def _rehearsed(
     )
 
 
-def _named(there: Bucket, prefix: str) -> set[str]:
-    """Checkpoints that the pointers of the target name."""
-    names = set()
-    with suppress(ObjectMissing):
-        names.add(there.get(keys.coach_checkpoint(prefix)).decode(errors="replace").strip())
-    try:
-        scores = read_scores(there, prefix)
-    except ObjectDamaged:
-        return names
-    if scores is None:
-        return names
-    return names | {scores.best_checkpoint.name, scores.last_checkpoint.name}
-
-
 def _older(there: Bucket, prefix: str, name: str) -> tuple[list[str], int]:
-    """Checkpoints beside the one just uploaded, oldest first, and their size."""
+    """All other checkpoints at the target, oldest first, and their size."""
     sizes: dict[CheckpointName, int] = {}
     for info in there.list(keys.model_folder(prefix)):
         found = keys.checkpoint_of(prefix, info.key)

@@ -21,14 +21,14 @@ PREFIX = "DR_UPLOAD_S3_PREFIX"
 
 @dataclass(frozen=True)
 class UploadIncrement:
-    """A step from one upload to the next.
+    """The change from one upload to the next.
 
     Attributes:
         file: The run.env that is edited.
         backup: Copy of it as it was before.
-        before: Where the last upload went.
-        after: Where the next one goes.
-        wiped: How many objects lie there, to be deleted.
+        before: Prefix of the last upload.
+        after: Prefix of the next one.
+        wiped: Number of objects there, all of which will be deleted.
     """
 
     file: str
@@ -40,11 +40,7 @@ class UploadIncrement:
 
 @dataclass(frozen=True)
 class PlannedUploadIncrement:
-    """An increment that can be made.
-
-    Attributes:
-        settings: As they will be.
-    """
+    """A change that passed all checks, and the settings after it."""
 
     step: UploadIncrement
     edit: Edit
@@ -58,13 +54,13 @@ def plan_upload_increment(
     delimiter: str | None = None,
     wiping: bool = False,
 ) -> PlannedUploadIncrement:
-    """Check everything and work out the edit; nothing is changed yet.
+    """Check everything and prepare the edit; nothing is changed yet.
 
     Args:
         settings: As they are before.
-        prefix: The next name; the present one with its number raised if left out.
-        delimiter: What must stand before that number; anything but a digit if left out.
-        wiping: Whether what lies at the new prefix is to be deleted.
+        prefix: The next name; None raises the number of the present one.
+        delimiter: What must stand before that number; None for anything but a digit.
+        wiping: Whether to delete everything at the new prefix.
 
     Raises:
         DrError: The first thing that is wrong.
@@ -74,10 +70,7 @@ def plan_upload_increment(
     text = written(settings, PREFIX) or (
         default if settings.source(PREFIX) == "default" else before
     )
-    if prefix is not None:
-        text = after = prefix
-    else:
-        text, after = raised(text, before, delimiter)
+    text, after = (prefix, prefix) if prefix is not None else raised(text, before, delimiter)
     if before == after:
         raise SettingsError(f"{PREFIX} is {after} already.", remedy="Name another one with -p.")
     edit = plan_edit(settings, {PREFIX: text})
@@ -88,26 +81,23 @@ def plan_upload_increment(
 
 
 def make_upload_increment(planned: PlannedUploadIncrement) -> None:
-    """Delete what is to be wiped, then edit the file.
+    """Delete the objects at the new prefix if asked to, then edit the file.
 
     Raises:
-        SettingsError: The file was changed since it was looked at, or cannot be written.
+        SettingsError: The file has changed since the check, or cannot be written.
         StorageError: The bucket could not be wiped; the file is as it was.
     """
     planned.edit.check()
     if planned.step.wiped:
-        bucket = target_bucket(
-            planned.settings.transfer,
-            local=False,
-            patience_s=COPY_PATIENCE_S,
-        )
+        transfer = planned.settings.transfer
+        bucket = target_bucket(transfer, local=False, patience_s=COPY_PATIENCE_S)
         folder = keys.folder(planned.step.after)
         bucket.delete([info.key for info in bucket.list(folder)])
     planned.edit.make()
 
 
 def _count(settings: Settings) -> int:
-    """How many objects the next upload would overwrite; none may belong to our own model."""
+    """Count the objects at the next prefix; none of them may belong to our own model."""
     there = target_bucket(settings.transfer, local=False, patience_s=PLAN_PATIENCE_S)
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)

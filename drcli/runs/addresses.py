@@ -1,4 +1,4 @@
-"""Addresses of bucket, model and files: as s3:// names, on the web, and on this disk."""
+"""Looks up the addresses of bucket, model and files: s3://, http and on this disk."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -17,10 +17,10 @@ class Place:
     """A folder in the bucket.
 
     Attributes:
-        name: What it is.
-        s3: Its name, as the aws command takes it.
-        http: Its address, None where the local server was never started. Reading it takes the keys.
-        folder: Where it lies on this disk, None where only a server knows.
+        name: bucket, model, custom-files or metrics.
+        s3: Its s3:// address, for the aws command.
+        http: Its http address, None before the first start of the local server. Needs the keys.
+        folder: The folder on this disk, None if only a server knows it.
     """
 
     name: PlaceName
@@ -31,14 +31,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Addresses:
-    """The bucket's server, and what lies there.
+    """The bucket's server and folders.
 
     Attributes:
         cloud: DR_CLOUD.
-        endpoint: Address of the server, None where the local one was never started.
+        endpoint: Address of the server, None before the first start of the local one.
         running: Whether the local server's process runs; None for other servers.
-        region: Region to sign for.
-        places: What was asked for.
+        region: Region of the bucket.
+        places: The folders.
     """
 
     cloud: str
@@ -51,8 +51,9 @@ class Addresses:
 def addresses(
     storage: StorageConfig, model: ModelConfig, custom_files: str, names: list[PlaceName]
 ) -> Addresses:
-    """Look up addresses; starts and asks no server."""
+    """Look up addresses, without asking or starting a server."""
     endpoint = server.last_known(storage)
+    lives = endpoint is not None and endpoint.pid is not None
     prefixes: dict[PlaceName, str] = {
         "bucket": "",
         "model": keys.folder(model.prefix),
@@ -62,9 +63,7 @@ def addresses(
     return Addresses(
         cloud=storage.cloud,
         endpoint=None if endpoint is None else _server(endpoint),
-        running=None
-        if storage.cloud != "local"
-        else endpoint is not None and endpoint.pid is not None,
+        running=lives if storage.cloud == "local" else None,
         region=storage.region,
         places=[
             Place(
@@ -90,7 +89,7 @@ def _http(endpoint: Endpoint, bucket: str, prefix: str) -> str:
 
 
 def _folder(storage: StorageConfig, prefix: str) -> str | None:
-    """Where objects lie as plain files, as rclone keeps them; others have formats of their own."""
+    """The folder with the objects; only rclone keeps them as plain files."""
     if storage.cloud != "local" or storage.engine != "rclone":
         return None
     return str(storage.data_dir / storage.bucket / prefix)

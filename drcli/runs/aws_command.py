@@ -1,4 +1,4 @@
-"""The arguments and variables with which the aws command reaches the bucket."""
+"""Builds the arguments and variables with which the aws command reaches the bucket."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,13 +6,13 @@ from drcli.config.run_config import StorageConfig
 from drcli.store.server import server
 
 _COMPATIBLE = {
-    # Other servers than Amazon's do not all know the newer checksums.
+    # Not all other servers know Amazon's newer checksums.
     "AWS_REQUEST_CHECKSUM_CALCULATION": "when_required",
     "AWS_RESPONSE_CHECKSUM_VALIDATION": "when_required",
 }
 
 _OTHER_KEYS = ("AWS_PROFILE", "AWS_DEFAULT_PROFILE", "AWS_SESSION_TOKEN", "AWS_SECURITY_TOKEN")
-"""Variables that would be mixed with the keys of our own server."""
+"""Variables that would conflict with the keys of our own server."""
 
 
 def aws_command(
@@ -20,14 +20,9 @@ def aws_command(
     arguments: Sequence[str],
     environ: Mapping[str, str],
 ) -> tuple[list[str], dict[str, str]]:
-    """Arguments and environment of the aws command; the local server is started where needed.
+    """Arguments and environment of the aws command; starts the local server if needed.
 
-    Keys travel in the environment, because every user of the machine can read a command line.
-
-    Args:
-        storage: Where the bucket is.
-        arguments: What the racer wrote after the command's name.
-        environ: The racer's environment.
+    Keys go into the environment, because every user of the machine can read a command line.
     """
     endpoint = server.ensure_running(storage)
     options: list[str] = []

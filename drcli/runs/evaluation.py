@@ -3,14 +3,14 @@
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from drcli.base import log_files
 from drcli.base.errors import (
@@ -35,21 +35,18 @@ from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 
-if TYPE_CHECKING:
-    import subprocess
-
 EXIT_S = 0.6
-"""How long the worker may take to exit once its evaluation is stopped."""
+"""How long the worker may take to exit when its evaluation is stopped."""
 
 READY_TIMEOUT_S = 20.0
 
 LAUNCHED_EXIT_S = 5.0
-"""The same for an evaluation that was not ready in time; it may have a worker already."""
+"""The same for an evaluation that was not ready in time: it may already have a worker."""
 
 _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
-"""Failures that are not the worker's own, by exit code."""
+"""Failures that are not the worker's fault, by exit code."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,8 @@ class TrialReport:
         lap_s: Simulated seconds, penalties included.
         status: "Lap complete", "Off track", ...
         off_track: How often the car left the track.
-        crashes: How often it hit something.
-        resets: How often it was put back.
+        crashes: How often it crashed.
+        resets: How often it was put back on the track.
     """
 
     trial: int
@@ -81,12 +78,12 @@ class EvaluationReport:
 
     Attributes:
         prefix: Model prefix in the bucket.
-        world: Where it drove.
-        checkpoint: Which checkpoint drove.
+        world: The track.
+        checkpoint: Name of the checkpoint that drove.
         trials: All trials, in order.
         simtrace: Key of the trace in the bucket.
         metrics: Key of the metrics in the bucket.
-        opponent: The same for the other model of a HEAD_TO_MODEL race.
+        opponent: The report of the other model in a HEAD_TO_MODEL race.
     """
 
     prefix: str
@@ -104,7 +101,7 @@ class EvaluationReport:
 
     @property
     def total_s(self) -> float | None:
-        """Simulated seconds of all trials together, None unless every lap was completed."""
+        """Simulated seconds of all trials together; None if a lap was not completed."""
         if self.completed < len(self.trials):
             return None
         return sum(trial.lap_s for trial in self.trials)
@@ -117,7 +114,7 @@ class EvaluationReport:
 
 
 class EvaluationStopped(DrError):
-    """SIGTERM stopped the evaluation, as `dr-stop-evaluation` does."""
+    """SIGTERM stopped the evaluation; `dr-stop-evaluation` sends it."""
 
     code: ClassVar[int] = 143
     final: ClassVar[bool] = True
@@ -133,10 +130,10 @@ def evaluate(
     """Run the evaluation that the settings describe, and wait for its end.
 
     Args:
-        settings: Of the model and of DR_EVAL_*.
+        settings: Name the model, and the race in DR_EVAL_*.
         clone: Copy the model to `<prefix>-E` first and evaluate the copy.
         seed: Of all random numbers.
-        on_progress: Told in a few words what happens.
+        on_progress: Shows a short sentence on each step.
 
     Raises:
         SettingsError: The model or checkpoint does not exist.
@@ -149,16 +146,22 @@ def evaluate(
 
 
 def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
-    """Drive in a worker process, wait for its end, and remove all but its results.
+    """Drive in a worker process, wait for its end, and remove everything except its results.
 
     Raises:
-        SettingsError, StorageError: The reason that the worker left.
-        WorkerDied: The worker failed.
+        WorkerDied: The worker failed; other errors are those that it left.
     """
     folder = plan.job.folder
     try:
         _run(plan)
-        return _report(plan, _results(folder))
+        try:
+            records = decode_report((folder / REPORT_FILE).read_bytes())
+        except (OSError, Misfit) as error:
+            raise WorkerDied(
+                f"The evaluation worker left no results: {error}.",
+                remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
+            ) from error
+        return _report(plan, records)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -167,7 +170,7 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     """Start the evaluation as processes that outlive this one.
 
     Raises:
-        WorkerDied: It ended at once or was not ready in time.
+        WorkerDied: It exited at once or was not ready in time.
     """
     process = start_process(
         plan.job, "evaluation", "drcli.runs.evaluation", plan.stamp, *plan.checkpoints
@@ -178,25 +181,10 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
         if record is not None:
             return record
         time.sleep(0.02)
-    end_process(process, LAUNCHED_EXIT_S)  # or it would drive after all, and nobody would know
+    end_process(process, LAUNCHED_EXIT_S)  # or it could drive later, and nobody would know
     shutil.rmtree(plan.job.folder, ignore_errors=True)
     path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
-
-
-def _results(folder: Path) -> list[list[TrialMetrics]]:
-    """The records of each racer's trials.
-
-    Raises:
-        WorkerDied: The worker left none.
-    """
-    try:
-        return decode_report((folder / REPORT_FILE).read_bytes())
-    except (OSError, Misfit) as error:
-        raise WorkerDied(
-            f"The evaluation worker left no results: {error}.",
-            remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
-        ) from error
 
 
 def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
@@ -239,7 +227,7 @@ def _trials(records: list[TrialMetrics]) -> list[TrialReport]:
 
 
 def _run(plan: EvaluationPlan) -> None:
-    """Run the worker to its end, with a new log."""
+    """Run the worker until it exits, with a new log."""
     job = plan.job
     path = log_file(job.directory, job.config.model.prefix, "evaluation")
     for part in log_files.older_parts(path):
@@ -269,7 +257,7 @@ def _run(plan: EvaluationPlan) -> None:
 
 
 def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
-    """Record on this machine that the evaluation runs."""
+    """Write the record by which other commands find the evaluation."""
     config = plan.job.config
     EvaluationRecord(
         run_id=config.run_id,
@@ -285,8 +273,8 @@ def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
     ).write(plan.job.folder)
 
 
-def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
-    """Stop the worker. Where it had to be killed, delete results that may be incomplete."""
+def _end(plan: EvaluationPlan, process: subprocess.Popen[bytes]) -> None:
+    """Stop the worker. If it must be killed, delete its results, which may be incomplete."""
     if not end_process(process, EXIT_S):
         with suppress(StorageError):
             bucket = open_bucket(plan.job.config.storage, patience_s=0.0)
@@ -294,12 +282,12 @@ def _end(plan: EvaluationPlan, process: "subprocess.Popen[bytes]") -> None:
 
 
 class _Terminated(BaseException):
-    """SIGTERM came. Not an Exception, so that no code on the way handles it as a failure."""
+    """SIGTERM came. Not an Exception, so that `except Exception` does not catch it."""
 
 
 @contextmanager
 def _until_sigterm() -> Iterator[None]:
-    """Let SIGTERM end what is inside, with cleanup, as Ctrl-C would."""
+    """Let SIGTERM end the `with` block, with cleanup, as Ctrl-C does."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -317,9 +305,9 @@ def _until_sigterm() -> Iterator[None]:
 
 
 def _wait_in_background() -> None:
-    """What the process does that waits for an evaluation in the background.
+    """Wait for an evaluation in the background.
 
-    It is started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
+    Started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
     """
     job, (_, stamp, *checkpoints) = Job.received(), sys.argv
     try:
@@ -328,7 +316,7 @@ def _wait_in_background() -> None:
             run_evaluation(EvaluationPlan(here, checkpoints, stamp))
     except DrError as error:
         path = log_file(job.directory, job.config.model.prefix, "evaluation")
-        LogFile(path, job.config.log_max_mb << 20)  # not earlier: it was the worker's own
+        LogFile(path, job.config.log_max_mb << 20)  # not earlier: the worker wrote it alone
         get_logger(__name__).error("%s %s", error, error.remedy)
         raise SystemExit(error.code) from None
 

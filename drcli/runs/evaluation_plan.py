@@ -14,7 +14,7 @@ from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.modelfiles.params_yaml import evaluation_parameters
-from drcli.models.repair_model import look_after
+from drcli.models.repair_model import repair_or_warn
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -27,12 +27,12 @@ CLONE_SUFFIX = "-E"
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """An evaluation that can start.
+    """An evaluation that passed all checks.
 
     Attributes:
-        job: For the processes; its folder is the evaluation's own.
-        checkpoints: What drives: the model's, and the opponent's in a HEAD_TO_MODEL race.
-        stamp: Fourteen digits that name it.
+        job: For its processes, with a folder for this evaluation only.
+        checkpoints: The model's, and the opponent's in a HEAD_TO_MODEL race.
+        stamp: Its name, the time as fourteen digits.
     """
 
     job: Job
@@ -61,7 +61,7 @@ def prepare_evaluation(
     directory = settings.directory
     refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings.model, bucket, settings.model_prefix, missing=True)
+    repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
     on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     if clone:
@@ -69,10 +69,10 @@ def prepare_evaluation(
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
     checkpoints = [_choose(settings, bucket, settings.model_prefix)]
     if settings.race_type == "HEAD_TO_MODEL":
-        rival = settings.eval_opp_s3_model_prefix
-        look_after(settings.model, bucket, rival, missing=True)
-        _check_model(bucket, rival, "DR_EVAL_OPP_S3_MODEL_PREFIX")
-        checkpoints.append(_choose(settings, bucket, rival))
+        opponent = settings.eval_opp_s3_model_prefix
+        repair_or_warn(settings.model, bucket, opponent, missing=True)
+        _check_model(bucket, opponent, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+        checkpoints.append(_choose(settings, bucket, opponent))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = _claim_stamp(settings, bucket, directory)
@@ -121,7 +121,7 @@ def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:
-    """Settings of a copy of the model, which is made here: data first, what names it last."""
+    """Copy the model, its pointers last; returns the settings of the copy."""
     source, target = settings.model_prefix, settings.model_prefix + CLONE_SUFFIX
     pointers = (keys.deepracer_checkpoints(source), keys.coach_checkpoint(source))
     found = [
@@ -136,7 +136,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
 
 
 def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
-    """A unique name for this evaluation, and its folder; two may start in the same second."""
+    """Find a unique name for this evaluation, and make its folder; two may start in one second."""
     at = time.time()
     while True:
         stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))

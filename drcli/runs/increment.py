@@ -9,7 +9,7 @@ from drcli.config.settings import Settings, load_settings
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
 from drcli.models.pretrained import read_weights
-from drcli.models.repair_model import look_after
+from drcli.models.repair_model import repair_or_warn
 from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_second_run
 from drcli.store import lease
 from drcli.store.connect import open_bucket
@@ -23,7 +23,7 @@ PRETRAINED_PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Increment:
-    """A step from one model to the next.
+    """The change from one model to the next.
 
     Attributes:
         file: The run.env that is edited.
@@ -32,7 +32,7 @@ class Increment:
         before: Prefix of the model to continue from.
         after: Prefix of the new model.
         pretrained: The weights that the new model will begin with, as they are now.
-        wipes: Whether there is something at the new prefix, to be deleted.
+        wipes: Whether the new prefix has objects, all of which will be deleted.
     """
 
     file: str
@@ -46,7 +46,7 @@ class Increment:
 
 @dataclass(frozen=True)
 class PlannedIncrement:
-    """An increment that can be made."""
+    """A change that passed all checks."""
 
     step: Increment
     edit: Edit
@@ -59,13 +59,13 @@ def plan_increment(
     delimiter: str | None = None,
     wiping: bool = False,
 ) -> PlannedIncrement:
-    """Check everything and work out the edit; nothing is changed yet.
+    """Check everything and prepare the edit; nothing is changed yet.
 
     Args:
         settings: As they are before.
-        prefix: Name of the new model; the present one with its number raised if left out.
-        delimiter: What must stand before that number; anything but a digit if left out.
-        wiping: Whether what lies at the new prefix may be deleted.
+        prefix: Name of the new model; None raises the number of the present one.
+        delimiter: What must stand before that number; None for anything but a digit.
+        wiping: Whether to delete everything at the new prefix.
 
     Raises:
         DrError: The first thing that is wrong.
@@ -73,15 +73,13 @@ def plan_increment(
     refuse_second_run(settings.run_id, run_folder(settings.directory, settings.run_id))
     refuse_stronger_values(settings, (MODEL, PRETRAINED, PRETRAINED_PREFIX))
     before = settings.model_prefix
-    if prefix is not None:
-        text = after = prefix
-    else:
-        text, after = raised(written(settings, MODEL) or before, before, delimiter)
+    now = written(settings, MODEL) or before
+    text, after = (prefix, prefix) if prefix is not None else raised(now, before, delimiter)
     _refuse_nested(before, after)
     _refuse_left_behind(settings, after)
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    look_after(settings.model, bucket, before)
+    repair_or_warn(settings.model, bucket, before)
     checkpoint, place = settings.pretrained_checkpoint, settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
     used = is_used(bucket, after)
@@ -100,10 +98,10 @@ def plan_increment(
 
 
 def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> None:
-    """Delete what is to be wiped, keep a copy of the file, and replace it in one step.
+    """Delete the objects at the new prefix if asked to, then edit the file.
 
     Raises:
-        SettingsError: The file was changed since it was looked at, or cannot be written.
+        SettingsError: The file has changed since the check, or cannot be written.
         StorageError: The bucket could not be wiped; the file is as it was.
     """
     planned.edit.check()
@@ -122,7 +120,7 @@ def _refuse_nested(before: str, after: str) -> None:
 
 
 def _refuse_left_behind(settings: Settings, after: str) -> None:
-    """Load the settings as they will be: nothing in them may be wrong or name the old model."""
+    """Check the settings after the edit: they must be right and not name the old model."""
     before = settings.model_prefix
     edited = {MODEL: after, PRETRAINED: "True", PRETRAINED_PREFIX: before}
     metrics = load_settings(settings.directory, flags=edited).metrics_prefix

@@ -1,4 +1,4 @@
-"""Keeps the lease of a running training, and notices when another one has taken it."""
+"""Renews the lease of a running training, and notices when another one has taken it."""
 
 import time
 from collections.abc import Callable
@@ -10,8 +10,8 @@ from drcli.store.bucket import Bucket
 from drcli.store.lease import STALE_S, elapsed_s, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0
-"""How often the owner checks the lease. A training that loses it has to end within 15 seconds, some
-of which its workers may need."""
+"""How often the owner checks the lease. A training that loses it must end within 15 seconds, some
+of which its workers need."""
 
 RENEW_S = 10.0
 """How often the owner writes it again."""
@@ -27,7 +27,7 @@ class Renewal:
         bucket: Holds the lease. It should give up soon: the next step tries again.
         prefix: The model.
         lease: As it was taken.
-        clock: Seconds that count on while this process is stopped, for tests.
+        clock: Seconds, which must also count while this process is stopped; for tests.
     """
 
     def __init__(
@@ -39,10 +39,10 @@ class Renewal:
         self._clock = clock
         self._written_s = self._owned_s = clock()
         self.lost: OwnershipLost | None = None
-        """Why the training has to end; None while it holds the lease."""
+        """Why the training must end; None while it holds the lease."""
 
     def step(self) -> None:
-        """Check who holds the lease, and write it again where it is ours and due.
+        """Check who holds the lease, and write it again if it is ours and due.
 
         Raises:
             StorageError: The bucket does not answer; the next step tries again.

@@ -1,4 +1,4 @@
-"""Work beside the supervisor's loop, which never waits for it."""
+"""Runs work in threads, so that the supervisor's loop never waits for it."""
 
 import queue
 import threading
@@ -12,12 +12,9 @@ _logger = get_logger(__name__)
 
 
 class Periodic:
-    """Calls a function at intervals, in a thread that ends with the process.
+    """Calls a function every few seconds, in a thread that ends with the process.
 
-    Args:
-        name: Of the thread and in the log.
-        what: The work. A failure is logged once and does not end it: there is a next time.
-        every_s: Seconds between two calls.
+    A failure of the function is logged once and does not end the calls.
     """
 
     def __init__(self, name: str, what: Callable[[], object], every_s: float) -> None:
@@ -33,18 +30,14 @@ class Periodic:
         self._thread.start()
 
     def stop(self, *, wait_s: float = 0.0) -> None:
-        """Call no more, and wait so long for a call that is running."""
+        """End the calls, and wait up to `wait_s` for a call that is running."""
         self._ended = True
         self._errands.put(lambda: None)
         if self._thread.is_alive():
             self._thread.join(wait_s)
 
     def ask(self, errand: Callable[[], object]) -> threading.Event:
-        """Have this thread do something else as soon as it can.
-
-        Returns:
-            Set once it is done or has failed.
-        """
+        """Call another function soon; the event is set once it has returned or failed."""
         done = threading.Event()
 
         def do() -> None:
@@ -69,7 +62,7 @@ class Periodic:
         try:
             call()
             self._logged = ""
-        except Exception as error:  # whatever it is, the thread must go on
+        except Exception as error:  # the thread must go on after any failure
             words = str(error) if isinstance(error, DrError) else f"{type(error).__name__}: {error}"
             if words != self._logged:
                 self._logged = words
@@ -80,12 +73,9 @@ class Periodic:
 def within(
     seconds: float, call: Callable[[], object], give_up: Callable[[], bool] = lambda: False
 ) -> bool:
-    """Call a function and wait for its end, but no longer than so many seconds.
+    """Call a function and wait for its end, up to some seconds or until `give_up()`.
 
-    Args:
-        seconds: How long.
-        call: Must report its failures itself.
-        give_up: Asked again and again whether to stop waiting.
+    The function must report its failures itself.
 
     Returns:
         Whether it ended in time; otherwise it goes on in its thread.

@@ -5,7 +5,7 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from drcli.base import notices
@@ -36,21 +36,13 @@ from drcli.workers.goals import ending
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer."""
 
-UNTOLD = ("V-20",)
+NOT_SHOWN = ("V-20",)
 """Rules whose warnings only `dr validate` shows."""
 
 
 @dataclass(frozen=True)
 class StartOptions:
-    """What the command line adds to the settings.
-
-    Attributes:
-        wipe: Delete what lies under the model prefix.
-        resume: Go on with what lies there.
-        max_minutes: Finish after so much wall time.
-        until_laps: Finish once an evaluation completes all its laps, at least so many.
-        seed: What all random numbers are derived from; drawn if left out.
-    """
+    """Options of the command; `until_laps` is the least number of laps of a perfect evaluation."""
 
     wipe: bool = False
     resume: bool = False
@@ -64,11 +56,10 @@ class RunPlan:
     """A training that can start: every check has passed.
 
     Attributes:
-        job: For the processes.
-        warnings: Sentences about what is allowed and may surprise.
+        warnings: Sentences about allowed settings that may surprise.
         resumes: The checkpoint to continue from, None for a new model.
-        ends: What ends it, as one sentence.
-        pretrained: Whose weights a new model begins with, None where they are fresh.
+        ends: A sentence that says when the training ends.
+        pretrained: The model whose weights a new model begins with, None for fresh weights.
     """
 
     job: Job
@@ -81,16 +72,14 @@ class RunPlan:
 
 
 def prepare(settings: Settings, options: StartOptions) -> RunPlan:
-    """Check everything and freeze the inputs in the bucket, before a process starts.
+    """Check everything and copy the inputs into the bucket, before a process starts.
 
-    The model prefix belongs to the job's session from then on, so that a start which comes second
-    changes nothing there.
+    Then the model prefix belongs to the job's session, and a second start changes nothing there.
 
     Raises:
-        SettingsError: Something is wrong; the message has a line for each finding.
-        StorageError: The bucket cannot be used.
+        SettingsError: Something is wrong; the message has a line for each problem.
     """
-    directory = settings.directory
+    directory, prefix = settings.directory, settings.model_prefix
     if options.wipe and options.resume:
         raise SettingsError(
             "-w deletes the model and --resume continues it; they cannot be combined.",
@@ -101,9 +90,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     refuse_second_run(settings.run_id, folder)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe()
-    lease.refuse_other_owner(bucket, settings.model_prefix)
+    lease.refuse_other_owner(bucket, prefix)
 
-    prefix = settings.model_prefix
     newest = newest_checkpoint(bucket, prefix)
     if options.resume and newest is None:
         raise SettingsError(
@@ -111,12 +99,11 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
         )
     if options.resume:
+        # Show these now: the plan's warnings are lost if the start is refused.
         for sentence in repair_all(Model.of(settings.model, bucket, prefix)):
-            notices.warn(
-                sentence
-            )  # now, because the plan's warnings are lost if the start is refused
+            notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
-    going_on, passed_over = _going_on(bucket, prefix) if options.resume else (None, [])
+    resumes, damaged = _resumable(bucket, prefix) if options.resume else (None, [])
     job = Job(
         config=settings.run,
         session=secrets.token_hex(6),
@@ -136,10 +123,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     )
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
-    odd = of_severity(examined.problems, "warning")
-    untold = (str(problem) for problem in odd if problem.rule not in UNTOLD)
-    warnings = [*passed_over, *settings.warnings, *untold]
-
+    found = of_severity(examined.problems, "warning")
+    shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
+    warnings = [*damaged, *settings.warnings, *shown]
     source = transfer.source if transfer is not None else None
     with _taken(job, bucket, options):
         wiping = options.wipe and is_used(bucket, prefix)
@@ -150,15 +136,16 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         start = describe_start(settings, directory, job.seed, source, before)
         write_start(bucket, prefix, start)
         if transfer is not None:
-            transfer.hand_over(bucket, prefix)
+            # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
+            CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)
-    return RunPlan(job, inputs, warnings, going_on, ends, source, wiping)
+    return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
 
 
 def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
-    """Say what cannot be run yet instead of running something else."""
+    """Refuse settings that are not supported yet."""
     problem = settings.unsupported(job)
     if problem is not None:
         raise ProblemsError([problem])
@@ -178,11 +165,10 @@ def refuse_second_run(run_id: int, folder: Path) -> None:
 
 @contextmanager
 def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
-    """Make the model prefix this start's own, and give it back if what is inside fails.
+    """Take the lease of the model prefix, and release it if the `with` block fails.
 
-    The checks took seconds, in which another start may have been faster: of two that come here at
-    the same time, one finds the other's lease. The folder is locked only for this step, because
-    other commands need it too.
+    Another start may have taken it during the checks, which need seconds. The folder is locked only
+    for this step, because other commands need it too.
 
     Raises:
         SettingsError: Another start was faster.
@@ -203,10 +189,10 @@ def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
 
 
 def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
-    """The same places, but the model's own files where `custom_files/` has none.
+    """The same places, with the model's own files for those that `custom_files/` does not have.
 
-    A racer who changes a local file between stop and resume wants the change; a machine without
-    local files continues with the files of the first start.
+    So a local file that was changed between stop and resume counts, and a machine without local
+    files continues with those of the first start.
     """
     return replace(
         places,
@@ -216,11 +202,11 @@ def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     )
 
 
-def _going_on(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
-    """The checkpoint that the trainer continues from, and sentences about damaged newer ones.
+def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
+    """The checkpoint to continue from, and sentences about damaged newer ones.
 
     Raises:
-        StorageError: All are damaged.
+        StorageError: All checkpoints are damaged.
     """
     found = CheckpointStore(bucket, prefix).load_latest(with_optimizer=True)
     if found is None:
@@ -249,19 +235,18 @@ def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) 
 
 
 def _parameter_files(settings: Settings) -> dict[str, Settings]:
-    """Names of the parameter files, and whose they are; workers with own races have own files."""
-    name = settings.training_params_file
-    files = {name: settings}
+    """The settings of each parameter file: each worker with its own race has its own file."""
+    file = PurePosixPath(settings.training_params_file)
+    files = {settings.training_params_file: settings}
     if settings.overrides:
-        stem, dot, ending = name.rpartition(".")
-        stem, ending = (stem, dot + ending) if dot else (name, "")
         for worker in range(settings.workers):
-            files[f"{stem}_{worker + 1}{ending}"] = settings.for_worker(worker)
+            name = file.with_stem(f"{file.stem}_{worker + 1}")
+            files[str(name)] = settings.for_worker(worker)
     return files
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:
-    """The seed; a resumed training keeps its first one unless another is given."""
+    """The seed; a resumed training keeps its first one unless the racer gives another."""
     if options.seed is not None:
         return options.seed
     if settings.train_seed is not None:
@@ -274,11 +259,7 @@ def _seed(settings: Settings, options: StartOptions, before: TrainingStart | Non
 def _forget_other_scores(
     settings: Settings, bucket: Bucket, before: TrainingStart | None
 ) -> list[str]:
-    """Forget the score of the best checkpoint if DR_TRAIN_BEST_MODEL_METRIC has changed.
-
-    Returns:
-        A warning about it.
-    """
+    """Forget the best score if DR_TRAIN_BEST_MODEL_METRIC has changed; returns a warning then."""
     name = "DR_TRAIN_BEST_MODEL_METRIC"
     if before is None or before.settings is None:
         return []

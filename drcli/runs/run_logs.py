@@ -1,6 +1,6 @@
-"""Log files of a run: where they lie on disk and in the bucket, and how they get there.
+"""Finds the log files of a run, and uploads them to the bucket.
 
-Each process writes one. A thread of the supervisor uploads what is new; nothing waits for it.
+Each process writes its own log. A thread of the supervisor uploads new lines; nothing waits for it.
 """
 
 import math
@@ -28,41 +28,27 @@ PART_BYTES = 4 << 20
 """Size of a part in the bucket. What follows the last part is uploaded again each time."""
 
 _CHECK_S = 0.1
-"""At the end: pause between two checks whether to wait on for the last upload."""
+"""Pause between two checks whether the last upload has ended."""
 
 _COMPARED_BYTES = 4 << 10
-"""Logs with so many equal bytes at the start are the same log: they hold times and numbers."""
+"""Two logs that begin with so many equal bytes are the same log: they contain times."""
 
 
 def log_file(directory: Path, prefix: str, worker: str) -> Path:
-    """Where a process writes its log on this machine.
+    """The log of a worker ("trainer", "supervisor", "sim-0", ...) on this machine.
 
-    Simulation logs have their own folder, because log-guru fails at any other log beside them.
-
-    Args:
-        directory: The racer's working folder.
-        prefix: The model.
-        worker: "trainer", "supervisor", "sim-0", ...
+    Simulation logs have their own folder, because log-guru fails if it finds any other log there.
     """
     return _folder(directory, prefix, log_kind(worker)) / f"{worker}.log"
 
 
 def log_kind(worker: str) -> str:
-    """The folder of the log of a process, on disk and in the bucket."""
+    """The folder of a worker's log, on disk and in the bucket."""
     return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
 
 
 def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
-    """Start new logs for a training that starts anew; those of the last few trainings are kept.
-
-    Args:
-        directory: The racer's working folder.
-        prefix: The model.
-        max_mb: DR_LOG_MAX_MB.
-
-    Raises:
-        SettingsError: The old ones cannot be renamed.
-    """
+    """Start new logs for a new training, and keep those of the last few trainings."""
     folders = [_folder(directory, prefix, kind) for kind in _FOLDERS]
     try:
         log_files.set_aside(folders, max_mb << 20)
@@ -75,11 +61,9 @@ def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
 
 @dataclass
 class _Position:
-    """How far a log has been uploaded as complete parts.
+    """How far a log is uploaded in complete parts: all files before `number`, `offset` bytes of it.
 
-    Attributes:
-        number: The local file, as in `log_files.current_number`; those before it are uploaded.
-        offset: How many bytes of it are uploaded.
+    The numbers are those of `log_files.current_number`.
     """
 
     number: int = 1
@@ -90,14 +74,14 @@ class LogCopy:
     """The copy of one log in the bucket.
 
     S3 cannot append. So the copy consists of parts, `sim-0.log.part-000001` and so on, which are
-    written once, and of `sim-0.log` with what follows them. Joined in this order they are the log.
+    written once, and of `sim-0.log` with the newest lines. Joined in this order they are the log.
     A later start continues the parts, also on another machine.
 
     Args:
         bucket: Where to upload.
-        key: The object with what follows the parts.
+        key: The object with the newest lines.
         log: The file on this machine.
-        max_bytes: How large the parts may become together; the oldest are deleted first.
+        max_bytes: Largest size of all parts together; the oldest are deleted first.
     """
 
     def __init__(self, bucket: Bucket, key: str, log: Path, max_bytes: int) -> None:
@@ -113,15 +97,7 @@ class LogCopy:
         self._newest = (0, 0, 0)
 
     def update(self, over: Callable[[], bool] = lambda: False, *, hurried: bool = False) -> None:
-        """Upload what was added.
-
-        Args:
-            over: Asked before each part whether to stop.
-            hurried: Whether time is short, so that the end of the log is uploaded first.
-
-        Raises:
-            StorageError: The bucket cannot be used.
-        """
+        """Upload new lines until `over()`; if `hurried`, upload the end of the log first."""
         if not self._log.exists():
             return
         if not self._known:
@@ -146,7 +122,7 @@ class LogCopy:
                 write_json(self._position_file, asdict(self._position))
 
     def left_bytes(self) -> int:
-        """How much of the log is not uploaded yet."""
+        """Size of the part of the log that is not uploaded yet."""
         at = self._position
         left = -at.offset - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0)
         for path in [*log_files.older_parts(self._log), self._log]:
@@ -156,7 +132,7 @@ class LogCopy:
         return max(0, left)
 
     def _list_parts(self) -> None:
-        """List what an earlier start has uploaded."""
+        """List the parts that an earlier start has uploaded."""
         folder = self._key.rpartition("/")[0] + "/"
         start = f"{self._key}.part-"
         for info in self._bucket.list(folder):
@@ -168,7 +144,7 @@ class LogCopy:
         self._known = True
 
     def _keep_other_machines(self) -> None:
-        """Make a part of what another machine uploaded last, which we would overwrite."""
+        """Turn the newest lines of another machine into a part, or we would overwrite them."""
         try:
             data = self._bucket.get(self._key)
         except ObjectMissing:
@@ -177,10 +153,9 @@ class LogCopy:
             self._put_part(data, whole=True)
 
     def _is_ours(self, data: bytes) -> bool:
-        """Whether the newest data in the bucket comes from this log.
+        """Whether the newest lines in the bucket come from this log.
 
-        It continues where the uploaded parts end. Or it is the end of the log, which was uploaded
-        first when time was short.
+        They follow the uploaded parts, or are the end of the log, uploaded first in a hurry.
         """
         at, older = self._position, log_files.older_parts(self._log)
         path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
@@ -191,7 +166,7 @@ class LogCopy:
         return data[-_COMPARED_BYTES:] in ends
 
     def _next_bytes(self) -> tuple[Path | None, bytes]:
-        """The next file to upload and its new bytes; None where it has just been rotated."""
+        """The next file to upload and its new bytes; None if it has just been rotated."""
         at = self._position
         for part in log_files.older_parts(self._log):
             number = log_files.number_of(part)
@@ -206,7 +181,7 @@ class LogCopy:
         return (self._log if current == at.number else None), data
 
     def _put_part(self, data: bytes, *, whole: bool = False) -> int:
-        """Upload a part that ends with a line; returns its size."""
+        """Upload a part that ends with a whole line; returns its size."""
         end = len(data) if whole or len(data) < PART_BYTES else data.rfind(b"\n") + 1 or len(data)
         key = f"{self._key}.part-{self._next:06d}"
         self._bucket.put(key, data[:end])
@@ -224,15 +199,7 @@ class LogCopy:
 
 
 class LogUpload:
-    """Uploads the logs of a training in a thread, with its own client of the bucket.
-
-    Args:
-        open_bucket: Makes the client.
-        directory: The racer's working folder.
-        prefix: The model.
-        max_mb: DR_LOG_MAX_MB.
-        names: Whose logs, the most important first.
-    """
+    """Uploads the logs of the named workers in a thread, the most important first."""
 
     def __init__(
         self,
@@ -258,12 +225,7 @@ class LogUpload:
         self._thread.start()
 
     def finish(self, patience_s: float, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Upload what is new for the last time, and log what could not be uploaded.
-
-        Args:
-            patience_s: How long the upload may take.
-            given_up: Asked again and again whether to stop waiting.
-        """
+        """Upload new lines for the last time, until `patience_s` is over or `given_up()`."""
         self._deadline_s = time.monotonic() + patience_s
         self._ending.set()
         while self._thread.is_alive() and not self._is_over() and not given_up():
@@ -305,7 +267,7 @@ def _folder(directory: Path, prefix: str, kind: str) -> Path:
 
 
 def _read_position(path: Path, log: Path) -> _Position:
-    """The position where an earlier start stopped; the beginning where that fits no file."""
+    """The position where an earlier start stopped, or the beginning if it fits no file."""
     try:
         position = _Position(**read_json(path))
         current = log_files.current_number(log)
@@ -318,12 +280,12 @@ def _read_position(path: Path, log: Path) -> _Position:
 
 
 def _read(path: Path, offset: int) -> bytes:
-    """At most as much as a part may have, from an offset on."""
+    """Bytes from an offset on, at most one part."""
     with path.open("rb") as file:
         file.seek(offset)
         return file.read(PART_BYTES)
 
 
 def _end_of(path: Path) -> bytes:
-    """At most as much as a part may have, up to the end."""
+    """The last bytes of a file, at most one part."""
     return _read(path, max(0, path.stat().st_size - PART_BYTES))

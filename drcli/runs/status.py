@@ -1,4 +1,4 @@
-"""What is known of a run: from its record on this machine and from the bucket."""
+"""Looks up the state of a run: in its record on this machine and in the bucket."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,13 +9,14 @@ from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
-from drcli.exchange.scores import Score
+from drcli.exchange.trace import STEP_S
 from drcli.exchange.worker_state import ActivityRecord
+from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
-from drcli.store.history import collapse
+from drcli.store.history import collapse, read_history
 from drcli.store.repair import Model, readable_history, readable_scores
 
 
@@ -28,7 +29,7 @@ class WorkerReport:
         pid: Its process, or None before it started.
         alive: Whether that process runs.
         restarts: How often the supervisor has restarted it.
-        activity: What it is doing or waiting for, in a few words.
+        activity: What it does or waits for, in a few words.
         log: Path of its log file on this machine.
     """
 
@@ -41,19 +42,6 @@ class WorkerReport:
 
 
 @dataclass(frozen=True)
-class CheckpointReport:
-    """A checkpoint that a user may want.
-
-    Attributes:
-        name: Such as "12_Step-7824.ckpt".
-        metric: Average score of its evaluation episodes, or None before an evaluation.
-    """
-
-    name: str
-    metric: float | None
-
-
-@dataclass(frozen=True)
 class RunReport:
     """Everything `dr-status` knows.
 
@@ -62,20 +50,20 @@ class RunReport:
         bucket: Name of the bucket.
         prefix: Model prefix in the bucket.
         world: DR_WORLD_NAME.
-        state: Whether the run is starting, running or how it ended.
+        state: Whether the run is starting or running, or how it ended.
         message: Why it ended.
-        remedy: What to do about it, when it failed.
+        remedy: What to do if it failed.
         exit_code: Exit code of the supervisor once it has ended.
         started_at: Unix seconds of the start.
         elapsed_s: Wall time of training so far.
         pid: The supervisor.
         workers: All worker processes.
-        history: All iterations learned, oldest first.
+        history: All finished iterations, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
-        warning: What is wrong with the learning curve; empty when nothing is.
-        damaged: What is damaged in the bucket, a sentence each. The curve and the checkpoints are
-            reconstructed then, as far as possible.
+        warning: What is wrong with the learning curve; empty if nothing is.
+        damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
+            are reconstructed then, as far as possible.
     """
 
     run_id: int
@@ -91,8 +79,8 @@ class RunReport:
     pid: int | None = None
     workers: list[WorkerReport] = field(default_factory=list)
     history: list[IterationRecord] = field(default_factory=list)
-    best: CheckpointReport | None = None
-    last: CheckpointReport | None = None
+    best: CheckpointEntry | None = None
+    last: CheckpointEntry | None = None
     warning: str = ""
     damaged: list[str] = field(default_factory=list)
 
@@ -106,7 +94,7 @@ class RunReport:
 
 @dataclass(frozen=True)
 class Process:
-    """A worker of a training or evaluation that runs.
+    """A worker of a running training or evaluation.
 
     Attributes:
         name: "trainer", "sim-0", "sim-1", ... or "evaluation".
@@ -123,17 +111,38 @@ class Process:
 
 @dataclass(frozen=True)
 class ProcessReport:
-    """What `dr-find-sagemaker` and `dr-find-robomaker` found.
+    """The result of `dr-find-sagemaker` and `dr-find-robomaker`.
 
     Attributes:
-        processes: Those that run.
+        processes: The workers that run.
     """
 
     processes: list[Process] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class SpeedReport:
+    """The newest iteration that a simulation worker has finished.
+
+    Attributes:
+        worker: "sim-0", "sim-1", ...
+        pid: Its process.
+        iteration: Number of the iteration, None before the first.
+        steps: Steps that all its cars together drove in it.
+        steps_per_s: Steps per second of wall time while it drove.
+        real_time_factor: Simulated seconds of all cars together, per second of wall time.
+    """
+
+    worker: str
+    pid: int
+    iteration: int | None = None
+    steps: int = 0
+    steps_per_s: float | None = None
+    real_time_factor: float | None = None
+
+
 def inspect(config: RunConfig) -> RunReport:
-    """Everything that is known of a run."""
+    """Look up everything about a run."""
     folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
@@ -147,7 +156,7 @@ def inspect(config: RunConfig) -> RunReport:
             world=config.race().world_name,
             state="none",
         )
-    # The bucket at the start; the settings may name another one now.
+    # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
     best = last = None
@@ -160,7 +169,10 @@ def inspect(config: RunConfig) -> RunReport:
             scores, also = readable_scores(model)
             damaged += also
             if scores is not None:
-                best, last = _report(scores.best_checkpoint), _report(scores.last_checkpoint)
+                best, last = (
+                    CheckpointEntry.of(scores.best_checkpoint),
+                    CheckpointEntry.of(scores.last_checkpoint),
+                )
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -206,30 +218,49 @@ def inspect(config: RunConfig) -> RunReport:
 
 
 def trainers(directory: Path, run_id: int) -> list[Process]:
-    """The trainer of this DR_RUN_ID; empty where no training runs."""
+    """The trainer of this DR_RUN_ID; empty if no training runs."""
     return _workers(directory, run_id, "trainer")
 
 
 def simulations(directory: Path, run_id: int) -> list[Process]:
-    """The simulation workers of this DR_RUN_ID, in order; empty where no training runs."""
+    """The simulation workers of this DR_RUN_ID, in order; empty if no training runs."""
     return _workers(directory, run_id, "sim-")
 
 
 def evaluations(directory: Path, run_id: int) -> list[Process]:
-    """The workers of the evaluations of this DR_RUN_ID that run, oldest first."""
+    """The workers of the running evaluations of this DR_RUN_ID, oldest first."""
     return [
-        Process(
-            "evaluation",
-            record.worker_pid,
-            exists(record.worker_pid),
-            _log(directory, record.prefix, "evaluation"),
-        )
+        _process(directory, record.prefix, "evaluation", record.worker_pid)
         for record in running_evaluations(directory, run_id)
     ]
 
 
-def _report(score: Score) -> CheckpointReport:
-    return CheckpointReport(score.name, score.avg_eval_metric)
+def speed_of(process: Process, config: RunConfig) -> SpeedReport:
+    """Measure how fast a simulation worker of a training drives."""
+    unknown = SpeedReport(process.name, process.pid)
+    record = RunRecord.read(run_folder(config.directory, config.run_id))
+    bucket = open_running_bucket(config.storage)
+    if record is None or bucket is None:
+        return unknown
+    history = read_history(bucket, record.prefix)
+    if not history:
+        return unknown
+    number = int(process.name.removeprefix("sim-"))
+    workers = sum(worker.name.startswith("sim-") for worker in record.workers)
+    iteration = history[-1].iteration
+    key = keys.training_trace(record.prefix, iteration, worker=number, workers=workers)
+    try:
+        rows = bucket.get(key).decode().splitlines()[1:]
+    except ObjectMissing:
+        return unknown
+    seconds = [float(row.rpartition(",")[2]) for row in rows]  # wall time of each step
+    if len(seconds) < 2 or seconds[-1] <= seconds[0]:
+        return unknown
+    # There is one step more than there are pauses between steps.
+    driven_s = (seconds[-1] - seconds[0]) * len(seconds) / (len(seconds) - 1)
+    steps_per_s = len(seconds) / driven_s
+    factor = steps_per_s * STEP_S
+    return SpeedReport(process.name, process.pid, iteration, len(seconds), steps_per_s, factor)
 
 
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
@@ -247,17 +278,12 @@ def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:
     if record is None or not record.alive:
         return []
     return [
-        Process(
-            worker.name,
-            worker.pid,
-            exists(worker.pid),
-            _log(directory, record.prefix, worker.name),
-        )
+        _process(directory, record.prefix, worker.name, worker.pid)
         for worker in record.workers
         if worker.name.startswith(kind) and worker.pid is not None
     ]
 
 
-def _log(directory: Path, prefix: str, name: str) -> str:
-    """The log of a worker. Its model need not be the one that run.env names now."""
-    return str(log_file(directory, prefix, name))
+def _process(directory: Path, prefix: str, name: str, pid: int) -> Process:
+    """A worker; its model need not be the one that run.env names now."""
+    return Process(name, pid, exists(pid), str(log_file(directory, prefix, name)))

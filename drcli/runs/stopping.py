@@ -23,13 +23,15 @@ TRAINING_PATIENCE_S = 30.0
 KILLED_PATIENCE_S = 10.0
 EVALUATION_PATIENCE_S = 15.0
 
+Run = RunRecord | EvaluationRecord
+
 
 @dataclass(frozen=True)
 class Stopped:
-    """Something that was stopped.
+    """A run that was stopped.
 
     Attributes:
-        kind: What it was.
+        kind: training or evaluation.
         run_id: Its DR_RUN_ID.
         model: Its model, as s3://bucket/prefix.
         pid: Its process, which has ended.
@@ -43,11 +45,11 @@ class Stopped:
 
 @dataclass(frozen=True)
 class StopReport:
-    """What was stopped.
+    """The result of a stop command.
 
     Attributes:
         stopped: Trainings and evaluations, in that order.
-        server: Whether the local S3 server was stopped, too.
+        server: Whether the local S3 server was stopped too.
     """
 
     stopped: list[Stopped] = field(default_factory=list)
@@ -62,10 +64,7 @@ def running_trainings(directory: Path) -> list[RunRecord]:
 
 
 def stop(config: RunConfig, *, wait_s: float = 30.0) -> RunReport:
-    """Ask the supervisor to stop the training, and wait for its end.
-
-    A second request meanwhile kills the workers at once.
-    """
+    """Stop a training and wait for its end; a second call meanwhile kills its workers."""
     record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is not None and record.alive:
         _terminate([record])
@@ -80,30 +79,18 @@ def is_running(config: RunConfig) -> bool:
 
 
 def stop_the_only_training(directory: Path) -> Stopped | None:
-    """Stop the training that runs in a working folder; None where none or several run.
-
-    Raises:
-        WorkerDied: Its process did not exit.
-    """
+    """Stop the only training of a working folder; None if none or several run."""
     trainings = running_trainings(directory)
     return _stop(trainings, [])[0] if len(trainings) == 1 else None
 
 
 def stop_runs(directory: Path) -> list[Stopped]:
-    """Stop every training and evaluation that was started in a working folder.
-
-    Raises:
-        WorkerDied: A process did not exit.
-    """
+    """Stop every training and evaluation that was started in a working folder."""
     return _stop(running_trainings(directory), running_evaluations(directory))
 
 
 def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
-    """Stop the evaluations of one DR_RUN_ID, whichever shell started them.
-
-    Raises:
-        WorkerDied: A process did not exit.
-    """
+    """Stop the evaluations of one DR_RUN_ID, whichever shell started them."""
     return _stop([], running_evaluations(directory, run_id))
 
 
@@ -112,11 +99,10 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
 
     Args:
         directory: The racer's working folder.
-        load: Says where the bucket is, from the settings.
+        load: Loads the settings of the bucket.
 
     Raises:
-        SettingsError: These are wrong, and no server is found in its default folder.
-        WorkerDied: A process did not exit.
+        SettingsError: They are wrong, and no server runs in the default folder.
     """
     stopped = stop_runs(directory)
     try:
@@ -130,8 +116,12 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
 
 
 def _stop(trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord]) -> list[Stopped]:
-    """Stop runs, and tell which they were."""
-    runs: list[RunRecord | EvaluationRecord] = [*trainings, *evaluations]
+    """Stop runs.
+
+    Raises:
+        WorkerDied: A process did not exit.
+    """
+    runs: list[Run] = [*trainings, *evaluations]
     _terminate(runs)
     if not _wait(trainings, TRAINING_PATIENCE_S):
         _terminate(trainings)  # at the second signal a supervisor kills its workers
@@ -143,27 +133,28 @@ def _stop(trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord
             f"Process {left.replace(' ', ', ')} did not exit.",
             remedy=f"End it with `kill -9 {left}`; its workers exit with it.",
         )
-    return [_stopped(run) for run in runs]
+    return [
+        Stopped(kind_of(run), run.run_id, f"s3://{run.bucket}/{run.prefix}", run.pid)
+        for run in runs
+    ]
 
 
-def _terminate(runs: Sequence[RunRecord | EvaluationRecord]) -> None:
+def kind_of(run: Run) -> Literal["training", "evaluation"]:
+    """Whether this is the record of a training or of an evaluation."""
+    return "training" if isinstance(run, RunRecord) else "evaluation"
+
+
+def _terminate(runs: Sequence[Run]) -> None:
     for run in runs:
         if is_alive(run.pid, run.pid_started):
             with suppress(ProcessLookupError):
                 os.kill(run.pid, signal.SIGTERM)
 
 
-def _wait(runs: Sequence[RunRecord | EvaluationRecord], patience_s: float) -> bool:
+def _wait(runs: Sequence[Run], patience_s: float) -> bool:
     """Whether all of them ended in time."""
     return wait_until(
         lambda: not any(is_alive(run.pid, run.pid_started) for run in runs),
         patience_s=patience_s,
         last_s=0.05,
     )
-
-
-def _stopped(run: RunRecord | EvaluationRecord) -> Stopped:
-    kind: Literal["training", "evaluation"] = (
-        "training" if isinstance(run, RunRecord) else "evaluation"
-    )
-    return Stopped(kind, run.run_id, f"s3://{run.bucket}/{run.prefix}", run.pid)

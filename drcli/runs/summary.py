@@ -1,10 +1,6 @@
 """A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
-import shutil
-import subprocess
-import threading
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from platform import python_version
 from typing import Literal
@@ -12,30 +8,31 @@ from typing import Literal
 from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
+from drcli.models.run_metadata import installed_versions, output_of
 from drcli.runs.addresses import addresses
-from drcli.runs.stopping import running_trainings
+from drcli.runs.periodic import within
+from drcli.runs.stopping import Run, kind_of, running_trainings
 from drcli.store import keys
 from drcli.store.connect import open_running_bucket
 from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.server import server
 
 BUCKET_PATIENCE_S = 2.0
-_PROGRAM_PATIENCE_S = 2.0
 PACKAGES = ("drcli", "torch", "mujoco")
 
 
 @dataclass(frozen=True)
 class BucketState:
-    """The bucket, as far as it tells within two seconds.
+    """The state of the bucket, if it answers within two seconds.
 
     Attributes:
         cloud: DR_CLOUD.
         name: DR_LOCAL_S3_BUCKET.
         endpoint: Address of its server, None where the local one was never started.
-        state: "stopped" is a local server that does not run; "silent" is any that fails to answer.
+        state: "stopped": the local server does not run; "silent": a server does not answer.
         reason: Why it is silent, empty otherwise.
-        checkpoint: The model's newest checkpoint; None if there is none or it is unknown.
-        model: Whether the model has a checkpoint; None if that is unknown.
+        checkpoint: The model's newest checkpoint; None if it has none or that is unknown.
+        model: Whether the model has a checkpoint; None if unknown.
     """
 
     cloud: str
@@ -49,14 +46,14 @@ class BucketState:
 
 @dataclass(frozen=True)
 class Running:
-    """Something that runs in the folder.
+    """A run in the folder.
 
     Attributes:
-        kind: What it is.
+        kind: training or evaluation.
         run_id: Its DR_RUN_ID.
         model: Its model, as s3://bucket/prefix.
-        world: Where it drives.
-        since: Unix seconds.
+        world: Its track.
+        since: Unix seconds of its start.
         pid: Its process.
     """
 
@@ -70,7 +67,7 @@ class Running:
 
 @dataclass(frozen=True)
 class Summary:
-    """Everything `dr-summary` shows.
+    """The result of `dr-summary`.
 
     Attributes:
         folder: The working folder.
@@ -84,10 +81,10 @@ class Summary:
         workers: DR_WORKERS.
         bucket: The bucket.
         running: Trainings and evaluations of every DR_RUN_ID in this folder.
-        versions: Of Python and the packages that matter; None where one is not installed.
+        versions: Of Python and the important packages; None for one that is not installed.
         gpus: Names of the NVIDIA GPUs.
         gpu_usable: Whether the installed torch can use them.
-        warnings: What the settings warn of.
+        warnings: Warnings about the settings.
     """
 
     folder: str
@@ -108,14 +105,16 @@ class Summary:
 
 
 def summarize(settings: Settings) -> Summary:
-    """Look at everything; starts no server and waits two seconds for the bucket at most."""
+    """Look at everything, without starting a server; waits two seconds at most for the bucket."""
     directory = settings.directory
-    versions = {"python": python_version(), **{name: _version(name) for name in PACKAGES}}
-    gpus = _gpus()
+    versions = {"python": python_version(), **installed_versions(PACKAGES)}
+    # Asking torch for the GPUs would take seconds to load it.
+    listed = output_of("nvidia-smi", "--query-gpu=name", "--format=csv,noheader") or ""
+    gpus = [line.strip() for line in listed.splitlines()]
     return Summary(
         folder=str(directory),
         experiment=settings.experiment_name,
-        branch=_answer("git", "-C", str(directory), "branch", "--show-current") or None,
+        branch=output_of("git", "-C", str(directory), "branch", "--show-current") or None,
         run_id=settings.run_id,
         prefix=settings.model_prefix,
         race_type=settings.race_type,
@@ -133,7 +132,7 @@ def summarize(settings: Settings) -> Summary:
 
 
 def _bucket_state(settings: Settings) -> BucketState:
-    """Ask the bucket; some libraries wait longer than anybody wants to, so from a thread."""
+    """Ask the bucket, in a thread: some libraries wait for an answer for too long."""
     cloud, name = settings.cloud, settings.bucket
     try:
         endpoint = server.last_known(settings.storage)
@@ -159,15 +158,13 @@ def _bucket_state(settings: Settings) -> BucketState:
         except StorageError as error:
             answer.append(BucketState(cloud, name, address, "silent", str(error)))
 
-    thread = threading.Thread(target=ask, daemon=True)
-    thread.start()
-    thread.join(BUCKET_PATIENCE_S)
+    within(BUCKET_PATIENCE_S, ask)
     late = f"no answer within {BUCKET_PATIENCE_S:.0f} s"
     return answer[0] if answer else BucketState(cloud, name, address, "silent", late)
 
 
 def _newest_on_disk(settings: Settings) -> str | None:
-    """Newest checkpoint in the folder of a stopped server, "" for none, None if unknown."""
+    """Newest checkpoint in the folder of a stopped server; "" for none, None if unknown."""
     [place] = addresses(
         settings.storage, settings.model, settings.custom_files_prefix, ["model"]
     ).places
@@ -181,45 +178,15 @@ def _newest_on_disk(settings: Settings) -> str | None:
 
 
 def _running(directory: Path) -> list[Running]:
-    trainings = [
-        Running("training", r.run_id, f"s3://{r.bucket}/{r.prefix}", r.world, r.started_at, r.pid)
-        for r in running_trainings(directory)
-    ]
-    evaluations = [
-        Running("evaluation", r.run_id, f"s3://{r.bucket}/{r.prefix}", r.world, r.started_at, r.pid)
-        for r in running_evaluations(directory)
-    ]
-    return [*trainings, *evaluations]
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _gpus() -> list[str]:
-    """Names of the NVIDIA GPUs: asking torch would take seconds to load it."""
-    lines = _answer("nvidia-smi", "--query-gpu=name", "--format=csv,noheader").splitlines()
-    return [line.strip() for line in lines]
-
-
-def _answer(program: str, *arguments: str) -> str:
-    """What a program prints; empty where it fails, is not installed or takes too long."""
-    path = shutil.which(program)
-    if path is None:
-        return ""
-    try:
-        done = subprocess.run(
-            [path, *arguments],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=_PROGRAM_PATIENCE_S,
-            check=False,
+    runs: list[Run] = [*running_trainings(directory), *running_evaluations(directory)]
+    return [
+        Running(
+            kind_of(run),
+            run.run_id,
+            f"s3://{run.bucket}/{run.prefix}",
+            run.world,
+            run.started_at,
+            run.pid,
         )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+        for run in runs
+    ]

@@ -32,11 +32,11 @@ EXIT_S = 10.0
 """How long the workers may take to exit after SIGTERM before they are killed."""
 
 LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
-"""How long the bucket may take at the end: to find the newest checkpoint, for the last logs, and to
-release the lease. A process that is asked to stop has 30 s."""
+"""How long the bucket may take at the end: to find the newest checkpoint, to upload the last logs,
+and to release the lease. A process that is asked to stop has 30 s."""
 
 FINISHED_S = 10.0
-"""How long after a simulation worker finished the trainer may take to finish, too."""
+"""How long the trainer may take to finish after a simulation worker has finished."""
 
 CRASHES: dict[int, str] = {
     signal.SIGSEGV: "a memory fault (signal SIGSEGV)",
@@ -45,17 +45,17 @@ CRASHES: dict[int, str] = {
     signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
     signal.SIGABRT: "an abort (signal SIGABRT)",
 }
-"""Signals that end a process whose own code fails, such as a reward function's."""
+"""Signals that end a process when its own code fails, such as a reward function."""
 
 CRASH_S = 600.0
-"""A worker that crashes within this time after a restart died quickly: it may drive for a while
-each time until it reaches the same place."""
+"""A crash within this time after a restart is a quick death: the worker may have to drive for a
+while until it reaches the same place."""
 
 QUICK_DEATH_S = 20.0
-"""A worker that dies otherwise within this time after a restart died quickly."""
+"""Any other death within this time after a restart is a quick death."""
 
 MAX_QUICK_DEATHS = 3
-"""How many quick deaths in a row, each by a failure of its own, a worker may have."""
+"""How many quick deaths in a row a worker may have by its own fault."""
 
 MAX_QUICK_KILLS = 25
 """The same for signals from outside."""
@@ -94,16 +94,16 @@ class Supervisor:
         revive_server: Callable[[], object],
         restart_server: Callable[[], object],
     ) -> None:
-        """Begin.
+        """Prepare the workers.
 
         Args:
             job: What to train.
-            bucket: Where.
-            record: Of the run, on this machine.
+            bucket: Holds the model.
+            record: The record of the run on this machine.
             renewal: Keeps the lease of the model.
-            open_bucket: Makes a client of the bucket for another thread.
-            revive_server: Starts the bucket's server where it does not answer.
-            restart_server: Restarts it in any case, if it is this machine's own.
+            open_bucket: Opens the bucket for another thread.
+            revive_server: Starts the bucket's server if it does not answer.
+            restart_server: Restarts it in any case, if it is ours.
         """
         self._job = job
         self._bucket = bucket
@@ -113,7 +113,7 @@ class Supervisor:
         self._hurried = False
         self._silent = False
         self._renewal = renewal
-        # Each has its own thread, so that neither they nor the loop wait for each other.
+        # Each has its own thread, so that neither of them nor the loop waits for another.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
         self._lease = Periodic("lease", renewal.step, LOOK_S)
         gpus = job.config.train.sagemaker_cuda_devices
@@ -127,11 +127,7 @@ class Supervisor:
         )
 
     def run(self) -> int:
-        """Supervise until the training is over.
-
-        Returns:
-            The exit code of the command.
-        """
+        """Supervise until the training is over; returns the exit code of the command."""
         signal.signal(signal.SIGTERM, self._note_signal)
         signal.signal(signal.SIGINT, self._note_signal)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
@@ -158,7 +154,7 @@ class Supervisor:
         self._signal = number
 
     def _start(self, child: Child) -> None:
-        LastWords.forget(self._job.folder, child.name)  # an earlier run left them
+        LastWords.forget(self._job.folder, child.name)  # those of an earlier run
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
@@ -183,11 +179,7 @@ class Supervisor:
             time.sleep(POLL_S)
 
     def _handle_exit(self, child: Child) -> Outcome | None:
-        """Restart a worker that has exited, or end the run.
-
-        Returns:
-            How the run ends; None where it continues.
-        """
+        """Restart a worker that has exited, or return how the run ends."""
         assert child.process is not None
         code = child.process.returncode
         words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
@@ -234,9 +226,9 @@ class Supervisor:
         level = logging.ERROR if outcome.state == "failed" else logging.INFO
         _logger.log(level, "%s %s", outcome.message, outcome.remedy)
         if not lost:
-            self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, self._is_hurried)
+            self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, lambda: self._hurried)
             if not self._silent:
-                within(RELEASE_PATIENCE_S, self._release, self._is_hurried)
+                within(RELEASE_PATIENCE_S, self._release, lambda: self._hurried)
         self._server.stop()
         self._record = self._with_workers().ended(
             outcome.state, outcome.code, outcome.message, outcome.remedy, time.time()
@@ -247,11 +239,8 @@ class Supervisor:
         with suppress(DrError):
             lease.release(self._bucket, self._job.config.model.prefix, self._job.session)
 
-    def _is_hurried(self) -> bool:
-        return self._hurried
-
     def _how_to_continue(self) -> str:
-        """What to do after a stop, now that the workers have saved what they had."""
+        """What to do after a stop, now that the workers have saved their work."""
         found: list[bool] = []
 
         def look() -> None:
@@ -259,9 +248,9 @@ class Supervisor:
                 newest = newest_checkpoint(self._bucket, self._job.config.model.prefix)
                 found.append(newest is not None)
 
-        within(LOOK_PATIENCE_S, look, self._is_hurried)
-        self._silent = not found  # then nothing more is asked of the bucket
-        learned = not found or found[0]  # where that is unknown, a resume finds out
+        within(LOOK_PATIENCE_S, look, lambda: self._hurried)
+        self._silent = not found  # then nothing else is asked from the bucket
+        learned = not found or found[0]  # if unknown, a resume finds out
         option = "--resume" if learned else "-w"
         return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."
 
@@ -279,14 +268,14 @@ class Supervisor:
     def _write_record(self) -> None:
         try:
             self._record.write(self._job.folder)
-        except OSError as error:  # a full disk: `dr-status` shows an older state then
+        except OSError as error:  # a full disk: `dr-status` then shows an older state
             _logger.error("%s cannot be written: %s", self._job.folder, error)
 
 
 def _died_too_often(
     child: Child, code: int, lived_s: float, words: LastWords | None
 ) -> Outcome | None:
-    """Count a death that came soon after a restart; how the run ends after too many in a row."""
+    """Count a quick death; after too many in a row, return how the run ends."""
     crash = CRASHES.get(-code)
     quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
     child.quick_deaths = child.quick_deaths + 1 if quick else 0

@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 
 from drcli.base import notices
+from drcli.base.backoff import wait_until
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.file_lock import only_writer
 from drcli.base.log import LogFile, get_logger
@@ -23,18 +24,18 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 PATIENCE_S = 5.0
-"""How long a supervisor waits for a silent bucket: it restarts the server itself."""
+"""How long a supervisor waits for a bucket that does not answer: it restarts the server itself."""
 
 READ_TIMEOUT_S = 5.0
-"""How long an answer of the bucket may stall."""
+"""How long an answer of the bucket may be interrupted."""
 
 READY_TIMEOUT_S = 20.0
 
 LOG_PATIENCE_S = 5.0
-"""How long the upload of logs waits for a silent bucket; it tries again later."""
+"""How long the upload of logs waits for a bucket that does not answer; it tries again later."""
 
 EXIT_S = 15.0
-"""How long a supervisor that was not ready in time may take to exit: it may have workers by then,
+"""How long a supervisor that was not ready in time may take to exit. It may already have workers,
 which get ten seconds."""
 
 
@@ -46,18 +47,18 @@ def launch(plan: RunPlan) -> int:
 
     Raises:
         SettingsError: Another start was faster.
-        WorkerDied: It ended at once or was not ready in time.
+        WorkerDied: It exited at once or was not ready in time.
     """
     job = plan.job
     process = start_process(job, "supervisor", "drcli.runs.training")
-    deadline = time.monotonic() + READY_TIMEOUT_S
-    while process.poll() is None and time.monotonic() < deadline:
-        if _is_ready(job):
-            return process.pid
-        time.sleep(0.05)
-    if process.poll() is not None and _is_ready(job):  # it was, and has ended since
+    wait_until(
+        lambda: _is_ready(job) or process.poll() is not None,
+        patience_s=READY_TIMEOUT_S,
+        last_s=0.05,
+    )
+    if _is_ready(job):
         return process.pid
-    end_process(process, EXIT_S)  # or it would train after all, and nobody would know
+    end_process(process, EXIT_S)  # or it could train later, and nobody would know
     refuse_second_run(job.config.run_id, job.folder)
     path = log_file(job.directory, job.config.model.prefix, "supervisor")
     raise WorkerDied(
@@ -66,13 +67,10 @@ def launch(plan: RunPlan) -> int:
 
 
 def supervise_job(job: Job) -> int:
-    """Supervise a training until its end, in the foreground or detached.
-
-    Returns:
-        The exit code of the command.
+    """Supervise a training until its end, in the foreground or detached; returns the exit code.
 
     Raises:
-        SettingsError: Another start has taken the DR_RUN_ID or the model meanwhile.
+        SettingsError: Another start has just taken the DR_RUN_ID or the model.
     """
     path = log_file(job.directory, job.config.model.prefix, "supervisor")
     log = LogFile(path, job.config.log_max_mb << 20)
@@ -86,7 +84,6 @@ def supervise_job(job: Job) -> int:
 
 
 def _supervise(job: Job) -> int:
-
     job = replace(job, launcher_pid=os.getpid())
     storage, prefix = job.config.storage, job.config.model.prefix
 
@@ -109,7 +106,7 @@ def _supervise(job: Job) -> int:
         started_at=time.time(),
         storage=StorageRecord.of(storage, job.directory),
     )
-    with only_writer(job.directory):  # of two starts in the same moment one trains
+    with only_writer(job.directory):  # of two starts at the same time, one trains
         refuse_second_run(job.config.run_id, job.folder)
         lease.refuse_other_owner(bucket, prefix, job.session)
         taken = lease.take(bucket, prefix, job.session)
@@ -136,5 +133,5 @@ if __name__ == "__main__":  # the supervisor as a process of its own
     notices.show, notices.warn = logger.info, logger.warning
     try:
         raise SystemExit(supervise_job(Job.received()))
-    except DrError as error:  # it is in the log, and the launcher shows it to the user
+    except DrError as error:  # it is in the log, and the command shows it
         raise SystemExit(error.code) from None

@@ -1,4 +1,4 @@
-"""Starts and ends the processes of a run, each apart from the terminal and with its own log."""
+"""Starts and stops the processes of a run, each apart from the terminal and with its own log."""
 
 import subprocess
 import sys
@@ -14,27 +14,27 @@ from drcli.runs.run_logs import log_file
 TRAINER = "trainer"
 
 SIMULATION_EXIT_S = 4.0
-"""How long the trainer stays while simulation workers exit: it scores what they evaluated."""
+"""How long the trainer waits for the exit of simulation workers, to score their evaluations."""
 
 
 def start_process(
     job: Job, name: str, module: str, *arguments: str, gpus: str = ""
 ) -> subprocess.Popen[bytes]:
-    """Start a module as a process that outlives this one, in a session of its own.
+    """Start a module as a process that outlives this one, with its own session and log.
 
     Args:
-        job: What it works on. It is handed over through standard input.
-        name: Whose log it writes: "trainer", "supervisor", "sim-0", "evaluation", ...
-        module: What to run, such as "drcli.workers.trainer".
+        job: What it works on; it gets it through standard input.
+        name: The worker that it is, and whose log it writes: "trainer", "sim-0", ...
+        module: Such as "drcli.workers.trainer".
         arguments: Its command line.
         gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
     """
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     path = log_file(job.directory, job.config.model.prefix, name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab") as log:  # at its end, because several processes may share it
+    with path.open("ab") as log:  # append, because several processes may share it
         return job.spawn(
-            # -P: files of the working folder must not be taken for modules of that name.
+            # -P: a file of the working folder must not replace a module of the same name.
             [sys.executable, "-P", "-m", module, *arguments],
             with_secrets=True,
             stdout=log,
@@ -46,15 +46,7 @@ def start_process(
 
 
 def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
-    """Ask a child process to stop, and wait for its end.
-
-    Args:
-        process: It may have ended already.
-        patience_s: How long it may take before it is killed.
-
-    Returns:
-        Whether it exited by itself.
-    """
+    """Stop a child process; kill it after `patience_s`. Whether it exited by itself."""
     process.terminate()
     try:
         process.wait(patience_s)
@@ -84,16 +76,18 @@ class Child:
         """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
 
+    def kill(self) -> None:
+        """Kill the process and wait for its end."""
+        if self.process is not None and self.running:
+            self.process.kill()
+            self.process.wait()
+
 
 def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:
     """Stop the workers of a run: the simulation first, then the trainer.
 
-    Args:
-        children: All of them.
-        patience_s: How long they may take to exit; 0 kills them.
-
     Returns:
-        Those that had to be killed.
+        Those that had to be killed after `patience_s`; with 0, all are killed at once.
     """
     began_s = time.monotonic()
     if patience_s > 0.0:
@@ -104,9 +98,7 @@ def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:
         _wait(children, began_s + patience_s)
     late = [child for child in children if child.running]
     for child in late:
-        if child.process is not None:
-            child.process.kill()
-            child.process.wait()
+        child.kill()
     return late
 
 

@@ -23,7 +23,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.commands.evaluate:Started": ("start-evaluation -q",),
     "runs.summary:Summary": ("summary",),
     "runs.status:ProcessReport": ("find-sagemaker", "find-robomaker"),
-    "runs.speed:SpeedReport": ("get-robomaker-stats",),
+    "runs.status:SpeedReport": ("get-robomaker-stats",),
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),

@@ -10,8 +10,9 @@ import pytest
 from drcli.base.log import LogFile
 from drcli.cli.app import main
 from drcli.exchange.iteration import IterationRecord
+from drcli.models.model_list import CheckpointEntry
 from drcli.runs.evaluation import EvaluationReport, TrialReport
-from drcli.runs.status import CheckpointReport, RunReport, WorkerReport
+from drcli.runs.status import RunReport, WorkerReport
 from drcli.store.server import server
 
 STARTED_S = 1_000_000.0
@@ -79,8 +80,8 @@ def make_report(make_record: Callable[..., IterationRecord]) -> Callable[..., Ru
                 for name, said in activities.items()
             ],
             "history": history,
-            "best": CheckpointReport("8_Step-4000.ckpt", 100.0) if iterations else None,
-            "last": CheckpointReport(f"{iterations}_Step-{iterations * 500}.ckpt", None)
+            "best": CheckpointEntry("8_Step-4000.ckpt", 100.0) if iterations else None,
+            "last": CheckpointEntry(f"{iterations}_Step-{iterations * 500}.ckpt", None)
             if iterations
             else None,
         }

@@ -14,7 +14,7 @@ from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
-from drcli.runs import speed, status
+from drcli.runs import status
 from drcli.runs.status import Process, ProcessReport
 
 TAIL_LINES = 100
@@ -105,7 +105,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
     found = _robomakers(False)[replica - 1 : replica]
     if not found:
         raise _absent(_Wanted.of(replica))
-    report = speed.speed_of(found[0], settings().run)
+    report = status.speed_of(found[0], settings().run)
     console.emit(report, summary_view.speed(report), as_json=as_json)
 
 

@@ -12,7 +12,7 @@ from drcli.cli.views.layout import Fitted
 
 if TYPE_CHECKING:
     from drcli.runs.addresses import Addresses
-    from drcli.runs.speed import SpeedReport
+    from drcli.runs.status import SpeedReport
     from drcli.runs.stopping import StopReport
     from drcli.runs.summary import BucketState, Running, Summary
 

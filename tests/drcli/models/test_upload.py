@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.models.checkpoint_choice import CheckpointGone
+from drcli.models.checkpoint_files import CheckpointGone
 from drcli.store import keys, lease
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.checkpoints import CheckpointStore

@@ -28,8 +28,7 @@ from drcli.rewards.plot import PlotReport
 from drcli.runs.evaluation import EvaluationReport
 from drcli.runs.increment import Increment
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.speed import SpeedReport
-from drcli.runs.status import Process, RunReport
+from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
@@ -187,7 +186,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
     answer("runs.status.trainers", [worker])
     answer("runs.status.simulations", [worker])
-    answer("runs.speed.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
+    answer("runs.status.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)
     answer("runs.stopping.stop_all", StopReport([stopped], server=True))
     answer("runs.stopping.stop_evaluations", [stopped])
