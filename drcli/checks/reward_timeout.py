@@ -1,6 +1,6 @@
 """Explains a worker that was ended because its reward function was stuck in one operation.
 
-Python could not interrupt it, so it left no last words; the stacks of its threads are in its log.
+Python could not interrupt it, so it wrote no `WorkerExit`; its log has the stacks of its threads.
 """
 
 import re
@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.job import LastWords
+from drcli.exchange.job import WorkerExit
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
 WHY = "one operation takes far longer than a call may, and Python cannot interrupt it"
@@ -38,8 +38,8 @@ def _letter(escaped: re.Match[str]) -> str:
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
-def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
-    """The last words that a worker would have left; None where something else ended it.
+def exit_of_stuck(code: int, log: Path, *, remedy: str) -> WorkerExit | None:
+    """The exit record that a worker would have written; None where something else ended it.
 
     Args:
         code: Exit code of its process, as subprocess gives it.
@@ -56,7 +56,7 @@ def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
         text = ""
     path, line = stuck_place(text)
     where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
-    return LastWords(
+    return WorkerExit(
         f"Reward function error: The reward function{where} failed: {WHY}.{_quoted(path, line)}",
         remedy,
         SettingsError.code,

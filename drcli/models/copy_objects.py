@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.scores import Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
@@ -256,9 +256,9 @@ def _named(pointers: list[Item], source: str) -> set[str]:
             else:
                 name = item.data.decode(errors="replace").strip()
                 if CheckpointName.parse(name) is None:
-                    raise Misfit("it does not name a checkpoint")
+                    raise RecordError("it does not name a checkpoint")
                 names.add(name)
-        except Misfit as e:
+        except RecordError as e:
             raise ObjectDamaged(
                 f"{source}/{item.name} is damaged: {e}.",
                 remedy="Restore it from a copy, or fetch another model.",

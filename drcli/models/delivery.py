@@ -16,7 +16,7 @@ from drcli.models.checkpoint_files import SHAPING
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
-from drcli.store.verify import Proof
+from drcli.store.verify import Checksums
 
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 """Names of the two objects that say which checkpoint counts, in the order of writing."""
@@ -81,7 +81,7 @@ class Delivery:
         self._folder = keys.folder(prefix)
         self._prefix = prefix
         self._watch = watch
-        self._proofs: dict[str, Proof] = {}
+        self._checksums: dict[str, Checksums] = {}
         self._there = self._look()
 
     def differs(self, item: Item) -> bool:
@@ -90,7 +90,7 @@ class Delivery:
 
     def holds(self, item: Item) -> bool:
         """Whether an item lies there as it is."""
-        return Proof.of(item.data).holds(self._bucket, self._there.get(item.name))
+        return Checksums.of(item.data).matches(self._bucket, self._there.get(item.name))
 
     def has(self, name: str, info: ObjectInfo) -> bool:
         """Whether the object of a listing elsewhere is here already, by its etag there.
@@ -100,7 +100,7 @@ class Delivery:
         own = self._there.get(name)
         if own is None or not info.etag or own.size_bytes != info.size_bytes:
             return False
-        same = info.etag in Proof.of(self._bucket.get(own.key)).etags
+        same = info.etag in Checksums.of(self._bucket.get(own.key)).etags
         if same and name not in self.unchanged:
             self.unchanged.append(name)
         return same
@@ -113,9 +113,9 @@ class Delivery:
         """
         sent: dict[str, bytes] = {}
         for item in items:
-            proof = Proof.of(item.data)
-            self._proofs[item.name] = proof
-            if proof.holds(self._bucket, self._there.get(item.name)):
+            checksums = Checksums.of(item.data)
+            self._checksums[item.name] = checksums
+            if checksums.matches(self._bucket, self._there.get(item.name)):
                 self.unchanged.append(item.name)
                 self._watch(len(item.data))
                 continue
@@ -144,7 +144,7 @@ class Delivery:
             folder: Such as `model/`, or empty for everything.
             kept: Names that stay besides.
         """
-        doomed = self.strays(folder, [*self._proofs, *kept])
+        doomed = self.strays(folder, [*self._checksums, *kept])
         self._bucket.delete([self._folder + name for name in doomed])
         self.deleted += doomed
 
@@ -189,8 +189,8 @@ class Delivery:
             StorageError: Somebody else delivers another model here.
         """
         there = self._look()
-        sent = {name: self._proofs[name] for name in names if name in self._proofs}
-        if not all(proof.holds(self._bucket, there.get(name)) for name, proof in sent.items()):
+        sent = {name: self._checksums[name] for name in names if name in self._checksums}
+        if not all(sums.matches(self._bucket, there.get(name)) for name, sums in sent.items()):
             self.withdraw()
             raise self._crossed()
 
@@ -221,7 +221,7 @@ class Delivery:
             wrong = {
                 name: data
                 for name, data in wrong.items()
-                if not self._proofs[name].holds(self._bucket, there.get(name))
+                if not self._checksums[name].matches(self._bucket, there.get(name))
             }
             if not wrong or attempt == _SENDINGS:
                 break
@@ -260,6 +260,6 @@ class Delivery:
             info = there.get(item.name)
             if info is None or info.size_bytes != len(item.data):
                 return True
-            if item.name in SHAPING and not self._proofs[item.name].holds(self._bucket, info):
+            if item.name in SHAPING and not self._checksums[item.name].matches(self._bucket, info):
                 return True
         return False

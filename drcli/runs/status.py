@@ -9,8 +9,8 @@ from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
+from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.scores import Score
-from drcli.exchange.worker_state import ActivityRecord
 from drcli.runs.run_logs import log_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record

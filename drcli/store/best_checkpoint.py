@@ -8,8 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drcli.exchange.evaluation_result import EvaluationResult
-from drcli.exchange.scores import Score, Scores
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Protocol, TypeVar
 
 from drcli.base.errors import StorageError
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 
 
 class ObjectMissing(StorageError):
@@ -83,7 +83,7 @@ def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: 
     Args:
         bucket: Holds it.
         key: The object.
-        decode: Makes a record of the bytes; Misfit where it cannot.
+        decode: Makes a record of the bytes; RecordError where it cannot.
         remedy: What to do where it cannot.
 
     Raises:
@@ -93,7 +93,7 @@ def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: 
     data = bucket.get(key)
     try:
         return decode(data)
-    except Misfit as e:
+    except RecordError as e:
         raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
 
 

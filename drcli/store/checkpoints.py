@@ -18,7 +18,7 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.scores import EvaluationResult
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record

@@ -15,9 +15,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost, SettingsError
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.base.process_identity import is_alive, started_s, this_machine
-from drcli.exchange.lease_record import Lease
+from drcli.exchange.run_state import Lease
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -37,7 +37,7 @@ def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
     try:
         data, age_s = bucket.get_with_age(keys.lease(prefix))
         lease = Lease.decode(data)
-    except (ObjectMissing, Misfit):
+    except (ObjectMissing, RecordError):
         return None
     return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
 

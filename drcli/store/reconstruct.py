@@ -12,11 +12,10 @@ from typing import Any, TypeVar
 
 from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.episode_metrics import EpisodeMetrics
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.scores import Score, Scores
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.exchange.trace import TracedEpisode, read_csv
-from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
 from drcli.store.best_checkpoint import (
     evaluated_numbers,
@@ -37,7 +36,7 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
 
     Args:
         data: The file.
-        read: Makes a record of a JSON value; Misfit where it is none.
+        read: Makes a record of a JSON value; RecordError where it is none.
     """
     text = data.decode("utf-8", "replace")
     decoder = json.JSONDecoder()
@@ -49,7 +48,7 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
             value, beyond = decoder.raw_decode(text, at)
             found.append(read(value))
             end = beyond
-        except (ValueError, RecursionError):  # Misfit is a ValueError
+        except (ValueError, RecursionError):  # RecordError is a ValueError
             pass
         at = text.find("{", end)
     return found

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.config.run_config import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
@@ -19,12 +19,10 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history
-from drcli.exchange.lease_record import Lease
-from drcli.exchange.scores import Scores
-from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
-from drcli.exchange.worker_state import ActivityRecord
+from drcli.exchange.run_state import ActivityRecord, Lease
+from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -140,7 +138,7 @@ class _Object:
 
     Attributes:
         key: Where it is.
-        decode: Raises Misfit where the bytes are something else.
+        decode: Raises RecordError where the bytes are something else.
         reconstruct: Writes it anew, given the damaged bytes; says what became of it.
     """
 
@@ -212,12 +210,12 @@ def _metrics(model: Model) -> Iterator[_Object]:
 
 
 def _refuse_missing(model: Model, *names: str) -> None:
-    """Raise Misfit where a checkpoint has no weights of any kind."""
+    """Raise RecordError where a checkpoint has no weights of any kind."""
     listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
     for name in names:
         parts = (".safetensors", ".index")
         if not listed & {keys.checkpoint_part(model.prefix, name, part) for part in parts}:
-            raise Misfit(f"it names {name}, which does not exist")
+            raise RecordError(f"it names {name}, which does not exist")
 
 
 def _write_history(model: Model, damaged: bytes) -> str:

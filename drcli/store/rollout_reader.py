@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from drcli.base.backoff import SLOW_GROWTH, delays_s
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.rollout import Episodes, decode_episodes
 from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
@@ -166,7 +166,7 @@ class RolloutReader:
 
         try:
             return decode_episodes(each(), sum(part.steps for _, part in wanted))
-        except Misfit as e:
+        except RecordError as e:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{reading} is damaged: {e}.",
                 remedy="Let the worker drive the iteration again; if it repeats, all machines need "

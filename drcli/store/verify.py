@@ -10,7 +10,7 @@ from drcli.store.s3_bucket import PART_BYTES
 
 
 @dataclass(frozen=True)
-class Proof:
+class Checksums:
     """What tells whether an object is these bytes.
 
     Args:
@@ -23,8 +23,8 @@ class Proof:
     etags: Sequence[str]
 
     @classmethod
-    def of(cls, data: bytes) -> "Proof":
-        """Proof of these bytes."""
+    def of(cls, data: bytes) -> "Checksums":
+        """Checksums of these bytes."""
         parts = [data[start : start + PART_BYTES] for start in range(0, len(data), PART_BYTES)]
         joined = b"".join(_md5(part).digest() for part in parts)
         return cls(
@@ -32,7 +32,7 @@ class Proof:
             (_md5(data).hexdigest(), f"{_md5(joined).hexdigest()}-{len(parts)}"),
         )
 
-    def holds(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
+    def matches(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
         """Whether an object is these bytes.
 
         The server's word is taken where its listing has the right etag. An encrypted object, or

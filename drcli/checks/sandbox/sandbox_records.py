@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.json_record import Misfit, built, parsed, written
+from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig
 
@@ -60,12 +60,12 @@ class SandboxRequest:
 
     def write(self, folder: Path) -> None:
         """Leave it for the process."""
-        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=written), "utf-8")
+        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
         """The request in a folder."""
-        return built(SandboxRequest, parsed((folder / _REQUEST_FILE).read_bytes()))
+        return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
 
 
 @dataclass(frozen=True)
@@ -211,13 +211,13 @@ class SandboxResult:
         """What the process has written; None where it did not come to that.
 
         Raises:
-            Misfit: It is something else, as when the racer's code has overwritten it.
+            RecordError: It is something else, as when the racer's code has overwritten it.
         """
         try:
-            record = parsed((folder / _RESULT_FILE).read_bytes())
+            record = parse_json((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:
             return None
-        result = built(SandboxResult, record)
+        result = from_json(SandboxResult, record)
         if record.get("version") != _VERSION:
-            raise Misfit(f"its version is {record.get('version')} instead of {_VERSION}")
+            raise RecordError(f"its version is {record.get('version')} instead of {_VERSION}")
         return result

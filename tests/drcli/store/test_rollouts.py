@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
@@ -111,7 +111,7 @@ def test_a_manifest_comes_back_from_its_bytes(memory):
 def test_other_bytes_are_not_a_manifest(memory, data):
     memory.put(keys.rollout_manifest(PREFIX, 3, 0), data)
 
-    with pytest.raises(Misfit, match=r"empty|instead of an object|is missing"):
+    with pytest.raises(RecordError, match=r"empty|instead of an object|is missing"):
         Manifest.decode(data)
     assert find_manifest(memory, PREFIX, 3, 0) is None
 
@@ -282,5 +282,5 @@ def test_a_manifest_that_claims_a_billion_rows_is_damage(memory):
     fields = {"iteration": 3, "worker": 0, "checkpoint": "3_Step-1.ckpt", "session": "s"}
     data = json.dumps({**fields, "parts": [part]}).encode()
 
-    with pytest.raises(Misfit, match="2000000 bytes cannot hold"):
+    with pytest.raises(RecordError, match="2000000 bytes cannot hold"):
         Manifest.decode(data)
