@@ -86,7 +86,7 @@ def test_a_process_that_does_not_leave_is_killed():
     ids=lambda kind: kind.__name__,
 )
 def test_an_evaluation_fails_as_its_worker_failed(job, started, failure, tmp_path):
-    WorkerExit.of(failure("Nothing answers.", remedy="Start the bucket.")).leave(
+    WorkerExit.of(failure("Nothing answers.", remedy="Start the bucket.")).write(
         tmp_path, "evaluation"
     )
     [words] = tmp_path.glob("evaluation.*")
