@@ -1,4 +1,4 @@
-"""Checks that an object in a bucket is what was sent, without reading it where possible."""
+"""Checks that an object in a bucket is complete and unchanged, without reading it if possible."""
 
 import hashlib
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from drcli.store.s3_bucket import PART_BYTES
 
 @dataclass(frozen=True)
 class Checksums:
-    """What tells whether an object is these bytes.
+    """Checksums of an object.
 
     Args:
         fingerprint: Size and hash.
-        etags: What servers call an object of these bytes that was sent by us: its MD5 when it
-            came in one piece, the MD5 of its parts' otherwise.
+        etags: Those that servers compute: the MD5 of an object that was sent in one piece, and the
+            MD5 of the MD5 of its parts.
     """
 
     fingerprint: Fingerprint
@@ -24,7 +24,7 @@ class Checksums:
 
     @classmethod
     def of(cls, data: bytes) -> "Checksums":
-        """Checksums of these bytes."""
+        """Compute the checksums of these bytes."""
         parts = [data[start : start + PART_BYTES] for start in range(0, len(data), PART_BYTES)]
         joined = b"".join(_md5(part).digest() for part in parts)
         return cls(
@@ -33,11 +33,7 @@ class Checksums:
         )
 
     def matches(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
-        """Whether an object is these bytes.
-
-        The server's word is taken where its listing has the right etag. An encrypted object, or
-        one of a server without etags, is read.
-        """
+        """Whether an object has these bytes: it is read unless its etag in the listing is right."""
         if info is None or info.size_bytes != self.fingerprint.size_bytes:
             return False
         if info.etag in self.etags:
@@ -49,5 +45,5 @@ class Checksums:
 
 
 def _md5(data: bytes) -> "hashlib._Hash":
-    """For comparison alone; machines that forbid MD5 for safety allow that."""
+    """Not for security, so that machines which forbid MD5 allow it."""
     return hashlib.md5(data, usedforsecurity=False)
