@@ -9,11 +9,11 @@ FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
 
 FAST_GROWTH = 2.0
-"""For failures: ask a server in trouble less often soon."""
+"""For failures: soon ask a server in trouble less often."""
 
 SLOW_GROWTH = 1.05
-"""For work in progress: each pause is a twentieth of the time waited so far, so the end of the work
-is noticed no later than that."""
+"""For work in progress: a pause is a twentieth of the time waited so far, so the end of the work
+is noticed soon."""
 
 
 def delays_s(
@@ -37,17 +37,10 @@ def wait_until(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Check until the condition holds or the patience ends; whether it holds.
+    """Check until the condition holds or `patience_s` is over; whether it holds.
 
-    Args:
-        condition: What is waited for.
-        patience_s: How long to wait.
-        first_s: Pause between the first two checks.
-        last_s: Longest pause.
-        growth: Factor from one pause to the next.
-        what: Shown to the user where it takes long; nothing if empty.
-        clock: Monotonic seconds, for tests.
-        pause: Waits the given seconds, for tests.
+    The pauses are those of `delays_s`. `what` is shown to the user if it takes long. Tests replace
+    `clock` and `pause`.
     """
     began_s = clock()
     for delay_s in delays_s(first_s, last_s, growth=growth):

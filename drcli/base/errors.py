@@ -1,21 +1,21 @@
-"""The failures a user can meet: one sentence, one remedy, one exit code."""
+"""The errors that a user can see: one sentence, one remedy, one exit code."""
 
 from typing import ClassVar
 
 
 class DrError(Exception):
-    """A failure that is explained to the user instead of shown as a traceback.
+    """An error that is explained to the user; anything else is shown as a traceback.
 
     Args:
-        message: One clear sentence that names file, line, key and value where there are any.
-        remedy: What to do about it, starting with a verb.
+        message: One sentence with file, line, key and value if there are any.
+        remedy: What to do, starting with a verb.
     """
 
     code: ClassVar[int] = 1
-    """Exit code of the process that ends with this failure."""
+    """Exit code of a process that ends with this error."""
 
     final: ClassVar[bool] = False
-    """Whether trying again is pointless until somebody has changed something."""
+    """Whether trying again is pointless until somebody changes something."""
 
     def __init__(self, message: str, *, remedy: str) -> None:
         super().__init__(message)
@@ -36,7 +36,7 @@ class StorageError(DrError):
 
 
 class NoAnswer(StorageError):
-    """The server of the bucket does not answer: it is down, or stuck."""
+    """The server of the bucket does not answer: it is down or stuck."""
 
 
 class DiskFull(StorageError):
@@ -46,41 +46,41 @@ class DiskFull(StorageError):
 
 
 class WorkerDied(DrError):
-    """A worker process ended and could not be brought back."""
+    """A worker process ended, and starting it again did not help."""
 
     code = 5
 
 
 class TrainingFailed(DrError):
-    """Learning cannot continue; everything learned before is kept."""
+    """Learning cannot continue; what was learned before is kept."""
 
     code = 6
     final = True
 
 
 class OwnershipLost(DrError):
-    """Another training has taken over the model; this one must not write there any more."""
+    """Another training has taken over the model; this one must not write to it any more."""
 
     code = 8
     final = True
 
 
 class NotAvailable(DrError):
-    """What was asked for is not implemented yet, or needs a program that is not installed."""
+    """A feature is not implemented yet, or needs a program that is not installed."""
 
     code = 7
     final = True
 
 
 class Aborted(DrError):
-    """A question was not answered with yes; nothing was changed. Source: the reference's code."""
+    """The user did not answer yes; nothing was changed. Source: the reference's code."""
 
     code = 1
     final = True
 
 
 class Absent(DrError):
-    """What was asked for is not running, or never ran. Source: the reference's code."""
+    """Something is not running, or never ran. Source: the reference's code."""
 
     code = 1
     final = True

@@ -1,4 +1,4 @@
-"""Locks between processes of one machine. The system releases them when their holder dies."""
+"""Locks between processes of one machine. The system releases them when their process ends."""
 
 import fcntl
 import os
@@ -10,21 +10,15 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import DrError, SettingsError, StorageError
 
 PATIENCE_S = 30.0
-"""How long to wait for another command that writes into the folder; each takes a moment only."""
+"""How long to wait for another command that writes to the folder; each takes only a moment."""
 
 
 @contextmanager
 def exclusive(path: Path, *, patience_s: float) -> Iterator[None]:
-    """Hold the lock file of the local S3 server.
-
-    The file stays: what counts is who holds it, and no crash leaves it held.
-
-    Args:
-        path: Lock file, made when missing.
-        patience_s: How long to wait for another holder.
+    """Hold the lock file of the local S3 server; it is created if needed and never deleted.
 
     Raises:
-        StorageError: Another command held it for so long.
+        StorageError: Another command held it for `patience_s`.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     with _held(descriptor, f"the local S3 server ({path})", patience_s, StorageError):
@@ -33,12 +27,7 @@ def exclusive(path: Path, *, patience_s: float) -> Iterator[None]:
 
 @contextmanager
 def only_writer(directory: Path) -> Iterator[None]:
-    """Keep other commands from rewriting files of a folder meanwhile.
-
-    The folder itself is locked, so nothing stays behind.
-
-    Args:
-        directory: The racer's working folder.
+    """Lock a racer's working folder, so that other commands wait before they change its files.
 
     Raises:
         SettingsError: The folder does not exist or may not be read, or another command used it for
@@ -58,9 +47,17 @@ def only_writer(directory: Path) -> Iterator[None]:
 @contextmanager
 def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError]) -> Iterator[None]:
     """Lock an open file or folder; it is closed afterwards."""
+
+    def take() -> bool:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
     try:
         if not wait_until(
-            lambda: _take(descriptor),
+            take,
             patience_s=patience_s,
             first_s=0.01,
             last_s=0.2,
@@ -75,9 +72,9 @@ def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError])
         os.close(descriptor)
 
 
-def _take(descriptor: int) -> bool:
+def leads_to(path: Path, descriptor: int) -> bool:
+    """Whether a path still leads to an open file."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except OSError:
         return False
-    return True

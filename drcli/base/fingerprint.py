@@ -1,4 +1,4 @@
-"""Size and hash by which a reader knows that an object is the one its writer meant."""
+"""Size and hash of an object: shows a reader whether it is complete and unchanged."""
 
 import hashlib
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What a complete and unaltered object must look like.
+    """Size and hash of a complete, unchanged object.
 
-    SHA-256 because `sha256sum` on the plain file checks it as well; 23 MB take about 15 ms.
+    It is SHA-256 because `sha256sum` on the plain file checks it as well; 23 MB take about 15 ms.
     """
 
     size_bytes: int
@@ -16,11 +16,11 @@ class Fingerprint:
 
     @classmethod
     def of(cls, data: bytes) -> "Fingerprint":
-        """Fingerprint of these bytes."""
+        """Compute size and hash."""
         return cls(len(data), hashlib.sha256(data).hexdigest())
 
     def fault(self, data: bytes) -> str | None:
-        """What is wrong with these bytes, None when they are the ones meant."""
+        """What is wrong with these bytes; None if they are the recorded ones."""
         if len(data) != self.size_bytes:
             return f"{len(data)} bytes instead of {self.size_bytes}"
         if hashlib.sha256(data).hexdigest() != self.sha256:

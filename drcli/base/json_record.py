@@ -43,28 +43,24 @@ _SECONDS = re.compile(r"(_s|_at|_started|^renewed|^since|time_stamp)$")
 T = TypeVar("T")
 
 
-class Misfit(ValueError):
-    """The JSON is not what was written; the sentence says where."""
+class RecordError(ValueError):
+    """A record in JSON is damaged; the sentence says where."""
 
 
 class JsonRecord:
-    """A frozen dataclass that one process writes as a JSON object and another one reads."""
+    """A frozen dataclass that one process writes as a JSON object and another reads."""
 
     VERSION: ClassVar[int] = 1
     """Of the format. Files without the key `format` have version 1."""
 
     def encode(self) -> bytes:
-        """The record as JSON."""
+        """The record as JSON text."""
         return json.dumps(self.to_json(), allow_nan=False).encode()
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Read a record.
-
-        Raises:
-            Misfit: The bytes are something else, or a newer version wrote them.
-        """
-        return cls.from_json(parsed(data))
+        """Read a record; RecordError if it is damaged or a newer version wrote it."""
+        return cls.from_json(parse_json(data))
 
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object."""
@@ -74,61 +70,63 @@ class JsonRecord:
 
     @classmethod
     def from_json(cls, value: Any) -> Self:
-        """Make a record of a JSON object; raises Misfit like `decode`."""
+        """The record in a JSON object; RecordError as for `decode`."""
         version = value.get("format", 1) if isinstance(value, dict) else 1
         if version != cls.VERSION:
-            raise Misfit(f"its format is {json.dumps(version)[:20]}, not {cls.VERSION}")
-        return built(cls, value)
+            raise RecordError(f"its format is {json.dumps(version)[:20]}, not {cls.VERSION}")
+        return from_json(cls, value)
 
 
-def parsed(data: bytes, *, with_nan: bool = False) -> Any:
-    """Read JSON text.
+def parse_json(data: bytes, *, with_nan: bool = False) -> Any:
+    """Read JSON in UTF-8.
 
     Args:
-        data: UTF-8.
-        with_nan: Whether the words NaN and Infinity, which JSON does not know, are taken for
-            numbers as Python writes them.
+        data: The text.
+        with_nan: Whether the words NaN and Infinity, which Python writes but JSON does not know,
+            are allowed.
 
     Raises:
-        Misfit: It is something else.
+        RecordError: It is not JSON.
     """
     if not data.strip():
-        raise Misfit("it is empty")
+        raise RecordError("it is empty")
     try:
         return json.loads(data, parse_constant=None if with_nan else _refuse_constant)
-    except Misfit:
+    except RecordError:
         raise
     except UnicodeDecodeError as e:
-        raise Misfit(f"byte 0x{data[e.start]:02x} at position {e.start} is not UTF-8 text") from e
+        raise RecordError(
+            f"byte 0x{data[e.start]:02x} at position {e.start} is not UTF-8 text"
+        ) from e
     except json.JSONDecodeError as e:
-        raise Misfit(f"it is not JSON (line {e.lineno} column {e.colno}: {e.msg})") from e
+        raise RecordError(f"it is not JSON (line {e.lineno} column {e.colno}: {e.msg})") from e
     except (ValueError, RecursionError) as e:  # a number with 5,000 digits; 100,000 brackets
-        raise Misfit(f"it is not JSON ({e})") from e
+        raise RecordError(f"it is not JSON ({e})") from e
 
 
-def written(value: Any) -> Any:
-    """What JSON has for a value inside a dataclass that it does not know, for `json.dumps`."""
+def json_default(value: Any) -> Any:
+    """For `json.dumps`: turns values that JSON does not know into values that it knows."""
     return value.to_json() if hasattr(value, "to_json") else str(value)
 
 
-def built(kind: type[T], value: Any) -> T:
+def from_json(kind: type[T], value: Any) -> T:
     """Make a dataclass from a JSON object.
 
-    Keys that the class does not have are passed over: a newer version may have written them.
+    Keys that the class does not have are ignored: a newer version may have written them.
 
     Raises:
-        Misfit: A key is missing or has a value that the field cannot have.
+        RecordError: A key is missing or has a value that the field cannot have.
     """
     if not isinstance(value, dict):
-        raise Misfit(f"it is {_kind_of(value)} instead of an object with keys")
-    dataclass: Any = kind  # which mypy cannot tell of a type variable
+        raise RecordError(f"it is {_kind_of(value)} instead of an object with keys")
+    dataclass: Any = kind  # mypy does not know this of a type variable
     found: dict[str, Any] = {}
     hints = _hints(dataclass)
     for item in dataclasses.fields(dataclass):
         if item.name in value:
             found[item.name] = _fitted(item.name, hints[item.name], value[item.name])
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
-            raise Misfit(f"'{item.name}' is missing")
+            raise RecordError(f"'{item.name}' is missing")
     return kind(**found)
 
 
@@ -138,7 +136,6 @@ def _hints(kind: Any) -> Mapping[str, Any]:
 
 
 def _fitted(name: str, hint: Any, value: Any) -> Any:
-    """A value as a field of this type has it."""
     origin, inner = get_origin(hint), get_args(hint)
     if hint is Any:
         return value
@@ -171,14 +168,15 @@ def _fitted(name: str, hint: Any, value: Any) -> Any:
         return {key: _fitted(f"{name}.{key}", of, item) for key, item in value.items()}
     if isinstance(hint, type) and (dataclasses.is_dataclass(hint) or hasattr(hint, "from_json")):
         try:
-            return built(hint, value) if dataclasses.is_dataclass(hint) else hint.from_json(value)
-        except Misfit as e:
-            raise Misfit(f"in '{name}': {e}") from e
+            return (
+                from_json(hint, value) if dataclasses.is_dataclass(hint) else hint.from_json(value)
+            )
+        except RecordError as e:
+            raise RecordError(f"in '{name}': {e}") from e
     return _plain(name, hint, value)
 
 
 def _plain(name: str, hint: Any, value: Any) -> Any:
-    """A text, a number or a truth value."""
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         limit = _LATEST_S if _SECONDS.search(name) else math.inf
         try:
@@ -195,11 +193,11 @@ def _plain(name: str, hint: Any, value: Any) -> Any:
 def _refuse(name: str, value: Any) -> NoReturn:
     text = json.dumps(value) if not isinstance(value, int) or abs(value) < 1e18 else "a huge number"
     shown = text if len(text) <= 40 else f"{text[:37]}..."
-    raise Misfit(f"'{name}' cannot be {shown}")
+    raise RecordError(f"'{name}' cannot be {shown}")
 
 
 def _refuse_constant(word: str) -> NoReturn:
-    raise Misfit(f"it is not JSON (it holds {word})")
+    raise RecordError(f"it is not JSON (it holds {word})")
 
 
 def _kind_of(value: Any) -> str:

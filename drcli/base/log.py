@@ -14,16 +14,17 @@ from contextlib import suppress
 from pathlib import Path
 
 from drcli.base import log_files
+from drcli.base.file_lock import leads_to
 
 LOOK_S = 0.1
 """How often the size of the log is checked."""
 
 _ours = logging.Manager(logging.RootLogger(logging.INFO))
-"""Our loggers, apart from Python's own: a reward function may configure or switch off those."""
+"""Our loggers, not Python's: a reward function may configure or switch off those."""
 
 
 def get_logger(name: str) -> logging.Logger:
-    """The logger of a module, which is silent until there is a `LogFile`."""
+    """The logger of a module; it writes nothing before there is a `LogFile`."""
     return _ours.getLogger(name)
 
 
@@ -32,12 +33,7 @@ plain = get_logger("plain")
 
 
 class LogFile(logging.FileHandler):
-    """Writes our records into a log file and keeps that small, until `end`.
-
-    Args:
-        path: The current file of the log, which is opened once.
-        max_bytes: How large the log may become, older parts included.
-    """
+    """Writes our records to a log file until `end`; with its older parts it has `max_bytes`."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -50,10 +46,10 @@ class LogFile(logging.FileHandler):
         threading.Thread(target=self._keep_small, name="log rotation", daemon=True).start()
 
     def end(self) -> None:
-        """Write no more.
+        """Stop writing.
 
-        Not `close`: Python calls that for every handler where a reward function configures
-        `logging`, and this one then opens its file again.
+        This is not `close`, which Python calls for every handler if a reward function configures
+        `logging`; this handler then opens its file again.
         """
         self._ending.set()
         _ours.root.removeHandler(self)
@@ -61,7 +57,7 @@ class LogFile(logging.FileHandler):
             self.close()
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  the name in `logging`
-        """Do without a record that a full disk does not take; the process goes on."""
+        """Drop a record if the disk is full; the process goes on."""
         if not isinstance(sys.exception(), OSError):
             super().handleError(record)
 
@@ -78,8 +74,8 @@ class LogFile(logging.FileHandler):
             own = self.stream.fileno()
             if os.fstat(own).st_size < log_files.part_bytes(self._max_bytes):
                 return
-            writers = [each for each in (own, 1, 2) if _leads_to(self._path, each)]
-            if own not in writers:  # somebody else has renamed or deleted the file
+            writers = [each for each in (own, 1, 2) if leads_to(self._path, each)]
+            if own not in writers:  # somebody has renamed or deleted the file
                 return
             fresh = log_files.rotate(self._path, self._max_bytes)
             for each in writers:
@@ -101,11 +97,3 @@ class _Formatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         return record.getMessage() if record.name == plain.name else super().format(record)
-
-
-def _leads_to(path: Path, descriptor: int) -> bool:
-    """Whether a path leads to an open file."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except OSError:
-        return False

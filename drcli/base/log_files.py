@@ -12,10 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = "DRCLI_LOG"
-"""Environment variable that tells a process which log file it writes."""
+"""Environment variable with the log file that a process writes."""
 
 UPLOADED = ".uploaded"
-"""Ends the name of the file that says how much of a log is in the bucket."""
+"""End of the name of the file that says how much of a log is in the bucket."""
 
 EARLIER_TRAININGS = 3
 """How many earlier trainings keep their logs."""
@@ -26,15 +26,15 @@ _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
 
 def part_bytes(max_bytes: int) -> int:
-    """How large the current file may become where the whole log may have so many bytes.
+    """How large the current file may become if the whole log may have `max_bytes`.
 
-    Half of it: tools read a single file, so it should hold most trainings completely.
+    That is half of it: tools read a single file, so it should hold most trainings completely.
     """
     return max_bytes // 2
 
 
 def older_parts(log: Path) -> list[Path]:
-    """The older parts of a log without the current file, oldest first."""
+    """The older parts of a log, oldest first."""
     return sorted(
         (path for path in log.parent.glob(f"{log.name}.part-*") if _suffix(path).isdigit()),
         key=number_of,
@@ -53,11 +53,7 @@ def current_number(log: Path) -> int:
 
 
 def rotate(log: Path, max_bytes: int) -> int:
-    """Begin a new current file, and delete the oldest parts where the log is too large.
-
-    Args:
-        log: The current file, which becomes the newest of the older parts.
-        max_bytes: How large the current file and the older parts may become together.
+    """Begin a new current file, and delete the oldest parts if they have more than `max_bytes`.
 
     Returns:
         A descriptor of the new file, in append mode.
@@ -78,12 +74,9 @@ def rotate(log: Path, max_bytes: int) -> int:
 
 
 def set_aside(folders: list[Path], max_bytes: int) -> None:
-    """Rename the logs of the last training, so that a new one begins new files.
+    """Rename the logs of the last training in these folders, so that a new one begins new files.
 
-    Args:
-        folders: The folders with the logs of the model.
-        max_bytes: How large the log of one worker may become. Earlier logs in a folder may have as
-            much for each worker; the newest of them stays in any case.
+    Earlier logs in a folder may have `max_bytes` for each worker; the newest of them always stays.
     """
     stamp = _stamp(folders)
     for folder in folders:
@@ -99,7 +92,7 @@ def set_aside(folders: list[Path], max_bytes: int) -> None:
 
 
 def _delete_earliest(folder: Path, max_bytes: int) -> None:
-    """Delete the logs of the oldest trainings where these are too many or too large."""
+    """Delete the logs of the oldest trainings if they are too many or too large."""
     by_stamp: dict[str, list[Path]] = {}
     for path in _files(folder):
         found = _EARLIER.fullmatch(path.name)
@@ -114,16 +107,12 @@ def _delete_earliest(folder: Path, max_bytes: int) -> None:
 
 
 def _stamp(folders: list[Path]) -> str:
-    """The time of now, in UTC; later by a second where that name is taken."""
+    """The current time in UTC, or the next second whose name is still free."""
     found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
     newest = max((match[1] for match in found if match), default="")
     now = int(time.time())
-    stamps = [_utc(now + later_s) for later_s in range(60)]
+    stamps = [time.strftime("%Y%m%d-%H%M%S", time.gmtime(now + s)) for s in range(60)]
     return next((stamp for stamp in stamps if stamp > newest), stamps[0])
-
-
-def _utc(seconds: int) -> str:
-    return time.strftime("%Y%m%d-%H%M%S", time.gmtime(seconds))
 
 
 def _files(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Messages of packages below the command line: commands show them, processes of a run log them."""
+"""Messages from packages below the command line: a command shows them, a worker logs them."""
 
 from collections.abc import Callable
 
@@ -6,12 +6,12 @@ QUIET_S = 1.0
 """Shortest wait that is worth a message, seconds."""
 
 
-def _nobody(_text: str) -> None:
-    """Show nothing: neither a command nor a process of a run."""
+def _ignore(_text: str) -> None:
+    pass
 
 
-show: Callable[[str], None] = _nobody
-"""Tells what is waited for."""
+show: Callable[[str], None] = _ignore
+"""Takes a sentence about what the program waits for."""
 
-warn: Callable[[str], None] = _nobody
-"""Tells a warning."""
+warn: Callable[[str], None] = _ignore
+"""Takes a warning."""

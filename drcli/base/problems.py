@@ -1,4 +1,4 @@
-"""Problems in the racer's files: made where the fault is known, and only formatted after that."""
+"""Problems in the racer's files, as records that commands print."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,11 +8,11 @@ from typing import ClassVar, Literal, NamedTuple
 from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
-"""An error keeps a training from starting, a warning does not. A note is not a fault: it says what
-a start will ask for."""
+"""An error prevents a training from starting, a warning does not. A note says what a start will
+ask for."""
 
 MOST_SHOWN = 40
-"""Problems that one error lists; a file with more of them was probably named by mistake."""
+"""How many problems one error lists; a file with more was probably named by mistake."""
 
 LONGEST_SHOWN = 80
 """Characters of a value that an error repeats; enough to recognise it, short enough to read."""
@@ -35,16 +35,11 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong or odd, in one place.
+    """One thing that is wrong or odd, in one place; see `JSON_KEYS`.
 
     Attributes:
-        rule: Number of the rule that it breaks, such as `V-41`.
-        severity: How bad it is.
-        file: The file, as in `Place`; empty if there is none.
-        line: The line in it, if known.
-        message: Key, value and what is wrong with it: a sentence that is read after the place.
-        remedy: What to do about it, starting with a verb.
-        key: The setting or key that it is about, where there is one.
+        file: As in `Place`; empty if there is none.
+        key: The setting or key with the problem; empty if there is none.
     """
 
     rule: str
@@ -57,14 +52,14 @@ class Problem:
 
     JSON_KEYS: ClassVar[Mapping[str, str]] = {
         "rule": "Number of the rule that is broken, such as `V-41`.",
-        "severity": "`error` keeps a training from starting, `warning` does not, `note` is not a "
-        "fault: it says what a start will ask for.",
+        "severity": "`error` prevents a training from starting, `warning` does not, `note` says "
+        "what a start will ask for.",
         "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
         "none.",
         "message": "Key, value and what is wrong with it, as a sentence.",
         "remedy": "What to do about it, starting with a verb.",
     }
-    """What programs read of it, with the meaning of each key."""
+    """What programs read, with the meaning of each key."""
 
     @property
     def where(self) -> str:
@@ -81,7 +76,7 @@ class Problem:
 
 
 class BadValue(ValueError):
-    """A value that its type allows but its meaning does not; its place is not known here.
+    """A value has the right type, but is not allowed; where it was given is not known here.
 
     Args:
         reason: What is wrong, to be read after the value: `is empty`.
@@ -95,11 +90,7 @@ class BadValue(ValueError):
 
 
 class ProblemsError(SettingsError):
-    """Several problems in one failure: a line for each error, and a line for each remedy.
-
-    Args:
-        problems: At least one of them is an error.
-    """
+    """One or more problems, at least one an error: a line for each error and each remedy."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -111,22 +102,18 @@ class ProblemsError(SettingsError):
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """The problems that are errors."""
+        """The problems without warnings and notes."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
 
 def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Problem, ...]:
-    """Those of one severity, each once, in the order of rules, files and lines."""
+    """The problems of one severity, each once, sorted by rule, file and line."""
     distinct = dict.fromkeys(problem for problem in problems if problem.severity == severity)
     return tuple(sorted(distinct, key=lambda p: (p.rule, p.file, p.line or 0)))
 
 
 def refuse(problems: Iterable[Problem]) -> None:
-    """Refuse to go on if there are errors.
-
-    Raises:
-        ProblemsError: There are.
-    """
+    """Raise ProblemsError if there are errors."""
     errors = of_severity(problems, "error")
     if errors:
         raise ProblemsError(errors)
@@ -146,13 +133,7 @@ def shown(value: str) -> str:
 
 
 def closest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The word that was probably meant, in its own spelling.
-
-    Args:
-        word: What was written.
-        words: What exists.
-        cutoff: Least similarity, 0 to 1.
-    """
+    """The one of `words` that was probably meant; `cutoff` is the least similarity, 0 to 1."""
     by_fold = {candidate.casefold(): candidate for candidate in words}
     matches = difflib.get_close_matches(word[:200].casefold(), by_fold, n=1, cutoff=cutoff)
     return by_fold[matches[0]] if matches else None

@@ -39,7 +39,7 @@ def started_s(pid: int) -> float | None:
 
     Returns:
         Seconds since the machine started, which do not change when somebody sets the clock; Unix
-        seconds where the kernel does not tell them.
+        seconds on systems without /proc.
     """
     try:
         after_name = (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()

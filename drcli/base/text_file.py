@@ -1,20 +1,13 @@
-"""Decodes files that people edit: a byte order mark is fine, anything but UTF-8 text is not."""
+"""Decodes files that people edit: UTF-8 text, with or without a byte order mark."""
 
 from drcli.base.problems import Problem, ProblemsError
 
 
 def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str) -> str:
-    """The text of a small UTF-8 file.
-
-    Args:
-        data: Its content, with or without a byte order mark.
-        name: What to call it in messages.
-        rule: Number of the rule that is broken when it is something else.
-        largest_bytes: A larger file was named by mistake.
-        remedy: What to do then.
+    """The text of a file, which messages call by its name.
 
     Raises:
-        ProblemsError: It is too large or is not UTF-8.
+        ProblemsError: It breaks the rule: it has more than `largest_bytes`, or is not UTF-8.
     """
     if len(data) > largest_bytes:
         what = f"is {len(data):,} bytes long; {largest_bytes:,} are allowed."

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.job import LastWords
+from drcli.exchange.job import WorkerExit
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
 WHY = "one operation takes far longer than a call may, and Python cannot interrupt it"
@@ -38,7 +38,7 @@ def _letter(escaped: re.Match[str]) -> str:
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
-def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
+def exit_of_stuck(code: int, log: Path, *, remedy: str) -> WorkerExit | None:
     """The error of a stuck worker, by the exit code and the log of its process; else None."""
     if not is_stuck(code):
         return None
@@ -50,7 +50,7 @@ def words_of_stuck(code: int, log: Path, *, remedy: str) -> LastWords | None:
         text = ""
     path, line = stuck_place(text)
     where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
-    return LastWords(
+    return WorkerExit(
         f"Reward function error: The reward function{where} failed: {WHY}.{_quoted(path, line)}",
         remedy,
         SettingsError.code,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NoReturn, Self
 
-from drcli.base.json_record import Misfit, built
+from drcli.base.json_record import RecordError, from_json
 from drcli.base.problems import BadValue, Place, Problem
 from drcli.config.fields import Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
@@ -58,7 +58,7 @@ class Part:
         """What `to_json` made, every value checked.
 
         Raises:
-            Misfit: A setting is missing, or has a value that it cannot have.
+            RecordError: A setting is missing, or has a value that it cannot have.
         """
         return cls(**_read(cls, value))
 
@@ -111,9 +111,9 @@ class RaceConfig(
         """What `to_json` made, every value checked.
 
         Raises:
-            Misfit: Something is missing, or has a value that it cannot have.
+            RecordError: Something is missing, or has a value that it cannot have.
         """
-        values, rest = _read(cls, value), built(_Rest, value)
+        values, rest = _read(cls, value), from_json(_Rest, value)
         return cls(**values, directory=rest.directory, sources=rest.sources)
 
 
@@ -244,15 +244,15 @@ class RunConfig:
 
 def _read(part: type[Part], value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise Misfit("a group of settings is not an object with keys")
+        raise RecordError("a group of settings is not an object with keys")
     found = {}
     for item in part.declared.values():
         field = item.field
         text = value.get(field)
         if not isinstance(text, str):
-            raise Misfit(f"'{field}' is {'not a text' if field in value else 'missing'}")
+            raise RecordError(f"'{field}' is {'not a text' if field in value else 'missing'}")
         try:
             found[field] = item.read(text) if text or item.kind == "text" else item.default
         except BadValue as error:
-            raise Misfit(f"'{field}' {error}") from error
+            raise RecordError(f"'{field}' {error}") from error
     return found

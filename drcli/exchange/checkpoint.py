@@ -1,4 +1,4 @@
-"""What is known of a checkpoint without reading its weights: its name and a JSON record."""
+"""The name of a checkpoint and its JSON record, which describe it without its weights."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import JsonRecord, Misfit
+from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.iteration import IterationRecord
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
@@ -16,19 +16,14 @@ CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 
 @dataclass(frozen=True, order=True)
 class CheckpointName:
-    """A checkpoint's place in the training: compared by number, then by steps.
-
-    Args:
-        number: Counts the checkpoints of a model from 0.
-        steps: Environment steps learned from until then.
-    """
+    """Number of a checkpoint, from 0, and the environment steps that it has learned from."""
 
     number: int
     steps: int
 
     @classmethod
     def parse(cls, name: str) -> "CheckpointName | None":
-        """Read `12_Step-7824.ckpt`; None when the text is not such a name."""
+        """Read a name such as `12_Step-7824.ckpt`; None if the text is not one."""
         found = CHECKPOINT_NAME.fullmatch(name.strip())
         return cls(int(found[1]), int(found[2])) if found else None
 
@@ -37,28 +32,24 @@ class CheckpointName:
 
 
 def checkpoint_name(name: str) -> CheckpointName:
-    """The same, for what has to be the name of a checkpoint.
-
-    Raises:
-        Misfit: It is something else.
-    """
+    """Read a name such as `12_Step-7824.ckpt`; RecordError if the text is not one."""
     parsed = CheckpointName.parse(name)
     if parsed is None:
-        raise Misfit(f"{json.dumps(name)[:60]} is not the name of a checkpoint")
+        raise RecordError(f"{json.dumps(name)[:60]} is not the name of a checkpoint")
     return parsed
 
 
 @dataclass(frozen=True)
 class Counters:
-    """What a trainer continues with, beside the weights.
+    """What a trainer continues with, besides the weights.
 
     Attributes:
         episodes: Training episodes learned from.
         elapsed_s: Wall time of training, without the time it was stopped.
         number_format: Of the weights while they are trained, such as `fp32`.
-        learned: The iteration that made the weights, None for the first ones.
+        learned: The iteration that made the weights; None for the first ones.
         seed: Of the run.
-        inputs: The parameter files by name, to bring them back where they are lost.
+        inputs: The parameter files by name, to restore them if they are lost.
     """
 
     episodes: int = 0
@@ -71,14 +62,9 @@ class Counters:
 
 @dataclass(frozen=True)
 class CheckpointRecord(JsonRecord):
-    """The object beside a checkpoint's tensors.
+    """The record of a checkpoint; `optimizer` is None if it has no optimizer state.
 
-    Attributes:
-        name: For instance `12_Step-7824.ckpt`.
-        tensors: What the weights must look like.
-        optimizer: The same of the optimizer state, None where there is none.
-        sim_time_s: Simulated seconds driven until then.
-        counters: What the trainer continues with.
+    `sim_time_s` counts the simulated seconds driven since the training began.
     """
 
     name: str
@@ -92,24 +78,24 @@ class CheckpointRecord(JsonRecord):
 
     @classmethod
     def decode_of(cls, name: str, data: bytes) -> "CheckpointRecord":
-        """The record of the checkpoint of some name; raises Misfit where it is of another."""
+        """Read the record of this checkpoint; RecordError if it describes another one."""
         record = cls.decode(data)
         if record.name != name:
-            raise Misfit(f"it describes {record.name}")
+            raise RecordError(f"it describes {record.name}")
         return record
 
     @property
     def number(self) -> int:
-        """The checkpoint's number."""
+        """Counts the checkpoints of a model, from 0."""
         return checkpoint_name(self.name).number
 
     @property
     def steps(self) -> int:
-        """Environment steps learned from until then."""
+        """Environment steps that it has learned from."""
         return checkpoint_name(self.name).steps
 
     def to_json(self) -> dict[str, Any]:
-        """The record as JSON: counters that are unknown are left out, NaN becomes null."""
+        """The record as JSON, without unknown counters, and with null for NaN."""
         fields = super().to_json()
         counters = {name: value for name, value in fields["counters"].items() if value is not None}
         if "learned" in counters:
@@ -130,12 +116,8 @@ def encode_pointer(name: CheckpointName) -> bytes:
 
 
 def decode_pointer(data: bytes) -> CheckpointName:
-    """The checkpoint that a pointer names.
-
-    Raises:
-        Misfit: It holds something else.
-    """
+    """The checkpoint that a pointer names; RecordError if it is damaged."""
     name = CheckpointName.parse(data.decode(errors="replace"))
     if name is None:
-        raise Misfit("it does not name a checkpoint")
+        raise RecordError("it does not name a checkpoint")
     return name

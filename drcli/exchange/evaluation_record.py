@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.base.atomic_file import read_json, write_json
-from drcli.base.json_record import Misfit, built
+from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import is_alive
 
 _FILE = "running.json"
@@ -16,10 +16,9 @@ class EvaluationRecord:
     """One evaluation while it runs, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
-        stamp: Fourteen digits that name it.
-        pid: The process that waits for its end and is to be told to stop.
-        pid_started: When that process began, as `process_identity.started_s` gives it: process
-            numbers are used again.
+        stamp: The name of the evaluation, fourteen digits.
+        pid: The process that waits for its end; to stop the evaluation, stop this one.
+        pid_started: From `process_identity.started_s`, because process numbers are reused.
         worker_pid: The process that drives.
     """
 
@@ -40,23 +39,20 @@ class EvaluationRecord:
         return is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Write the record in one step, so that a reader never sees half of it."""
+        """Write the record in one step."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
         """The record in the folder of an evaluation; None if there is none or it is damaged."""
         try:
-            return built(EvaluationRecord, read_json(folder / _FILE))
-        except Misfit:  # there is no such file (yet, or any more), or something else in it
+            return from_json(EvaluationRecord, read_json(folder / _FILE))
+        except RecordError:
             return None
 
 
 def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
-    """Make the folder of an evaluation; None where another one has that name already.
-
-    Making a folder either succeeds or fails, so two that start in one second get two names.
-    """
+    """Create the folder of an evaluation; None if another one has this name already."""
     folder = _runs(directory) / str(run_id) / "evaluations" / stamp
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:

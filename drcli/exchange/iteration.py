@@ -1,18 +1,18 @@
-"""One iteration of a training as a record, and `history.json`, which lists all of them."""
+"""The record of one iteration of a training, and `history.json`, which lists all of them."""
 
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, parsed
+from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, parse_json
 
 
 @dataclass(frozen=True, kw_only=True)
 class IterationRecord(JsonRecord):
-    """One iteration: what was driven with a checkpoint and what was learned from it.
+    """One iteration: what a checkpoint drove and what was learned from it.
 
-    Numbers that are unknown are NaN, as in a history that was reconstructed.
+    Unknown numbers are NaN, as in a reconstructed history. The losses of PPO are NaN for SAC.
 
     Attributes:
         iteration: Number of the checkpoint that drove, from 0.
@@ -25,20 +25,20 @@ class IterationRecord(JsonRecord):
         full_laps: Episodes that ended with a completed lap.
         best_lap_s: Fastest completed lap, simulated seconds, or None.
         entropy: Mean entropy of the policy in the last epoch, nats.
-        surrogate_loss: Mean policy loss of the last epoch; NaN for SAC.
-        value_loss: Mean value loss of the last epoch; NaN for SAC.
-        kl: Mean divergence from the policy that drove, in the last epoch; NaN for SAC.
+        surrogate_loss: Mean policy loss of the last epoch.
+        value_loss: Mean value loss of the last epoch.
+        kl: Mean divergence from the policy that drove, in the last epoch.
         steps_per_s: Steps learned from per second of wall time, driving and learning together.
         real_time_factor: Simulated seconds per second of wall time, all cars together.
-        drive_s: Wall time that the slowest worker drove.
+        drive_s: Wall time of the slowest worker.
         learn_s: Wall time of the update.
-        exchange_s: Wall time of the iteration that neither driving nor learning explains.
+        exchange_s: Wall time of the iteration without driving and learning.
         elapsed_s: Wall time of training so far, without the time it was stopped.
         evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
         evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
-        actor_loss: SAC's, mean of the last part of the update; None for PPO.
-        critic_loss: Mean loss of SAC's two critics, likewise.
-        alpha: SAC's temperature, likewise.
+        actor_loss: Of SAC, mean of the last part of the update; None for PPO.
+        critic_loss: Mean loss of the two critics of SAC, likewise.
+        alpha: Temperature of SAC, likewise.
     """
 
     iteration: int
@@ -68,17 +68,13 @@ class IterationRecord(JsonRecord):
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:
-    """The file. It holds the word NaN, as Python's JSON writes it."""
+    """The file `history.json`. It may contain the word NaN, as Python's JSON writes it."""
     return json.dumps({"iterations": [asdict(record) for record in records]}).encode()
 
 
 def decode_history(data: bytes) -> list[IterationRecord]:
-    """The iterations, oldest first.
-
-    Raises:
-        Misfit: The bytes are something else.
-    """
-    file = parsed(data, with_nan=True)
+    """The iterations, oldest first; RecordError if the file is damaged."""
+    file = parse_json(data, with_nan=True)
     if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
-        raise Misfit("it has no list of 'iterations'")
+        raise RecordError("it has no list of 'iterations'")
     return [IterationRecord.from_json(fields) for fields in file["iterations"]]

@@ -1,4 +1,4 @@
-"""What a launcher tells its worker processes, and what they tell it when they fail."""
+"""The job that a launcher gives its worker processes, and why each of them ended."""
 
 import json
 import os
@@ -12,12 +12,12 @@ from typing import Any
 
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError, NoAnswer, SettingsError
-from drcli.base.json_record import Misfit, built, parsed, written
+from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.run_config import RunConfig
 
 VERSION = 1
-"""Of the form in which a job travels; another one comes from another version of this program."""
+"""Of the format of a job; another version of this program may use another one."""
 
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
@@ -44,14 +44,13 @@ class Job:
     """One start of a training or an evaluation.
 
     Attributes:
-        config: What the racer's settings say of it.
-        session: Unique name of this start; rollouts of an earlier start never carry it.
-        seed: What all random numbers of the run are derived from.
-        until_laps: Finish once an evaluation completes all its laps, at least so many.
+        session: Unique name of this start; rollouts of an earlier start have another one.
+        seed: All random numbers of the run are derived from it.
+        until_laps: Finish when an evaluation completes all its laps, and at least so many.
         max_minutes: Finish after so much wall time.
-        folder: Where processes leave their last words on this machine.
-        launcher_pid: The process whose end ends the workers too.
-        term: Of the lease that its supervisor has taken; 0 before.
+        folder: Where workers write their `WorkerExit`.
+        launcher_pid: When this process ends, the workers end too.
+        term: Of the lease that the supervisor has taken; 0 before.
     """
 
     config: RunConfig
@@ -71,42 +70,33 @@ class Job:
     def spawn(
         self, command: Sequence[str], *, with_secrets: bool = False, **options: Any
     ) -> "subprocess.Popen[bytes]":
-        """Start a process that works on this job, which it gets by `Job.received`.
+        """Start a process that works on this job, which it reads with `Job.received`.
 
-        The job travels through a pipe, which is the standard input of the process, because code of
-        the racer's may run there: what the environment holds, that code can read.
+        The job travels through the standard input of the process: the racer's code may run there,
+        and it could read the environment.
 
         Args:
             command: Program and arguments.
-            with_secrets: Whether the process has to use the bucket, and so the keys to it.
+            with_secrets: Whether the process uses the bucket, and so needs the keys to it.
             options: Of `subprocess.Popen`; `env` adds to the environment.
         """
         plain, _ = secret_environment.split(os.environ)
         secrets = secret_environment.all_secrets()
         if secrets:
             secret_environment.hide_process()
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            **{
-                **options,
-                "env": {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})},
-            },
-        )
-        handed = {
-            "version": VERSION,
-            "job": asdict(self),
-            "secrets": secrets if with_secrets else {},
-        }
+        options["env"] = {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})}
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
+        secrets = secrets if with_secrets else {}
+        sent = {"version": VERSION, "job": asdict(self), "secrets": secrets}
         assert process.stdin is not None
         with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already
-            pipe.write(json.dumps(handed, default=written).encode())
+            pipe.write(json.dumps(sent, default=json_default).encode())
         process.stdin = None
         return process
 
     @staticmethod
     def received() -> "Job":
-        """The job that the launcher of this process gave it; read once.
+        """Read the job of this process, once.
 
         Raises:
             SettingsError: The launcher is another version of this program.
@@ -115,25 +105,25 @@ class Job:
         with Path(os.devnull).open("rb") as nothing:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
         try:
-            handed = parsed(data)
-            if not isinstance(handed, dict) or handed.get("version") != VERSION:
-                raise Misfit(f"it is not written in version {VERSION}")
-            secret_environment.keep(handed["secrets"])
-            return built(Job, handed["job"])
-        except (Misfit, KeyError) as error:
+            sent = parse_json(data)
+            if not isinstance(sent, dict) or sent.get("version") != VERSION:
+                raise RecordError(f"it is not written in version {VERSION}")
+            secret_environment.keep(sent["secrets"])
+            return from_json(Job, sent["job"])
+        except (RecordError, KeyError) as error:
             raise SettingsError(
                 f"This process cannot read the job that its launcher gave it: {error}.",
-                remedy="Stop the run and start it again; drcli may have been updated meanwhile.",
+                remedy="Stop the run and start it again; maybe drcli was updated after the start.",
             ) from error
 
 
 @dataclass(frozen=True)
-class LastWords:
-    """Why a worker process ended.
+class WorkerExit:
+    """Why a worker process ended, for its supervisor.
 
     Attributes:
-        code: The exit code that the command should end with.
-        final: Whether another process would end the same way.
+        code: Exit code for the command.
+        final: Whether a new process would end the same way.
         silent: Whether the bucket's server did not answer.
     """
 
@@ -144,33 +134,29 @@ class LastWords:
     silent: bool = False
 
     @staticmethod
-    def of(error: DrError) -> "LastWords":
-        """What an explained failure has to say."""
+    def of(error: DrError) -> "WorkerExit":
+        """The record of an explained failure."""
         silent = isinstance(error, NoAnswer)
-        return LastWords(str(error), error.remedy, error.code, error.final, silent)
+        return WorkerExit(str(error), error.remedy, error.code, error.final, silent)
 
-    def leave(self, folder: Path, name: str) -> None:
-        """Write them down for the supervisor.
-
-        A disk without room for them must not replace the failure by its own: log and exit code
-        tell it too.
-        """
+    def write(self, folder: Path, name: str) -> None:
+        """Write it for the worker of this name, unless the disk is full: the log says it too."""
         with suppress(OSError):
-            write_json(_last_words(folder, name), asdict(self))
+            write_json(_exit_file(folder, name), asdict(self))
 
     @staticmethod
-    def find(folder: Path, name: str) -> "LastWords | None":
-        """What the worker of that name wrote down; None where nothing can be read."""
+    def read(folder: Path, name: str) -> "WorkerExit | None":
+        """The record of the worker of this name; None if it does not exist or is damaged."""
         try:
-            return built(LastWords, read_json(_last_words(folder, name)))
-        except Misfit:  # there is no such file, or something else in it
+            return from_json(WorkerExit, read_json(_exit_file(folder, name)))
+        except RecordError:
             return None
 
     @staticmethod
-    def forget(folder: Path, name: str) -> None:
-        """Remove what an earlier process of that name wrote down."""
-        _last_words(folder, name).unlink(missing_ok=True)
+    def delete(folder: Path, name: str) -> None:
+        """Delete the record of an earlier process of this name."""
+        _exit_file(folder, name).unlink(missing_ok=True)
 
 
-def _last_words(folder: Path, name: str) -> Path:
+def _exit_file(folder: Path, name: str) -> Path:
     return folder / f"{name}.last-words.json"

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.learn.rollout_buffer import Rollout
 
 SCHEMA = "2"
-"""Raised when a reader of the old form would misread the new one."""
+"""Increased when readers of the old format would misread the new one."""
 
 _ZSTD_LEVEL = 1
 
@@ -36,7 +36,7 @@ _STEP = {
     "scans": ("extra.scans", np.float32),
     "states": ("extra.states", np.float32),
 }
-"""Columns with a row for each step, beside the frames: name in the file, and type."""
+"""Columns with a row for each step, besides the frames: name in the file, and type."""
 
 _EPISODE = {
     "lengths": ("episode_lengths", np.int64),
@@ -50,7 +50,7 @@ _EPISODE = {
 """Columns with a row for each episode: name in the file, and type."""
 
 LARGEST_FRAMES_BYTES = 1 << 20
-"""What the frames of one step take at most. Two cameras of 160 x 120 take 38,400."""
+"""Limit for the frames of one step. Two cameras of 160 x 120 take 38,400."""
 
 _LARGEST_HEADER_BYTES = 1 << 20
 
@@ -105,7 +105,7 @@ class Episodes:
 
     @property
     def steps(self) -> int:
-        """Number of steps of all episodes together."""
+        """Of all episodes together."""
         return self.rollout.steps
 
     @property
@@ -114,11 +114,7 @@ class Episodes:
         return len(self.numbers)
 
     def chosen(self, which: NDArray[np.int64]) -> "Episodes":
-        """Some of the episodes; this copies their frames.
-
-        Args:
-            which: Indices of episodes. Shape (k,).
-        """
+        """A copy of some of the episodes, by their indices. Shape (k,)."""
         ends = np.cumsum(self.rollout.lengths)
         begins = ends - self.rollout.lengths
         rows = np.concatenate([np.arange(begins[i], ends[i]) for i in which])
@@ -141,16 +137,15 @@ def encode_episodes(episodes: Episodes) -> bytes:
 def decode_episodes(parts: Iterable[bytes], steps: int) -> Episodes:
     """The episodes of several objects, one after the other.
 
-    Frames are by far the most of it. They unpack straight into their place in one array, object by
-    object, so that only one of these needs to be in memory at a time.
+    The frames unpack into their place in one array, object by object, so that only one object needs
+    to be in memory at a time.
 
     Args:
-        parts: What `encode_episodes` gave, at least one.
+        parts: At least one, from `encode_episodes`.
         steps: Of all of them together.
 
     Raises:
-        Misfit: One of the objects is something else, or not like the first, or there are more or
-            fewer steps.
+        RecordError: An object is damaged or not like the first, or the number of steps is wrong.
     """
     with _explained():
         frames = np.empty(0, np.uint8)
@@ -199,11 +194,7 @@ class _Packed:
         return found
 
     def refuse_false_claims(self) -> None:
-        """Compare what the header claims with the bytes that are there, before room is made.
-
-        Raises:
-            ValueError: They differ.
-        """
+        """Compare header and bytes before memory is reserved; ValueError if they differ."""
         rows = self.columns["rewards"].shape
         if rows != (self.steps,):
             raise ValueError(f"its header claims {self.steps} steps, its rewards are {rows}")
@@ -228,7 +219,7 @@ class _Packed:
 
 @contextlib.contextmanager
 def _explained() -> Iterator[None]:
-    """Say of whatever goes wrong with an object that it is something else."""
+    """Turn every error of damaged bytes into a RecordError."""
     try:
         yield
     except (
@@ -237,11 +228,11 @@ def _explained() -> Iterator[None]:
         *(SafetensorError, zstandard.ZstdError),
     ) as e:
         what = f"{e} is missing" if isinstance(e, KeyError) else str(e)
-        raise Misfit(f"it does not hold episodes ({what})") from e
+        raise RecordError(f"it does not hold episodes ({what})") from e
 
 
 def _header(data: bytes) -> dict[str, str]:
-    """The text entries of a safetensors file, which its loader keeps to itself."""
+    """The text entries of a safetensors file, which its loader does not return."""
     length = int.from_bytes(data[:8], "little")
     if length > min(len(data) - 8, _LARGEST_HEADER_BYTES):
         raise ValueError(f"its header claims {length} bytes")
@@ -251,7 +242,6 @@ def _header(data: bytes) -> dict[str, str]:
 
 
 def _checked_shape(value: Any) -> tuple[int, ...]:
-    """The shape of frames, none of them larger than frames are."""
     if not isinstance(value, list) or len(value) != 4:
         raise ValueError("its frames have no shape (steps, eyes, height, width)")
     if not all(isinstance(size, int) and 0 < size < 2**31 for size in value):

@@ -1,9 +1,9 @@
-"""The manifest of a rollout: what one simulation worker drove, and the objects that hold it."""
+"""The manifest of a rollout: what one simulation worker drove, and in which objects it is."""
 
 from dataclasses import dataclass, field
 
 from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import JsonRecord, Misfit
+from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.checkpoint import checkpoint_name
 
 LEAST_STEP_BYTES = 16
@@ -21,13 +21,9 @@ class Part:
     steps: int
 
     def __post_init__(self) -> None:
-        """Refuse a part whose bytes cannot hold what it claims, before room is made for it.
-
-        Raises:
-            Misfit: They cannot.
-        """
+        """Refuse a part that claims more than its bytes can hold, before memory is reserved."""
         if not 0 < self.episodes <= self.steps <= self.fingerprint.size_bytes / LEAST_STEP_BYTES:
-            raise Misfit(
+            raise RecordError(
                 f"{self.fingerprint.size_bytes} bytes cannot hold {self.episodes} episodes of "
                 f"{self.steps} steps"
             )
@@ -39,7 +35,7 @@ class Driving:
 
     Attributes:
         drive_s: Wall time.
-        evaluates: Number of the checkpoint that it evaluates beside them, None without one.
+        evaluates: Number of the checkpoint that it evaluates at the same time, or None.
     """
 
     drive_s: float = 0.0
@@ -47,20 +43,16 @@ class Driving:
 
     def __post_init__(self) -> None:
         if self.drive_s < 0.0:
-            raise Misfit(f"'drive_s' cannot be {self.drive_s}")
+            raise RecordError(f"'drive_s' cannot be {self.drive_s}")
 
 
 @dataclass(frozen=True)
 class Manifest(JsonRecord):
-    """What one worker drove in one iteration.
+    """What one worker drove in one iteration with one checkpoint.
 
     Attributes:
-        iteration: Which.
-        worker: Who drove.
-        checkpoint: Name of the checkpoint that drove.
-        session: Start of the training, and of the worker in it, that wrote it.
+        session: Of the worker, as in `session_of_worker`.
         parts: Objects with the episodes, in the order in which they were driven.
-        notes: How they were driven.
     """
 
     iteration: int
@@ -75,7 +67,7 @@ class Manifest(JsonRecord):
 
     @property
     def steps(self) -> int:
-        """Number of steps in all parts."""
+        """Of all parts together."""
         return sum(part.steps for part in self.parts)
 
     def is_of(self, session: str) -> bool:
@@ -84,16 +76,16 @@ class Manifest(JsonRecord):
 
 
 def session_of_worker(start: str, process: int, drive: int) -> str:
-    """What a worker calls what it writes: no other drive of any start is called so.
+    """A name for what a worker writes, which no other drive of any start of the training has.
 
     Args:
         start: Session of the training.
-        process: Of the worker.
+        process: Process number of the worker.
         drive: Counts its drives.
     """
     return f"{start}-{process}-{drive}"
 
 
 def belongs(worker_session: str, start: str) -> bool:
-    """Whether something was written by a worker of this start of a training."""
+    """Whether the session of a worker is one of this start of a training."""
     return worker_session == start or worker_session.startswith(f"{start}-")

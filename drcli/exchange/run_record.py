@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.base.atomic_file import read_json, write_json
-from drcli.base.json_record import Misfit, built
+from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import is_alive
 from drcli.config.run_config import Cloud, Engine, StorageConfig
 
@@ -19,7 +19,7 @@ LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
 @dataclass(frozen=True)
 class WorkerRecord:
-    """A worker process as its supervisor knows it."""
+    """A worker process, as its supervisor sees it."""
 
     name: str
     pid: int | None
@@ -28,10 +28,10 @@ class WorkerRecord:
 
 @dataclass(frozen=True)
 class StorageRecord:
-    """What leads to the bucket of a run. The names are those that version 0.1.0 wrote.
+    """The settings of the bucket of a run, by the names that version 0.1.0 wrote.
 
     Attributes:
-        s3_data_dir: Relative to the working folder where it lies in it, so that both can be moved.
+        s3_data_dir: Relative to the working folder if it is inside, so that both can be moved.
     """
 
     cloud: Cloud
@@ -44,7 +44,7 @@ class StorageRecord:
 
     @staticmethod
     def of(config: StorageConfig, directory: Path) -> "StorageRecord":
-        """The record of a bucket, for a run in a working folder."""
+        """The record of the settings of a run."""
         folder = config.data_dir
         if folder.is_relative_to(directory):
             folder = folder.relative_to(directory)
@@ -59,7 +59,7 @@ class StorageRecord:
         )
 
     def config(self, now: StorageConfig, directory: Path) -> StorageConfig:
-        """The bucket; port and idle time of its server are those of now."""
+        """The settings at the start; port and idle time of the server are those of now."""
         return replace(
             now,
             cloud=self.cloud,
@@ -77,11 +77,9 @@ class RunRecord:
     """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
-        state: As the supervisor last wrote it.
-        pid_started: When that process began, as `process_identity.started_s` gives it: process
-            numbers are used again.
+        pid_started: From `process_identity.started_s`, because process numbers are reused.
         exit_code: Of the supervisor, when it has ended.
-        storage: What led to its bucket; None in the record of a version that did not keep it.
+        storage: Of its bucket; None in the record of an early version.
     """
 
     run_id: int
@@ -101,12 +99,7 @@ class RunRecord:
     storage: StorageRecord | None = None
 
     def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
-        """Where the bucket of the run is, whatever the settings say now.
-
-        Args:
-            now: As the settings say now.
-            directory: The racer's working folder.
-        """
+        """The settings of the run's bucket, which may differ from those of now."""
         return now if self.storage is None else self.storage.config(now, directory)
 
     @property
@@ -115,15 +108,15 @@ class RunRecord:
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Replace the record in one step, so that a reader never sees half of it."""
+        """Replace the record in one step."""
         write_json(folder / _FILE, asdict(self))
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
         """The record of the last start; None if there is none or it is damaged."""
         try:
-            return built(RunRecord, read_json(folder / _FILE))
-        except Misfit:
+            return from_json(RunRecord, read_json(folder / _FILE))
+        except RecordError:
             return None
 
     def ended(
@@ -131,15 +124,10 @@ class RunRecord:
     ) -> "RunRecord":
         """The record of a run that is over."""
         return replace(
-            self,
-            state=state,
-            exit_code=exit_code,
-            message=message,
-            remedy=remedy,
-            ended_at=now,
+            self, state=state, exit_code=exit_code, message=message, remedy=remedy, ended_at=now
         )
 
 
 def run_folder(directory: Path, run_id: int) -> Path:
-    """Where this machine keeps what it knows of a run."""
+    """Folder of a run's records on this machine."""
     return directory / "data" / "runs" / str(run_id)

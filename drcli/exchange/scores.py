@@ -1,24 +1,48 @@
-"""The best and the last checkpoint of a model: the file `deepracer_checkpoints.json`."""
+"""How well checkpoints drive: evaluations, and `deepracer_checkpoints.json`."""
 
 import json
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from drcli.base.json_record import built, parsed
+from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
 from drcli.exchange.checkpoint import checkpoint_name
 
 _TIE_BREAK = "best_tie_break"
 
 
 @dataclass(frozen=True)
+class EvaluationResult(JsonRecord):
+    """The evaluation episodes of one checkpoint: worker 0 writes it, the trainer reads it.
+
+    Attributes:
+        checkpoint: Name.
+        progress: Percent of the lap, for each episode; never empty.
+        reward: Sum of rewards, for each episode.
+        lap_s: Lap times of the completed laps, simulated seconds.
+    """
+
+    checkpoint: str
+    progress: list[float]
+    reward: list[float]
+    lap_s: list[float]
+
+    def __post_init__(self) -> None:
+        if not self.progress or len(self.reward) != len(self.progress):
+            raise RecordError("it needs one progress and one reward for each episode")
+        if len(self.lap_s) > len(self.progress):
+            raise RecordError("it has more laps than episodes")
+        checkpoint_name(self.checkpoint)
+
+
+@dataclass(frozen=True)
 class Score:
-    """How well a checkpoint drives; older tools leave out what they do not know.
+    """How well a checkpoint drives; older tools leave out values that they do not know.
 
     Attributes:
         name: Checkpoint.
-        avg_eval_metric: Mean of its evaluation episodes, None before it was evaluated.
+        avg_eval_metric: Mean of its evaluation episodes; None before its evaluation.
         time_stamp: Simulated seconds when the checkpoint was made.
-        tie_break: What decides between equal means, the lower the better; None where unknown.
+        tie_break: Decides between equal means, the lower the better; None if unknown.
     """
 
     name: str
@@ -31,43 +55,39 @@ class Score:
 class Scores:
     """The best checkpoint and the newest one, which is not evaluated yet when it is new.
 
-    Field names are those of the file, which upload and evaluation tools read. Some of them split
-    its text instead of reading JSON, so what is ours alone, the tie-break of the best, follows
-    after everything they know.
+    The field names are those of the file. Some tools split its text instead of reading JSON, so
+    our own key, the tie-break of the best, comes last.
     """
 
     best_checkpoint: Score
     last_checkpoint: Score
 
     def metric_of(self, name: str) -> float | None:
-        """The evaluation of a checkpoint where it is still known."""
+        """The metric of a checkpoint; None if it is neither of the two."""
         known = (self.best_checkpoint, self.last_checkpoint)
         return next((score.avg_eval_metric for score in known if score.name == name), None)
 
     def encode(self) -> bytes:
         """The file, on one line."""
-        entries = {"best_checkpoint": self.best_checkpoint, "last_checkpoint": self.last_checkpoint}
-        return _file({key: _entry(score) for key, score in entries.items()}, self.best_checkpoint)
+        best, last = _entry(self.best_checkpoint), _entry(self.last_checkpoint)
+        entries = {"best_checkpoint": best, "last_checkpoint": last}
+        return _file(entries, self.best_checkpoint)
 
     @staticmethod
     def decode(data: bytes) -> "Scores":
-        """The scores from their file.
-
-        Raises:
-            Misfit: They do not name a best and a last checkpoint.
-        """
-        file = parsed(data)
-        scores = built(Scores, file)
+        """The scores in the file; RecordError if it does not name a best and a last checkpoint."""
+        file = parse_json(data)
+        scores = from_json(Scores, file)
         for score in (scores.best_checkpoint, scores.last_checkpoint):
             checkpoint_name(score.name)
-        tie_break = built(_Own, file).best_tie_break
+        tie_break = from_json(_OwnKeys, file).best_tie_break
         return replace(scores, best_checkpoint=replace(scores.best_checkpoint, tie_break=tie_break))
 
 
 def encode_single(score: Score) -> bytes:
-    """The file of a model with one checkpoint alone, as after an upload: the last one first.
+    """The file of a model with a single checkpoint, as after an upload: the last one comes first.
 
-    Older tools know the metric as `avg_comp_pct`, and -1 as its value before an evaluation.
+    Older tools call the metric `avg_comp_pct`, and write -1 before an evaluation.
     """
     entry = _entry(score)
     entry["avg_comp_pct"] = -1.0 if score.avg_eval_metric is None else score.avg_eval_metric
@@ -75,9 +95,7 @@ def encode_single(score: Score) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Own:
-    """What the file holds that the reference does not know."""
-
+class _OwnKeys:
     best_tie_break: float | None = None
 
 

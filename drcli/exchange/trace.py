@@ -1,7 +1,6 @@
-"""Driven episodes as rows: the simtrace CSV, written and read, and the SIM_TRACE_LOG line.
+"""Driven episodes as rows: writes and reads the simtrace CSV, and writes SIM_TRACE_LOG lines.
 
-Both formats belong to the community's analysis tools: names, order, decimals and spelling are
-theirs.
+Analysis tools define both formats: names, order, decimals and spelling.
 """
 
 import csv
@@ -29,7 +28,7 @@ STATUS_LABELS = {
     "park": "Park",
     "time_up": "Time Up",
 }
-"""How metrics files spell the status words of traces."""
+"""How metrics files spell the status of a trace."""
 
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds."""
@@ -49,13 +48,11 @@ class Row:
         steering_deg: Requested steering, degrees, left positive.
         speed_mps: Requested speed.
         action: Index in the action list, or "[steering speed]".
-        reward: Of this step.
         done: Whether the episode ended here.
-        all_wheels_on_track: Whether all four wheels were on the road.
         progress: Percent of the lap.
         closest_waypoint: Index.
-        status: Word of the trace vocabulary.
-        pause_s: Penalty still to wait, seconds.
+        status: A key of `STATUS_LABELS`.
+        pause_s: Rest of a penalty, seconds.
         time_s: Simulated seconds since the episode's reset.
         crashes: Crashes into an object in the episode so far.
     """
@@ -83,11 +80,10 @@ class Episode:
     """A whole episode, from `prepare` to its end.
 
     Attributes:
-        number: Counted from 0 through the whole life of the worker; trials restart at 0.
-        phase: Whether it was driven to learn from or to see how good the policy is.
+        number: From 0 since the worker started; trials begin at 0 again.
         rows: All steps.
         clock_s: Simulation clock at its reset, as if episodes were driven one after another.
-        begin_s: Row time at which it begins: 0 but for the later laps of a continuous race.
+        begin_s: Row time at which it begins: 0 except for later laps of a continuous race.
     """
 
     number: int
@@ -108,7 +104,7 @@ class Episode:
 
     @property
     def status(self) -> str:
-        """How it ended, in the words of the trace."""
+        """How it ended: a key of `STATUS_LABELS`."""
         return self.rows[-1].status
 
     @property
@@ -128,10 +124,10 @@ class Episode:
 
 
 def schedule(episodes: Iterable[Episode], clock_s: float) -> float:
-    """Give episodes that were driven side by side consecutive places on one simulation clock.
+    """Set `clock_s` of episodes that were driven in parallel, as if they followed each other.
 
     Args:
-        episodes: In the order of their numbers; their `clock_s` is set.
+        episodes: In the order of their numbers.
         clock_s: Simulation clock before the first.
 
     Returns:
@@ -151,19 +147,17 @@ def csv_text(
     Args:
         episodes: In the order of their numbers.
         track_length_m: Length of the centre line.
-        wall_clock: Unix seconds when driving began and ended. Cars drive side by side, so the
-            rows share that time equally; this keeps the real-time factor that analysis tools
-            derive from the column right.
+        wall_clock: Unix seconds when driving began and ended. Cars drive in parallel, so the rows
+            share this time equally: analysis tools then compute the right real-time factor.
     """
     rows = [(episode, row) for episode in episodes for row in episode.rows]
     begin, end = wall_clock
     per_row = (end - begin) / max(len(rows), 1)
-    lines = [CSV_HEADER]
-    lines += [
+    lines = [
         ",".join(_fields(episode, row, track_length_m, begin + per_row * (i + 1)))
         for i, (episode, row) in enumerate(rows)
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join([CSV_HEADER, *lines, ""])
 
 
 def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float) -> list[str]:
@@ -191,10 +185,7 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
 
 
 def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
-    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read.
-
-    log-guru divides by the progress at the end of an episode, so that is never printed as 0.0000.
-    """
+    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read."""
     return "\n".join(
         f"SIM_TRACE_LOG:{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
@@ -206,24 +197,18 @@ def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str
 
 
 def _progress(row: Row) -> str:
+    """Never 0.0000 at the end of an episode, because log-guru divides by it."""
     text = f"{row.progress:.4f}"
     return "0.0001" if row.done and float(text) == 0.0 else text
 
 
 @dataclass(frozen=True)
 class TracedEpisode:
-    """One episode as its trace has it.
+    """One episode of a simtrace file, as in `Episode`.
 
     Attributes:
-        number: Counted from 0.
-        steps: In which the policy drove.
-        reward: Sum of its rewards.
-        progress: Percent of the lap at its end.
-        status: How it ended, in the words of the trace.
-        clock_s: Simulation clock at its start.
-        duration_s: Simulated seconds it lasted.
         wall_s: Unix seconds of its first and last row.
-        phase: Only training is traced by iteration.
+        phase: Only training episodes are traced by iteration.
     """
 
     number: int
@@ -238,12 +223,25 @@ class TracedEpisode:
 
 
 def read_csv(data: bytes) -> list[TracedEpisode]:
-    """The episodes of a simtrace file, in its order; rows that cannot be read are left out."""
+    """The episodes of a simtrace file, in its order; damaged rows are left out."""
     lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
-    rows: dict[int, list[_CsvRow]] = {}
+    episodes: dict[int, list[_CsvRow]] = {}
     for row in _csv_rows(lines):
-        rows.setdefault(row.episode, []).append(row)
-    return [_traced(number, of) for number, of in rows.items() if len(of) > 1]
+        episodes.setdefault(row.episode, []).append(row)
+    return [
+        TracedEpisode(
+            number=number,
+            steps=len(rows) - 1,
+            reward=sum(row.reward for row in rows),
+            progress=rows[-1].progress,
+            status=rows[-1].status,
+            clock_s=rows[0].time_s,
+            duration_s=rows[-1].time_s - rows[0].time_s,
+            wall_s=(rows[0].wall_s, rows[-1].wall_s),
+        )
+        for number, rows in episodes.items()
+        if len(rows) > 1
+    ]
 
 
 @dataclass(frozen=True)
@@ -272,17 +270,3 @@ def _csv_rows(lines: list[str]) -> Iterator[_CsvRow]:
         numbers = (row.reward, row.progress, row.time_s, row.wall_s)
         if all(map(math.isfinite, numbers)) and row.status in STATUS_LABELS:
             yield row
-
-
-def _traced(number: int, rows: list[_CsvRow]) -> TracedEpisode:
-    first, last = rows[0], rows[-1]
-    return TracedEpisode(
-        number=number,
-        steps=len(rows) - 1,
-        reward=sum(row.reward for row in rows),
-        progress=last.progress,
-        status=last.status,
-        clock_s=first.time_s,
-        duration_s=last.time_s - first.time_s,
-        wall_s=(first.wall_s, last.wall_s),
-    )

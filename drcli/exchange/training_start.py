@@ -1,4 +1,4 @@
-"""What a training was started with: `ip/run.json`, written by one start and read by the next."""
+"""How a training was started: `ip/run.json`, which the next start reads."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -8,12 +8,7 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class GitState:
-    """Which version of some files git knows.
-
-    Attributes:
-        commit: The commit that is checked out.
-        dirty: Whether a file that git tracks was changed since.
-    """
+    """The commit that is checked out, and whether a tracked file was changed since then."""
 
     commit: str
     dirty: bool
@@ -24,10 +19,10 @@ class Pretrained:
     """Weights to start from.
 
     Attributes:
-        prefix: The model they are from.
+        prefix: Their model.
         checkpoint: Which of its checkpoints: last or best.
         name: That checkpoint, such as `12_Step-7824.ckpt`.
-        metric: How it was evaluated there, None where it was not.
+        metric: Of its evaluation there; None if it was not evaluated.
         sha256: Fingerprint of the weights.
     """
 
@@ -43,15 +38,14 @@ class TrainingStart(JsonRecord):
     """One start of a training. The first versions wrote the seed only.
 
     Attributes:
-        seed: What its random numbers are derived from.
         started_at: Time in UTC, ISO 8601.
-        settings: DR_ settings that differ from their defaults; None where unknown.
-        versions: Python and the packages that matter; None where one is not installed.
+        settings: DR_ settings that differ from their defaults; None if unknown.
+        versions: Python and important packages; None for a package that is not installed.
         git: State of the racer's `working_folder` and of our own `package`; None outside git.
-        machine: `platform`, `processor`, number of `cores`, and `threads` where OMP_NUM_THREADS
+        machine: `platform`, `processor`, number of `cores`, and `threads` if OMP_NUM_THREADS
             limits them.
-        pretrained: Whose weights the model began with; None where they were fresh.
-        earlier: The starts before that this one resumes, oldest first.
+        pretrained: None if the model began with new weights.
+        earlier: The starts that this one resumes, oldest first.
     """
 
     seed: int

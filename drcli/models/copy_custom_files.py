@@ -15,7 +15,7 @@ from drcli.config.run_config import CustomFilesConfig, StorageConfig
 from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
 from drcli.store.connect import open_bucket
-from drcli.store.verify import Proof
+from drcli.store.verify import Checksums
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""
@@ -71,7 +71,7 @@ def upload_custom_files(
             refused.append(readable)
             continue
         data, key = _read(path), start + name
-        if Proof.of(data).holds(bucket, there.get(key)):
+        if Checksums.of(data).matches(bucket, there.get(key)):
             unchanged.append(name)
             continue
         bucket.put(key, data)

@@ -16,7 +16,7 @@ from drcli.models.checkpoint_files import Item, missing_parts
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
-from drcli.store.verify import Proof
+from drcli.store.verify import Checksums
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a progress bar inside a `with` block; takes a title and the number of bytes."""
@@ -74,7 +74,7 @@ class Delivery:
         self._folder = keys.folder(prefix)
         self.prefix = prefix
         self._watch = watch
-        self._proofs: dict[str, Proof] = {}
+        self._checksums: dict[str, Checksums] = {}
         self._there = self._look()
 
     def differs(self, item: Item) -> bool:
@@ -83,7 +83,7 @@ class Delivery:
 
     def holds(self, item: Item) -> bool:
         """Whether the target has exactly this item."""
-        return Proof.of(item.data).holds(self.bucket, self._there.get(item.name))
+        return Checksums.of(item.data).matches(self.bucket, self._there.get(item.name))
 
     def has(self, name: str, info: ObjectInfo) -> bool:
         """Whether the target has an object of another listing already, by its etag there.
@@ -93,7 +93,7 @@ class Delivery:
         own = self._there.get(name)
         if own is None or not info.etag or own.size_bytes != info.size_bytes:
             return False
-        same = info.etag in Proof.of(self.bucket.get(own.key)).etags
+        same = info.etag in Checksums.of(self.bucket.get(own.key)).etags
         if same and name not in self.unchanged:
             self.unchanged.append(name)
         return same
@@ -106,8 +106,8 @@ class Delivery:
         """
         batch: list[Item] = []
         for item in items:
-            proof = self._proofs[item.name] = Proof.of(item.data)
-            if proof.holds(self.bucket, self._there.get(item.name)):
+            proof = self._checksums[item.name] = Checksums.of(item.data)
+            if proof.matches(self.bucket, self._there.get(item.name)):
                 self.unchanged.append(item.name)
                 self._watch(len(item.data))
                 continue
@@ -132,7 +132,7 @@ class Delivery:
 
     def delete_strays(self, folder: str, kept: Iterable[str] = ()) -> None:
         """Delete everything in a folder (`model/`, or all if empty) that was not delivered."""
-        doomed = self.strays(folder, [*self._proofs, *kept])
+        doomed = self.strays(folder, [*self._checksums, *kept])
         self.bucket.delete([self._folder + name for name in doomed])
         self.deleted += doomed
 
@@ -182,7 +182,7 @@ class Delivery:
         Raises:
             StorageError: Another program delivers another model here.
         """
-        if self._altered(name for name in names if name in self._proofs):
+        if self._altered(name for name in names if name in self._checksums):
             self.withdraw()
             raise self._crossed()
 
@@ -204,7 +204,9 @@ class Delivery:
         """Those of the sent objects that are not at the target as they were sent."""
         there = self._look()
         return [
-            name for name in names if not self._proofs[name].holds(self.bucket, there.get(name))
+            name
+            for name in names
+            if not self._checksums[name].matches(self.bucket, there.get(name))
         ]
 
     def _send(self, items: Sequence[Item], watch: Watch | None = None) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import decode_pointer
 from drcli.exchange.scores import Scores
@@ -396,7 +396,7 @@ def _named(pointers: list[Item], source: Source) -> set[str]:
                 names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
             else:
                 names.add(str(decode_pointer(item.data)))
-        except Misfit as e:
+        except RecordError as e:
             raise ObjectDamaged(
                 f"{source.url}/{item.name} is damaged: {e}.",
                 remedy="Restore it from a copy, or fetch another model.",

@@ -16,7 +16,7 @@ from drcli.models.run_metadata import read_start
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.reconstruct import readable_records
-from drcli.store.repair import Model, damages, repair, set_aside
+from drcli.store.repair import Model, find_damage, repair, set_aside
 
 _SEED = re.compile(rb'"seed": ?(\d{1,15})\b')
 
@@ -41,7 +41,7 @@ def repair_or_warn(
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
     model = Model.of(config, bucket, prefix)
-    told = repair_all(model, missing=missing) if may_write and not trained else damages(model)
+    told = repair_all(model, missing=missing) if may_write and not trained else find_damage(model)
     for sentence in told:
         notices.warn(sentence)
 

@@ -21,14 +21,14 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
-from drcli.checks.reward_timeout import words_of_stuck
+from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.settings import Settings
-from drcli.exchange.evaluation_metrics import REPORT_FILE, TrialMetrics, decode_report
+from drcli.exchange.episode_metrics import REPORT_FILE, TrialMetrics, decode_report
 from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.job import Job, LastWords
+from drcli.exchange.job import Job, WorkerExit
 from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
 from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
@@ -156,7 +156,7 @@ def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
         _run(plan)
         try:
             records = decode_report((folder / REPORT_FILE).read_bytes())
-        except (OSError, Misfit) as error:
+        except (OSError, RecordError) as error:
             raise WorkerDied(
                 f"The evaluation worker left no results: {error}.",
                 remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
@@ -234,7 +234,7 @@ def _run(plan: EvaluationPlan) -> None:
         part.unlink(missing_ok=True)
     if path.exists():
         os.truncate(path, 0)
-    LastWords.forget(job.folder, "evaluation")
+    WorkerExit.delete(job.folder, "evaluation")
     process = start_process(
         job, "evaluation", "drcli.workers.evaluator", plan.stamp, *plan.checkpoints
     )
@@ -246,7 +246,7 @@ def _run(plan: EvaluationPlan) -> None:
         raise
     if code == 0:
         return
-    words = LastWords.find(job.folder, "evaluation") or words_of_stuck(
+    words = WorkerExit.read(job.folder, "evaluation") or exit_of_stuck(
         code, path, remedy="Train the model on with a corrected reward_function.py."
     )
     if words is None:

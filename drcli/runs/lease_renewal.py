@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost
-from drcli.exchange.lease_record import Lease
+from drcli.exchange.run_state import Lease
 from drcli.store.bucket import Bucket
 from drcli.store.lease import STALE_S, elapsed_s, lost_to, read_lease, write_lease
 

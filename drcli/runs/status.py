@@ -9,8 +9,8 @@ from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
+from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.trace import STEP_S
-from drcli.exchange.worker_state import ActivityRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
 from drcli.store import keys

@@ -10,8 +10,8 @@ from types import FrameType
 
 from drcli.base.errors import DrError, OwnershipLost, StorageError, WorkerDied
 from drcli.base.log import get_logger
-from drcli.checks.reward_timeout import words_of_stuck
-from drcli.exchange.job import Job, LastWords
+from drcli.checks.reward_timeout import exit_of_stuck
+from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord, State, WorkerRecord
 from drcli.runs.lease_renewal import LOOK_S, Renewal
 from drcli.runs.periodic import Periodic, within
@@ -154,7 +154,7 @@ class Supervisor:
         self._signal = number
 
     def _start(self, child: Child) -> None:
-        LastWords.forget(self._job.folder, child.name)  # those of an earlier run
+        WorkerExit.delete(self._job.folder, child.name)  # that of an earlier run
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
@@ -182,7 +182,7 @@ class Supervisor:
         """Restart a worker that has exited, or return how the run ends."""
         assert child.process is not None
         code = child.process.returncode
-        words = LastWords.find(self._job.folder, child.name) or words_of_stuck(
+        words = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
             code,
             log_file(self._job.directory, self._job.config.model.prefix, child.name),
             remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
@@ -273,7 +273,7 @@ class Supervisor:
 
 
 def _died_too_often(
-    child: Child, code: int, lived_s: float, words: LastWords | None
+    child: Child, code: int, lived_s: float, words: WorkerExit | None
 ) -> Outcome | None:
     """Count a quick death; after too many in a row, return how the run ends."""
     crash = CRASHES.get(-code)

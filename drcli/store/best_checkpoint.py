@@ -1,4 +1,4 @@
-"""Which checkpoint is the best: what an evaluation is worth, what beats what, where it is kept.
+"""Decides which checkpoint is the best, and reads and writes evaluation results and scores.
 
 Worker 0 writes an evaluation result for a checkpoint, the trainer compares it with the best one so
 far (`drcli.workers.scoring`) and keeps best and last in `deepracer_checkpoints.json`.
@@ -6,10 +6,8 @@ far (`drcli.workers.scoring`) and keeps best and last in `deepracer_checkpoints.
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
-from drcli.exchange.evaluation_result import EvaluationResult
-from drcli.exchange.scores import Score, Scores
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
@@ -18,17 +16,14 @@ UNFINISHED_MS = 999_999.0
 
 
 def metric_of(metric: str, result: EvaluationResult) -> float:
-    """What DR_TRAIN_BEST_MODEL_METRIC makes of an evaluation: percent, reward or milliseconds."""
+    """An evaluation by DR_TRAIN_BEST_MODEL_METRIC: percent, reward or milliseconds."""
     if metric == "laptime":
         return _mean_lap_ms(result)
     return _mean(result.reward if metric == "reward" else result.progress)
 
 
 def tie_break_of(metric: str, result: EvaluationResult) -> float:
-    """What decides between checkpoints whose means are equal, the lower the better.
-
-    That is the lap time for progress and reward, and the progress for lap times.
-    """
+    """Decides between equal means, the lower the better: lap time, or progress for `laptime`."""
     return -_mean(result.progress) if metric == "laptime" else _mean_lap_ms(result)
 
 
@@ -39,10 +34,10 @@ def score_of(result: EvaluationResult, metric: str, time_stamp: float) -> Score:
 
 
 def with_evaluation(scores: Scores, score: Score, metric: str) -> Scores:
-    """The scores once a checkpoint was evaluated.
+    """The scores after the evaluation of a checkpoint.
 
-    Anything beats a checkpoint that was never evaluated. Equal means are told apart by their
-    tie-breaks; what is equal in both, or has no tie-break, goes to the one evaluated later.
+    It beats a checkpoint that was never evaluated. The tie-break decides between equal means; if it
+    is equal too, or unknown, the later evaluation wins.
     """
     best, last = scores.best_checkpoint, scores.last_checkpoint
     is_best = score.name == best.name or _beats(score, best, lower_is_better=metric == "laptime")
@@ -52,31 +47,8 @@ def with_evaluation(scores: Scores, score: Score, metric: str) -> Scores:
     )
 
 
-def with_newest(scores: Scores | None, name: str, sim_time_s: float) -> Scores:
-    """The scores once a checkpoint is the newest: the best one stays the best."""
-    metric = None if scores is None else scores.metric_of(name)
-    last = Score(name, metric, sim_time_s)
-    return Scores(last if scores is None else scores.best_checkpoint, last)
-
-
-def without_best(scores: Scores) -> Scores:
-    """The scores where the best checkpoint is lost: the last stands for it until an evaluation."""
-    last = replace(scores.last_checkpoint, avg_eval_metric=None)
-    return Scores(last, last)
-
-
-def without_metrics(scores: Scores) -> Scores:
-    """The best checkpoint stays, but not how good it was: the next evaluation beats it."""
-    best = replace(scores.best_checkpoint, avg_eval_metric=None, tie_break=None)
-    return Scores(best, replace(scores.last_checkpoint, avg_eval_metric=None))
-
-
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
-    """The scores of a model, None before its first checkpoint.
-
-    Raises:
-        ObjectDamaged: The file is unreadable.
-    """
+    """The scores of a model, None before its first checkpoint; ObjectDamaged if unreadable."""
     remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
     try:
         return read_record(bucket, keys.deepracer_checkpoints(prefix), Scores.decode, remedy)
@@ -85,17 +57,12 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
 
 
 def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
-    """Write the scores on one line."""
+    """Write `deepracer_checkpoints.json`."""
     bucket.put(keys.deepracer_checkpoints(prefix), scores.encode())
 
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
-    """The result of a checkpoint, by its number.
-
-    Raises:
-        ObjectMissing: There is none (yet).
-        ObjectDamaged: It is something else.
-    """
+    """The result of a checkpoint, by its number; ObjectMissing or ObjectDamaged."""
     remedy = "Delete it; the next checkpoint is evaluated again."
     key = keys.evaluation_result(prefix, number)
     return read_record(bucket, key, EvaluationResult.decode, remedy)
@@ -107,7 +74,7 @@ def write_evaluation(bucket: Bucket, prefix: str, number: int, result: Evaluatio
 
 
 def evaluated_numbers(bucket: Bucket, prefix: str) -> list[int]:
-    """Numbers of the checkpoints whose results are in the bucket, in order."""
+    """Numbers of the evaluated checkpoints, in order."""
     folder = keys.evaluations_folder(prefix)
     found = (
         re.fullmatch(r"(\d+)\.json", info.key.removeprefix(folder)) for info in bucket.list(folder)

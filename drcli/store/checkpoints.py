@@ -1,8 +1,7 @@
-"""Checkpoints of a model in the bucket, written so that a reader never takes a damaged one.
+"""Checkpoints of a model in the bucket, written so that no reader uses an incomplete one.
 
-A checkpoint is its tensors, optionally its optimizer's, and a small record with sizes, hashes and
-counters. It counts from the moment the pointer names it, which is written after all of these. The
-trainer alone writes here; everybody else reads.
+A checkpoint has tensors, maybe an optimizer state, and a record with sizes, hashes and counters.
+Readers use it when the pointer names it, which is written last. Only the trainer writes here.
 """
 
 from dataclasses import dataclass, replace
@@ -18,24 +17,24 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 
 KEEP = 4
-"""Newest checkpoints that pruning leaves, beside the best one. Source: the reference simulator."""
+"""How many of the newest checkpoints stay, besides the best. Source: the reference simulator."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A checkpoint whose bytes are the ones its record speaks of.
+    """A complete checkpoint.
 
     Args:
         record: Name, hashes and counters.
         tensors: Weights, a safetensors file.
-        optimizer: Optimizer state, a safetensors file; None where none was saved or asked for.
-        damaged: Newer checkpoints that were passed over, each with the reason.
+        optimizer: State, a safetensors file; None if it was not saved or not requested.
+        damaged: Newer checkpoints that were skipped, each with the reason.
     """
 
     record: CheckpointRecord
@@ -61,7 +60,7 @@ class CheckpointStore:
         sim_time_s: float = 0.0,
         counters: Counters | None = None,
     ) -> CheckpointRecord:
-        """Write a checkpoint, let the pointer name it, and drop what is too old.
+        """Write a checkpoint, point to it, and delete old ones.
 
         Args:
             number: One more than the checkpoint before, from 0.
@@ -69,10 +68,7 @@ class CheckpointStore:
             tensors: Weights, a safetensors file.
             optimizer: State to continue with, a safetensors file.
             sim_time_s: Simulated seconds driven until now.
-            counters: What the trainer continues with.
-
-        Returns:
-            The record as written.
+            counters: The trainer continues with them.
         """
         name = str(CheckpointName(number, steps))
         record = CheckpointRecord(
@@ -91,30 +87,27 @@ class CheckpointStore:
         return record
 
     def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
-        """Add the optimizer state to a published checkpoint, and drop those of older ones.
+        """Add the optimizer state to a published checkpoint, and delete those of older ones.
 
-        The weights are what everybody waits for, so they are published alone; the state, twice
-        their size, follows while the workers already drive. The state of the checkpoint before
-        stays, for a trainer that has to go back to that one.
+        The workers wait for the weights, so these are published first; the state, twice their size,
+        follows while the workers drive. The state of the checkpoint before is kept, because a
+        trainer may have to go back to it.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
-        self._bucket.delete(self._older_optimizers(checkpoint_name(record.name)))
-        return complete
-
-    def _older_optimizers(self, newest: CheckpointName) -> list[str]:
-        """Keys of all optimizer states but the newest checkpoint's and that of the one before."""
+        newest = checkpoint_name(record.name)
         objects = checkpoint_objects(self._bucket, self._prefix)
         states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
         before = max((name for name in states.values() if name < newest), default=None)
-        return [key for key, name in states.items() if name not in (before, newest)]
+        self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
+        return complete
 
     def point_to(self, record: CheckpointRecord) -> None:
-        """Make this checkpoint the one that everybody drives and continues with.
+        """Make this checkpoint the one that all processes use.
 
-        `save` does so itself. A trainer that had to fall back on an older checkpoint points to
-        that one, so that the workers play it as well.
+        `save` does this. A trainer that goes back to an older checkpoint points to that one, so
+        that the workers use it too.
         """
         pointer = encode_pointer(checkpoint_name(record.name))
         self._bucket.put(keys.coach_checkpoint(self._prefix), pointer)
@@ -122,13 +115,15 @@ class CheckpointStore:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
             known = None  # the best is forgotten; the training can go on
-        scores = best_checkpoint.with_newest(known, record.name, record.sim_time_s)
-        write_scores(self._bucket, self._prefix, scores)
+        metric = None if known is None else known.metric_of(record.name)
+        last = Score(record.name, metric, record.sim_time_s)
+        best = last if known is None else known.best_checkpoint
+        write_scores(self._bucket, self._prefix, Scores(best, last))
 
     def repair_pointer(self, name: CheckpointName) -> bool:
-        """Write the pointer again where it is gone, damaged, or names an older checkpoint.
+        """Write the pointer again if it is missing, damaged, or names an older checkpoint.
 
-        One that names a newer checkpoint is somebody else's, who went on from this one.
+        If it names a newer one, another trainer has continued from this one.
 
         Returns:
             Whether it was written.
@@ -140,11 +135,7 @@ class CheckpointStore:
         return True
 
     def latest_name(self) -> str | None:
-        """The checkpoint that the pointer names, None before the first; cheap enough to poll.
-
-        Raises:
-            ObjectDamaged: The pointer holds something else.
-        """
+        """The checkpoint that the pointer names, None before the first; ObjectDamaged."""
         key = keys.coach_checkpoint(self._prefix)
         remedy = "Go on with `dr-start-training --resume`, which writes it again."
         try:
@@ -163,51 +154,35 @@ class CheckpointStore:
             return None
 
     def drivers(self, newest: CheckpointName) -> list[str]:
-        """Checkpoints that may have driven what is learned from while this is the newest one.
+        """Checkpoints whose rollouts may be learned from while this is the newest one.
 
-        Workers that drive while the trainer learns are one checkpoint behind.
-
-        Returns:
-            The newest last, before it the one with the number before, where there is one.
+        These are the one before, because workers drive while the trainer learns, and the newest.
         """
         names = set(checkpoint_objects(self._bucket, self._prefix).values())
         before = [str(name) for name in names if name.number == newest.number - 1]
         return [*before, str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
-        """Sizes, hashes and counters of a checkpoint.
-
-        Raises:
-            ObjectMissing: There is no such checkpoint.
-            ObjectDamaged: There is, but its record is unreadable.
-        """
+        """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
         remedy = "Delete that checkpoint's files; an older one is used instead."
         return read_record(self._bucket, key, partial(CheckpointRecord.decode_of, name), remedy)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
-        """Read one checkpoint and check it.
-
-        Raises:
-            ObjectMissing: One of its files is missing.
-            ObjectDamaged: Its record or weights are damaged; the sentence names the file.
-        """
+        """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""
         record = self.record(name)
         tensors = self._checked(keys.checkpoint_tensors(self._prefix, name), record.tensors)
         optimizer = self._optimizer(record) if with_optimizer else None
         return Checkpoint(record, tensors, optimizer)
 
     def load_latest(self, *, with_optimizer: bool = False) -> Checkpoint | None:
-        """Read the newest checkpoint that is whole.
-
-        That is the one the pointer names; when it is damaged, the newest older one, and
-        `damaged` of the result says what was passed over and why.
+        """Read the checkpoint that the pointer names, or an older one if that is damaged.
 
         Returns:
-            None when the model has no checkpoint at all.
+            None if the model has no checkpoint.
 
         Raises:
-            StorageError: There are checkpoints, but none is whole.
+            StorageError: All checkpoints are damaged.
         """
         damaged: list[str] = []
         for name in self._newest_first():
@@ -220,9 +195,9 @@ class CheckpointStore:
         if not damaged:
             return None
         raise StorageError(
-            f"No checkpoint below {self._bucket.name}/{keys.model_folder(self._prefix)} is whole: "
+            f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
             + " ".join(damaged),
-            remedy="Restore one from a copy, or train the model anew with `-w`.",
+            remedy="Restore one from a copy, or train the model from the start with `-w`.",
         )
 
     def best_name(self) -> str | None:
@@ -231,9 +206,9 @@ class CheckpointStore:
         return None if scores is None else scores.best_checkpoint.name
 
     def record_evaluation(self, result: EvaluationResult, metric: str) -> bool:
-        """Record how a checkpoint was evaluated; True when it is now the best.
+        """Record the evaluation of a checkpoint; True if it is now the best.
 
-        One that was pruned meanwhile cannot become the best any more.
+        A checkpoint that was deleted in the meantime cannot become the best.
 
         Args:
             result: Of its evaluation.
@@ -252,10 +227,10 @@ class CheckpointStore:
         return after.best_checkpoint == score
 
     def forget_damaged_best(self) -> str | None:
-        """Let the last checkpoint stand for the best one where the weights of that are damaged.
+        """If the best checkpoint is damaged, the last one becomes the best until an evaluation.
 
         Returns:
-            What is damaged, None where nothing is.
+            A sentence about the damage, None if there is none.
         """
         known = read_scores(self._bucket, self._prefix)
         if known is None:
@@ -263,24 +238,26 @@ class CheckpointStore:
         try:
             self.load(known.best_checkpoint.name)
         except (ObjectMissing, ObjectDamaged) as error:
-            write_scores(self._bucket, self._prefix, best_checkpoint.without_best(known))
+            last = replace(known.last_checkpoint, avg_eval_metric=None)
+            write_scores(self._bucket, self._prefix, Scores(last, last))
             return str(error)
         return None
 
     def forget_scores(self) -> None:
-        """Keep the best checkpoint, but not how good it was: the next evaluation beats it."""
+        """Keep the best checkpoint, but not its score: the next evaluation beats it."""
         known = read_scores(self._bucket, self._prefix)
         if known is not None:
-            write_scores(self._bucket, self._prefix, best_checkpoint.without_metrics(known))
+            best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
+            last = replace(known.last_checkpoint, avg_eval_metric=None)
+            write_scores(self._bucket, self._prefix, Scores(best, last))
 
     def _optimizer(self, record: CheckpointRecord) -> bytes | None:
-        """The optimizer state where it is there and whole: weights alone can go on, too."""
+        """The optimizer state, None if it is missing or damaged: the weights are enough."""
         if record.optimizer is None:
             return None
+        key = keys.checkpoint_optimizer(self._prefix, record.name)
         try:
-            return self._checked(
-                keys.checkpoint_optimizer(self._prefix, record.name), record.optimizer
-            )
+            return self._checked(key, record.optimizer)
         except (ObjectMissing, ObjectDamaged):
             return None
 
@@ -296,10 +273,10 @@ class CheckpointStore:
         return data
 
     def _newest_first(self) -> list[str]:
-        """Where to look for a whole checkpoint.
+        """Checkpoints that may be complete.
 
-        What is newer than the pointer was never published and is left alone; so is one without a
-        record, which a trainer had only begun to write.
+        One that is newer than the pointer was never published, and one without a record was never
+        finished.
         """
         objects = checkpoint_objects(self._bucket, self._prefix)
         found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
@@ -309,27 +286,22 @@ class CheckpointStore:
         return [str(name) for name in sorted(found, reverse=True)]
 
     def _prune(self, newest: CheckpointRecord) -> None:
-        """Delete all but the newest checkpoints and the best.
+        """Delete all checkpoints except the newest ones and the best.
 
-        A checkpoint that counts further than the newest was left by a trainer that died before
-        it published it, or was passed over as damaged; its place is taken again.
+        One with a higher number than the newest was never published, or was skipped as damaged.
         """
         objects = checkpoint_objects(self._bucket, self._prefix)
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
-        doomed = {name for name in names if str(name) not in kept}
-        numbers = {name.number for name in names - doomed}
-        graphs = [
-            keys.checkpoint_graph(self._prefix, name.number)
-            for name in doomed
-            if name.number not in numbers
-        ]
-        self._bucket.delete([key for key, name in objects.items() if name in doomed] + graphs)
+        old = {name for name in names if str(name) not in kept}
+        numbers = {name.number for name in old} - {name.number for name in names - old}
+        graphs = [keys.checkpoint_graph(self._prefix, number) for number in numbers]
+        self._bucket.delete([key for key, name in objects.items() if name in old] + graphs)
 
 
 def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
-    """Keys of everything that belongs to a checkpoint of a model, and to which."""
+    """Keys of all objects of checkpoints of a model, each with its checkpoint."""
     found = {
         o.key: keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix))
     }

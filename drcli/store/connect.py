@@ -1,4 +1,4 @@
-"""Opens the bucket of a run, the one to look at, and the one that models are copied to."""
+"""Opens the bucket of a run, for writers or readers, and the bucket for uploads."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,10 +13,10 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 _READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
-"""How long an answer may stall before it is asked for again. No network holds up the local one."""
+"""How long an answer may stall before the request is repeated. The local server has no network."""
 
 _LOOK_TIMEOUT_S = 2.0
-"""How long it may stall for readers, who also read once more when they were told to stop."""
+"""The same for readers, which read once more when they are stopped."""
 
 
 def open_bucket(
@@ -26,14 +26,7 @@ def open_bucket(
     read_timeout_s: float | None = None,
     hurried: Callable[[], bool] = lambda: False,
 ) -> S3Bucket:
-    """The bucket, its local server started where needed.
-
-    Args:
-        config: Where it is.
-        patience_s: How long calls wait for a server that does not answer: a worker lets its
-            supervisor bring the server back, a command's user wants to know soon.
-        read_timeout_s: For how long an answer may stall; as befits the server if left out.
-        hurried: Whether this process was asked to stop; then calls wait no longer.
+    """The bucket; its local server is started if needed. The last arguments are of `S3Bucket`.
 
     Raises:
         StorageError: The server cannot be started or found.
@@ -51,10 +44,8 @@ def open_bucket(
 def open_running_bucket(config: StorageConfig) -> Bucket | None:
     """The bucket for readers, which starts no server.
 
-    Objects that the local server keeps as files are read directly, whether it runs or not.
-
-    Returns:
-        None where a local server that keeps them in another way does not run.
+    The objects of rclone are plain files, and are read directly. For another local server, the
+    result is None if it does not run.
     """
     if config.cloud == "local" and config.engine == "rclone":
         folder = config.data_dir / config.bucket
@@ -72,14 +63,14 @@ def open_upload_bucket(
 ) -> S3Bucket:
     """A bucket on the server that models are copied to and from.
 
-    That server is DR_UPLOAD_S3_ENDPOINT_URL; where it is not set, what DR_UPLOAD_S3_PROFILE says
-    in the AWS files; else Amazon's.
+    That server is DR_UPLOAD_S3_ENDPOINT_URL, or that of DR_UPLOAD_S3_PROFILE in the AWS files, or
+    Amazon's.
 
     Args:
-        config: Where it is.
-        name: Another bucket there than DR_UPLOAD_S3_BUCKET.
-        names: What to call the settings in errors.
-        patience_s: How long calls wait for a server that does not answer.
+        config: Of the server.
+        name: A bucket other than DR_UPLOAD_S3_BUCKET.
+        names: Names of the settings in errors.
+        patience_s: As for `S3Bucket`.
 
     Raises:
         StorageError: The profile does not exist.
@@ -98,5 +89,5 @@ def open_upload_bucket(
 
 @lru_cache(maxsize=4)
 def _impatient(endpoint: Endpoint, name: str) -> Bucket:
-    """A cached client, because making one takes longer than reading an object."""
+    """Cached, because a new client takes longer than reading an object."""
     return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=_LOOK_TIMEOUT_S)

@@ -8,15 +8,7 @@ from drcli.config.run_config import Engine
 
 @dataclass(frozen=True)
 class SettingNames:
-    """What the settings are called that led to a bucket, for the words of an error.
-
-    Args:
-        bucket: Decides the bucket.
-        prefix: Decides the model in it.
-        profile: Decides the access keys.
-        address: Decides the server where it is not Amazon's.
-        amazon: Decides that it is Amazon's.
-    """
+    """Names of the settings of a bucket, for errors; `amazon` selects Amazon's server."""
 
     bucket: str = "DR_LOCAL_S3_BUCKET"
     prefix: str = "DR_LOCAL_S3_MODEL_PREFIX"
@@ -32,23 +24,23 @@ UPLOADS = SettingNames(
     address="DR_UPLOAD_S3_ENDPOINT_URL",
     amazon="DR_UPLOAD_S3_PROFILE",
 )
-"""Those of the bucket that models are copied to."""
+"""Of the bucket that models are copied to."""
 
 
 @dataclass(frozen=True)
 class Endpoint:
-    """An S3 address together with what is needed to sign requests to it.
+    """The address of an S3 server, and the keys for it.
 
     Args:
-        url: Address, None for Amazon's own.
-        access_key: None when boto3 looks for keys itself (profile, environment, instance role).
-        secret_key: Belongs to `access_key`; never printed.
-        profile: Profile of the AWS files to take the keys from.
+        url: None for Amazon's server.
+        access_key: None if boto3 finds the keys (profile, environment, instance role).
+        secret_key: Never printed.
+        profile: In the AWS files.
         region: Region to sign for.
-        engine: Program behind a local address, None for anybody else's server.
-        pid: Process of the local server where it is known.
-        data_dir: Folder in which the local server keeps its objects.
-        names: What the settings behind all this are called.
+        engine: Program of the local server, None for another server.
+        pid: Process of the local server, if known.
+        data_dir: Folder of the local server.
+        names: Of the settings.
     """
 
     url: str | None
@@ -63,14 +55,14 @@ class Endpoint:
 
     @property
     def setting(self) -> str:
-        """Name of the setting that decides where this address points."""
+        """Name of the setting that selects this server."""
         if self.engine is not None:
             return "DR_CLOUD=local"
         return self.names.amazon if self.url is None else self.names.address
 
     @property
     def place(self) -> str:
-        """The address as it reads in a sentence: without a password that stands in it."""
+        """The address for a sentence, without a password."""
         if self.url is None:
             return f"Amazon S3 ({self.region})"
         scheme, colon, rest = self.url.partition("://")

@@ -1,7 +1,7 @@
 """Reads the embedded server's bucket directly, because its objects are plain files.
 
-That needs no S3 client, which takes half a second to make, and no server. Only the server writes,
-because it would not notice at once what another program writes.
+This needs no server and no S3 client, which takes half a second to create. Only the server writes,
+because it would notice other changes late.
 """
 
 import os
@@ -18,7 +18,7 @@ from drcli.store.server.engines import LEFTOVERS
 
 
 class FolderBucket:
-    """Reads objects; refuses to write any."""
+    """Reads objects; raises TypeError on writing."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -29,7 +29,7 @@ class FolderBucket:
         return self._folder.name
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read a whole object; ObjectMissing when there is none."""
+        """Read a whole object; ObjectMissing if it does not exist."""
         path = self._folder / key
         try:
             data = path.read_bytes()
@@ -45,24 +45,24 @@ class FolderBucket:
         return data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Read a whole object, and how many seconds ago; the server runs on this machine."""
+        """Read a whole object, and its age by the clock of this machine."""
         data = self.get(key)
         try:
             modified_s = (self._folder / key).stat().st_mtime
-        except OSError:  # deleted meanwhile
+        except OSError:  # deleted in the meantime
             return data, None
         return data, time.time() - modified_s
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> NoReturn:
         """Refused."""
-        raise self._only_looked_at()
+        raise self._read_only()
 
     def delete(self, keys: Iterable[str]) -> NoReturn:
         """Refused."""
-        raise self._only_looked_at()
+        raise self._read_only()
 
     def exists(self, key: str) -> bool:
-        """Whether there is an object under this key."""
+        """Whether an object with this key exists."""
         return (self._folder / key).is_file()
 
     def list(self, folder: str) -> Listing:
@@ -79,7 +79,7 @@ class FolderBucket:
     def _info(self, path: Path) -> Listing:
         try:
             facts = path.stat()
-        except FileNotFoundError:  # deleted meanwhile
+        except FileNotFoundError:  # deleted in the meantime
             return []
         except OSError as e:
             raise self._unreadable(path, e) from e
@@ -93,7 +93,5 @@ class FolderBucket:
             remedy="Check that you may read that file and its folders.",
         )
 
-    def _only_looked_at(self) -> TypeError:
-        return TypeError(
-            f"The bucket in {self._folder} is read-only here; write through its server."
-        )
+    def _read_only(self) -> TypeError:
+        return TypeError(f"The bucket in {self._folder} is read-only; write through its server.")

@@ -1,4 +1,4 @@
-"""The learning curve of a run: one record an iteration, in one object beside the metrics."""
+"""The learning curve of a model: one record for each iteration, in one object."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,17 +9,17 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
 _SMOOTH = 3
-"""Iterations over which completion is averaged: single ones vary by chance."""
+"""Iterations over which completion is averaged, because it varies by chance."""
 
 _PEAK = 40.0
-"""Mean completion, percent, from which on there is something to lose."""
+"""Mean completion, percent; a policy that was never so good cannot collapse."""
 
 _FALL = 0.6
-"""Share of its best at which completion counts as collapsed."""
+"""Share of the best completion below which the policy has collapsed."""
 
 
 class History:
-    """All iterations of a run. The trainer writes it, everybody may read it."""
+    """All iterations of a model. Only the trainer writes it."""
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
         self._bucket = bucket
@@ -27,13 +27,12 @@ class History:
         self.records = read_history(bucket, prefix)
 
     def restore(self, iteration: int, last: IterationRecord | None) -> None:
-        """Go back to where a checkpoint was published.
+        """Go back to the time when a checkpoint was published.
 
         Args:
-            iteration: Its number; iterations from this one on are forgotten, for they will be
-                repeated.
-            last: The record before, as the checkpoint has it: that is published before the
-                history, so a trainer that dies in between leaves only this.
+            iteration: Its number; this iteration and later ones are dropped and repeated.
+            last: The record before, from the checkpoint, which is published before the history: a
+                trainer may have ended between the two.
         """
         self.records = [r for r in self.records if r.iteration < iteration]
         if last is not None and last.iteration not in {r.iteration for r in self.records}:
@@ -45,7 +44,7 @@ class History:
         write_history(self._bucket, self._prefix, self.records)
 
     def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
-        """Add how a checkpoint's evaluation went, and publish."""
+        """Add the evaluation of a checkpoint, and publish."""
         self.records = [
             replace(r, evaluation_progress=progress, evaluation_lap_s=lap_s)
             if r.iteration == iteration
@@ -56,11 +55,7 @@ class History:
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """All iterations so far, oldest first; empty for a model that has none.
-
-    Raises:
-        ObjectDamaged: It is something else.
-    """
+    """All iterations so far, oldest first; ObjectDamaged if it is unreadable."""
     remedy = "Stop the training and go on with `dr-start-training --resume`, which reconstructs it."
     try:
         return read_record(bucket, keys.history(prefix), decode_history, remedy)
@@ -74,7 +69,7 @@ def write_history(bucket: Bucket, prefix: str, records: Sequence[IterationRecord
 
 
 def collapse(records: Sequence[IterationRecord], best: str | None) -> str | None:
-    """Whether the policy has become far worse than it was, as one sentence; None if not.
+    """A sentence if the policy has become far worse than it was, None if not.
 
     Args:
         records: The iterations so far, oldest first.

@@ -19,7 +19,7 @@ def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
 
 
 def contains(outer: str, inner: str) -> bool:
-    """Whether wiping `outer` would delete `inner`, because it is the same or lies below it."""
+    """Whether deleting `outer` would delete `inner`, because it is the same or below it."""
     return keys.folder(inner).startswith(keys.folder(outer))
 
 

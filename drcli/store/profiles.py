@@ -9,15 +9,16 @@ from drcli.config import secret_environment
 
 if TYPE_CHECKING:
     from boto3.session import Session
+    from botocore.session import Session as CoreSession
 
 DEFAULT = "default"
-"""A profile that need not exist: without it the AWS library goes on searching, up to the role of
-the machine, which is all that a rented machine has."""
+"""A profile that need not exist: without it the AWS library looks for keys in other places, such as
+the role of a rented machine."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """What the AWS files say beside the keys."""
+    """Server and region of a profile in the AWS files."""
 
     endpoint_url: str | None
     region: str | None
@@ -28,27 +29,18 @@ def session_of(profile: str | None, setting: str) -> "Session":
     """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse.
 
     Raises:
-        StorageError: The profile does not exist.
+        StorageError: The profile does not exist, or the files cannot be read.
     """
-    # Imported here: boto3 takes a quarter of a second that commands without a bucket need not pay.
+    # Imported here: boto3 takes a quarter of a second, which other commands do not need.
     from boto3.session import Session
-    from botocore.exceptions import ProfileNotFound
 
-    try:
-        return Session(profile_name=profile)
-    except ProfileNotFound as e:
-        if profile == DEFAULT:
-            return session_of(None, setting)
-        raise _no_profile(profile, setting) from e
+    return Session(botocore_session=_profile_session(profile, setting))
 
 
 def lend_to_refreshes(credentials: object) -> None:
-    """Put the withheld secrets into the environment whenever temporary keys are renewed.
+    """Put the withheld secrets into the environment whenever boto3 renews temporary keys.
 
-    boto3 then asks again whatever issued the keys, such as a container's token or a program.
-
-    Args:
-        credentials: Of boto3; fixed keys from a file or variable are never renewed.
+    boto3 then needs the token of a container, or runs a program. Fixed keys are never renewed.
     """
     fetch = getattr(credentials, "_refresh_using", None)
     if fetch is None:
@@ -58,7 +50,7 @@ def lend_to_refreshes(credentials: object) -> None:
         with secret_environment.lent():
             return fetch()
 
-    # A private name of botocore, which has no public one; where it is missing, nothing is done.
+    # botocore has only this private name; if it is missing, nothing is done.
     credentials._refresh_using = refresh  # type: ignore[attr-defined]
 
 
@@ -69,25 +61,32 @@ def read_profile(profile: str | None, setting: str) -> Profile:
         StorageError: The profile does not exist, or the files cannot be read.
     """
     from botocore.configprovider import ConfiguredEndpointProvider
+
+    files = _profile_session(profile, setting)
+    scoped = files.get_scoped_config()
+    provider = ConfiguredEndpointProvider(
+        full_config=files.full_config, scoped_config=scoped, client_name="s3"
+    )
+    return Profile(provider.provide(), scoped.get("region"))
+
+
+def _profile_session(profile: str | None, setting: str) -> "CoreSession":
     from botocore.exceptions import BotoCoreError, ProfileNotFound
     from botocore.session import Session
 
+    session = Session(profile=profile)
     try:
-        files = Session(profile=profile)
-        scoped = files.get_scoped_config()
-        provider = ConfiguredEndpointProvider(
-            full_config=files.full_config, scoped_config=scoped, client_name="s3"
-        )
-        return Profile(provider.provide(), scoped.get("region"))
+        session.get_scoped_config()
     except ProfileNotFound as e:
         if profile == DEFAULT:
-            return read_profile(None, setting)
+            return _profile_session(None, setting)
         raise _no_profile(profile, setting) from e
     except BotoCoreError as e:
         raise StorageError(
             f"The AWS files cannot be used ({setting} is '{profile or ''}'): {e}.",
             remedy="Correct ~/.aws/config and ~/.aws/credentials.",
         ) from e
+    return session
 
 
 def _no_profile(profile: str | None, setting: str) -> StorageError:

@@ -1,7 +1,4 @@
-"""Works out again what a damaged object of a model said, from the objects that are whole.
-
-Nothing is written here; see `drcli.store.repair`.
-"""
+"""Computes the content of a damaged object of a model from the undamaged ones; writes nothing."""
 
 import json
 import math
@@ -12,11 +9,10 @@ from typing import Any, TypeVar
 
 from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.episode_metrics import EpisodeMetrics
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.scores import Score, Scores
-from drcli.exchange.trace import TracedEpisode, read_csv
-from drcli.exchange.training_metrics import EpisodeMetrics
+from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.trace import read_csv
 from drcli.store import keys
 from drcli.store.best_checkpoint import (
     evaluated_numbers,
@@ -33,30 +29,23 @@ T = TypeVar("T")
 
 
 def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
-    """The whole records in the text of a damaged file that lists records.
-
-    Args:
-        data: The file.
-        read: Makes a record of a JSON value; Misfit where it is none.
-    """
+    """The undamaged records in a damaged file; `read` decodes one, or raises RecordError."""
     text = data.decode("utf-8", "replace")
     decoder = json.JSONDecoder()
     found: list[T] = []
-    at = text.find("{")
-    while at >= 0:
-        end = at + 1
+    begin = text.find("{")
+    while begin >= 0:
         try:
-            value, beyond = decoder.raw_decode(text, at)
+            value, end = decoder.raw_decode(text, begin)
             found.append(read(value))
-            end = beyond
-        except (ValueError, RecursionError):  # Misfit is a ValueError
-            pass
-        at = text.find("{", end)
+        except (ValueError, RecursionError):  # RecordError is a ValueError
+            end = begin + 1
+        begin = text.find("{", end)
     return found
 
 
 def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
-    """Checkpoints that have weights and a record, right or not, oldest first."""
+    """Checkpoints that have weights and a record, damaged or not, oldest first."""
     objects = checkpoint_objects(bucket, prefix)
     return sorted(
         name
@@ -67,7 +56,7 @@ def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
 
 
 def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
-    """Records of checkpoints that can be read, oldest first."""
+    """Undamaged records of checkpoints, oldest first."""
     store = CheckpointStore(bucket, prefix)
     found = []
     for name in whole_checkpoints(bucket, prefix):
@@ -79,7 +68,7 @@ def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
 
 
 def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
-    """Evaluations during the training that can be read, by the number of their checkpoint."""
+    """Undamaged evaluations during the training, by the number of their checkpoint."""
     found = {}
     for number in evaluated_numbers(bucket, prefix):
         try:
@@ -90,13 +79,7 @@ def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationRes
 
 
 def reconstruct_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[IterationRecord]:
-    """The learning curve: from the checkpoints' records, what is whole of the old file, the traces.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        damaged: The old file.
-    """
+    """The learning curve, from the checkpoints' records, the damaged file and the traces."""
     records = readable_records(bucket, prefix)
     known = {r.iteration: r for r in _traced_history(bucket, prefix)}
     known |= {r.iteration: r for r in whole_records(damaged, IterationRecord.from_json)}
@@ -121,17 +104,11 @@ def reconstruct_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[Ite
 def reconstruct_record(
     bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
 ) -> CheckpointRecord | None:
-    """The record of a checkpoint, from its weights and the learning curve.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        name: The checkpoint.
-        history: All iterations, as far as they are known.
+    """The record of a checkpoint, from its weights and the known iterations.
 
     Returns:
-        None where its weights cannot be read, or it is unknown how many episodes it has learned
-        from: an older checkpoint is used then.
+        None if its weights are damaged, or it is unknown how many episodes it has learned from: an
+        older checkpoint is used then.
     """
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:
@@ -154,15 +131,9 @@ def reconstruct_record(
 
 
 def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
-    """The index: the newest checkpoint, and of those that are there the one evaluated best.
+    """The newest checkpoint and the best one by its evaluation; None without any checkpoint.
 
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
-
-    Returns:
-        None where the model has no whole checkpoint.
+    The metric is DR_TRAIN_BEST_MODEL_METRIC.
     """
     records = readable_records(bucket, prefix)
     pointed = CheckpointStore(bucket, prefix).pointed()
@@ -172,12 +143,11 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
     by_name = {r.name: r for r in records}
     last = Score(newest.name, None, newest.sim_time_s)
     scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
-    for _, result in sorted(readable_evaluations(bucket, prefix).items()):
+    for result in readable_evaluations(bucket, prefix).values():
         record = by_name.get(result.checkpoint)
-        if record is None:
-            continue
-        score = score_of(result, metric, record.sim_time_s)
-        scores = with_evaluation(scores, score, metric)
+        if record is not None:
+            score = score_of(result, metric, record.sim_time_s)
+            scores = with_evaluation(scores, score, metric)
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)
     return scores
@@ -186,10 +156,10 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
 def reconstruct_metrics(
     bucket: Bucket, prefix: str, worker: int, damaged: bytes
 ) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json: what is whole of the old file, and traces."""
+    """The records of a worker's TrainingMetrics.json, from the damaged file and the traces."""
     kept = whole_records(damaged, EpisodeMetrics.from_json)
     training = [r for r in kept if r.phase == "training"]
-    there = {(r.iteration, r.trial) for r in training if r.iteration is not None}
+    known = {(r.iteration, r.trial) for r in training if r.iteration is not None}
     numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
     for iteration, of_iteration in traced_iterations(bucket, prefix).items():
         if worker not in of_iteration:
@@ -198,7 +168,7 @@ def reconstruct_metrics(
         kept += [
             EpisodeMetrics.of(episode, iteration=iteration, episode=episode.number + 1, trial=trial)
             for trial, episode in enumerate(traced, start=1)
-            if (iteration, trial) not in there and episode.number + 1 not in numbers
+            if (iteration, trial) not in known and episode.number + 1 not in numbers
         ]
     return sorted(kept, key=lambda r: (r.metric_time, r.phase != "training"))
 
@@ -215,47 +185,37 @@ def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
 
 
 def _traced_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """Iterations from their traces, without what only the learner knew."""
+    """Iterations from their traces, without the learner's numbers."""
     found: list[IterationRecord] = []
     total, began_s = 0, math.inf
     for iteration, of_worker in traced_iterations(bucket, prefix).items():
         if iteration != len(found):
-            break  # what comes after a gap cannot be counted
+            break  # the total is unknown after a gap
         episodes = [e for key in of_worker.values() for e in read_csv(bucket.get(key))]
         if not episodes:
             break
         begin_s = min(e.wall_s[0] for e in episodes)
         end_s = max(e.wall_s[1] for e in episodes)
         began_s = min(began_s, begin_s)
-        name = CheckpointName(iteration, total)
+        checkpoint = str(CheckpointName(iteration, total))
         steps = sum(e.steps for e in episodes)
         total += steps
-        found.append(_traced_record(name, episodes, total, end_s - begin_s, end_s - began_s))
+        laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
+        record = IterationRecord(
+            iteration=iteration,
+            checkpoint=checkpoint,
+            episodes=len(episodes),
+            steps=steps,
+            total_steps=total,
+            mean_reward=sum(e.reward for e in episodes) / len(episodes),
+            mean_progress=sum(e.progress for e in episodes) / len(episodes),
+            full_laps=len(laps),
+            best_lap_s=min(laps, default=None),
+            drive_s=end_s - begin_s,
+            elapsed_s=end_s - began_s,
+        )
+        found.append(record)
     return found
-
-
-def _traced_record(
-    name: CheckpointName,
-    episodes: list[TracedEpisode],
-    total_steps: int,
-    drive_s: float,
-    elapsed_s: float,
-) -> IterationRecord:
-    laps = [e.duration_s for e in episodes if e.status == "lap_complete"]
-    steps = sum(e.steps for e in episodes)
-    return IterationRecord(
-        iteration=name.number,
-        checkpoint=str(name),
-        episodes=len(episodes),
-        steps=steps,
-        total_steps=total_steps,
-        mean_reward=sum(e.reward for e in episodes) / len(episodes),
-        mean_progress=sum(e.progress for e in episodes) / len(episodes),
-        full_laps=len(laps),
-        best_lap_s=min(laps, default=None),
-        drive_s=drive_s,
-        elapsed_s=elapsed_s,
-    )
 
 
 def _found(bucket: Bucket, key: str) -> bytes:
@@ -267,7 +227,7 @@ def _found(bucket: Bucket, key: str) -> bytes:
 
 def _is_safetensors(data: bytes) -> bool:
     """Whether all tensors that the file's header lists are in it."""
-    from safetensors import SafetensorError, deserialize  # here: commands that look pay nothing
+    from safetensors import SafetensorError, deserialize  # here, to keep commands fast
 
     try:
         # The ignored check: safetensors has no types for this function.

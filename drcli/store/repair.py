@@ -1,8 +1,8 @@
-"""Puts damaged objects of a model aside, and writes them anew from what is whole.
+"""Finds damaged objects of a model, sets them aside and reconstructs them.
 
-A full disk, an interrupted copy or an editor can leave an object empty, cut short or wrong. The
-damaged one is kept under `runs/<prefix>/damaged/`. Only those who may write to the model repair it:
-the trainer, or a command while nobody trains; others tell what `damages` finds.
+A full disk, an interrupted copy or an editor can damage an object. It is kept under
+`runs/<prefix>/damaged/`. Only a process that may write to the model repairs it: the trainer, or a
+command while no training runs; others only report what `find_damage` returns.
 """
 
 import time
@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.config.run_config import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
@@ -19,12 +19,10 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history
-from drcli.exchange.lease_record import Lease
-from drcli.exchange.scores import Scores
-from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
-from drcli.exchange.worker_state import ActivityRecord
+from drcli.exchange.run_state import ActivityRecord, Lease
+from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -43,9 +41,6 @@ class Model:
     """A model whose objects are checked and repaired.
 
     Attributes:
-        bucket: Holds it.
-        prefix: Where.
-        metrics_prefix: Where its metrics lie.
         metric: DR_TRAIN_BEST_MODEL_METRIC.
         workers: The simulation workers whose metrics are checked.
     """
@@ -58,43 +53,39 @@ class Model:
 
     @staticmethod
     def of(config: ModelConfig, bucket: Bucket, prefix: str) -> "Model":
-        """A model in the bucket; what the settings say of theirs counts for it alone."""
-        own = prefix == config.prefix
-        return Model(
-            bucket,
-            prefix,
-            config.metrics_prefix if own else keys.metrics_prefix(prefix),
-            config.metric,
-            range(config.workers if own else 1),
-        )
+        """A model in the bucket, which may be the model of the settings or another one."""
+        if prefix == config.prefix:
+            workers = range(config.workers)
+            return Model(bucket, prefix, config.metrics_prefix, config.metric, workers)
+        return Model(bucket, prefix, keys.metrics_prefix(prefix), config.metric)
 
 
-def damages(model: Model) -> list[str]:
-    """What is damaged, a sentence each; nothing is changed."""
+def find_damage(model: Model) -> list[str]:
+    """A sentence for each damaged object; nothing is changed."""
     found = (_damage(model.bucket, item) for item in _objects(model, missing=False))
     return [sentence for sentence in found if sentence is not None]
 
 
 def repair(model: Model, *, missing: bool = True) -> list[str]:
-    """Put what is damaged aside and reconstruct it.
+    """Set damaged objects aside and reconstruct them.
 
     Args:
         model: Which.
         missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
 
     Returns:
-        What was damaged and what became of it, a sentence each.
+        A text for each damaged object: what was wrong, and what was done.
     """
     return _repaired(model, _objects(model, missing=missing))
 
 
 def repair_metrics(model: Model) -> list[str]:
-    """The same for the metrics of the workers alone, each of which a worker writes itself."""
+    """Repair only the metrics of the workers, which each worker writes itself."""
     return _repaired(model, _metrics(model))
 
 
 def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
-    """The learning curve for a reader that writes nothing, and a sentence where it is damaged."""
+    """The learning curve for a reader that writes nothing, and a sentence if it is damaged."""
     try:
         return read_history(model.bucket, model.prefix), []
     except ObjectDamaged as error:
@@ -103,7 +94,7 @@ def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
-    """The scores for a reader that writes nothing, and a sentence where they are damaged."""
+    """The scores for a reader that writes nothing, and a sentence if they are damaged."""
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
@@ -111,22 +102,13 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
 
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json.
-
-    Raises:
-        ObjectMissing: It does not exist.
-        ObjectDamaged: It is something else.
-    """
+    """The records of a worker's TrainingMetrics.json; ObjectMissing or ObjectDamaged."""
     remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
     return read_record(bucket, key, decode_metrics, remedy)
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
-    """Move a damaged object to where nothing takes it for a part of the model.
-
-    Returns:
-        The key under which it is kept.
-    """
+    """Move a damaged object out of the model; returns its new key."""
     kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
         bucket.put(kept, bucket.get(key))
@@ -139,9 +121,8 @@ class _Object:
     """An object of a model that may be damaged.
 
     Attributes:
-        key: Where it is.
-        decode: Raises Misfit where the bytes are something else.
-        reconstruct: Writes it anew, given the damaged bytes; says what became of it.
+        decode: Raises RecordError if the bytes are damaged.
+        reconstruct: Takes the damaged bytes, writes the object again, and says what was done.
     """
 
     key: str
@@ -160,19 +141,19 @@ def _damage(bucket: Bucket, item: _Object) -> str | None:
 
 
 def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
-    bucket, told = model.bucket, []
-    for item in objects:  # the next is looked for once this one is repaired
+    bucket, done = model.bucket, []
+    for item in objects:  # the next one is listed after this one is repaired
         reason = _damage(bucket, item)
         if reason is not None:
             data = bucket.get(item.key)
             kept = set_aside(bucket, model.prefix, item.key)
-            became = item.reconstruct(data)
-            told.append(f"{reason} {became} The damaged one is kept as {bucket.name}/{kept}.")
-    return told
+            result = item.reconstruct(data)
+            done.append(f"{reason} {result} The damaged one is kept as {bucket.name}/{kept}.")
+    return done
 
 
 def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
-    """One after the other, in the order in which they are reconstructed from each other."""
+    """All objects, each after those that it is reconstructed from."""
     bucket, prefix = model.bucket, model.prefix
     for number in evaluated_numbers(bucket, prefix):
         key = keys.evaluation_result(prefix, number)
@@ -196,13 +177,10 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
     yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
     yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
     yield from _metrics(model)
-    # What is true only while a run goes on.
-    activities = [info.key for info in bucket.list(keys.status_folder(prefix))]
-    for key in [keys.lease(prefix), *activities]:
-        state = Lease if key == keys.lease(prefix) else ActivityRecord
-        yield _Object(
-            key, state.decode, lambda _: "It will be rewritten when the training goes on."
-        )
+    rewritten = "It will be rewritten when the training goes on."
+    yield _Object(keys.lease(prefix), Lease.decode, lambda _: rewritten)
+    for info in bucket.list(keys.status_folder(prefix)):
+        yield _Object(info.key, ActivityRecord.decode, lambda _: rewritten)
 
 
 def _metrics(model: Model) -> Iterator[_Object]:
@@ -212,12 +190,12 @@ def _metrics(model: Model) -> Iterator[_Object]:
 
 
 def _refuse_missing(model: Model, *names: str) -> None:
-    """Raise Misfit where a checkpoint has no weights of any kind."""
+    """Raise RecordError if a checkpoint has no weights, neither PyTorch nor TensorFlow ones."""
     listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
     for name in names:
         parts = (".safetensors", ".index")
         if not listed & {keys.checkpoint_part(model.prefix, name, part) for part in parts}:
-            raise Misfit(f"it names {name}, which does not exist")
+            raise RecordError(f"it names {name}, which does not exist")
 
 
 def _write_history(model: Model, damaged: bytes) -> str:

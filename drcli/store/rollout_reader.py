@@ -1,52 +1,25 @@
-"""The trainer's side of rollouts: waits for the workers, reads what they drove."""
+"""Waits for the rollouts of the workers and reads them, for the trainer."""
 
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 
 from drcli.base.backoff import SLOW_GROWTH, delays_s
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.rollout import Episodes, decode_episodes
 from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 
 PREFETCH_BYTES = 24 << 20
-"""Most that is fetched ahead: three thousand steps. Longer iterations come while they unpack."""
+"""Limit for downloads ahead of their use: three thousand steps."""
 
 FIRST_LOOK_S = 0.1
-"""Pause between two looks for rollouts, at first. A look takes 7 ms, which the workers could be
-driving in."""
-
-
-@dataclass(frozen=True)
-class Waiting:
-    """Who waits for whom, and for how long.
-
-    Args:
-        iteration: Iteration whose rollouts are missing.
-        missing: Workers that have not delivered theirs, in order.
-        waited_s: Seconds since the wait began.
-        gave_up: Whether this was the last look.
-    """
-
-    iteration: int
-    missing: tuple[int, ...]
-    waited_s: float
-    gave_up: bool = False
-
-    def __str__(self) -> str:
-        who = ", ".join(str(worker) for worker in self.missing)
-        end = "; going on without" if self.gave_up else ""
-        return (
-            f"The trainer has been waiting {self.waited_s:.0f} s for iteration {self.iteration} of "
-            f"simulation worker {who}{end}."
-        )
+"""First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
 
 
 def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
-    """What a worker has delivered; None where there is nothing yet, or it is damaged."""
+    """The manifest of a worker; None if it does not exist yet or is damaged."""
     key = keys.rollout_manifest(prefix, iteration, worker)
     try:
         return read_record(bucket, key, Manifest.decode, "The worker drives the iteration again.")
@@ -55,16 +28,10 @@ def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> M
 
 
 class RolloutReader:
-    """Takes the rollouts of one model from the bucket. Close it when done.
+    """Reads the rollouts of one model from the bucket. Close it when done.
 
-    Args:
-        bucket: Where they come.
-        prefix: Of the model.
-        session: Start of the training whose workers are waited for: what those of another start
-            drove for this iteration, which may have had other weights, counts as missing. Of any
-            start if empty.
-        clock: Monotonic seconds, for tests.
-        pause: Waits the given seconds, for tests.
+    Rollouts from another start of the training than `session` may come from other weights, so they
+    count as missing, unless the session is empty. Tests replace `clock` and `pause`.
     """
 
     def __init__(
@@ -94,26 +61,27 @@ class RolloutReader:
         patience_s: float,
         enough: int | None = None,
         arrived: Mapping[int, Manifest] | None = None,
-        on_wait: Callable[[Waiting], None] = lambda waiting: None,
+        on_wait: Callable[[str], None] = lambda sentence: None,
         report_every_s: float = 10.0,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> dict[int, Manifest]:
-        """Wait until the workers have delivered their rollouts, and fetch the parts that are there.
+        """Wait until the workers have delivered their rollouts, and fetch parts that have come.
 
         Args:
-            iteration: Which rollouts.
-            checkpoints: Those that may have driven them; others are left over from a run that
-                was stopped or went back, and count as missing.
+            iteration: Of the rollouts.
+            checkpoints: That may have driven them. Rollouts of others, from a run that was stopped
+                or went back, count as missing.
             workers: Who drives.
-            patience_s: After that long, go on with what is there.
-            enough: Wait for no more than so many of them; for all when left out.
-            arrived: Manifests that have come already.
-            on_wait: Told who is missing, every `report_every_s` and when the patience ends.
+            patience_s: After this time, go on with the rollouts that have come.
+            enough: How many manifests to wait for; all if left out.
+            arrived: Manifests that have already come.
+            on_wait: Takes a sentence with the missing workers, every `report_every_s` and at the
+                end of the patience.
             report_every_s: Seconds between two reports.
             should_stop: Asked at every look; ends the wait early.
 
         Returns:
-            The manifests that came, by worker; all of them unless the wait was cut short.
+            The manifests that have come, by worker.
         """
         wanted = sorted(workers)
         enough = len(wanted) if enough is None else enough
@@ -121,38 +89,37 @@ class RolloutReader:
         started_s = reported_s = self._clock()
         for delay_s in delays_s(FIRST_LOOK_S, growth=SLOW_GROWTH):
             self._look(iteration, checkpoints, wanted, known)
-            missing = tuple(worker for worker in wanted if worker not in known)
             if len(known) >= enough or should_stop():
                 break
             now_s = self._clock()
             waited_s = now_s - started_s
+            missing = ", ".join(str(worker) for worker in wanted if worker not in known)
+            waiting = (
+                f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
+                f"simulation worker {missing}"
+            )
             if waited_s >= patience_s:
-                on_wait(Waiting(iteration, missing, waited_s, gave_up=True))
+                on_wait(f"{waiting}; going on without.")
                 break
             if now_s - reported_s >= report_every_s:
-                on_wait(Waiting(iteration, missing, waited_s))
+                on_wait(f"{waiting}.")
                 reported_s = now_s
             self._pause(min(delay_s, patience_s - waited_s))
         return dict(sorted(known.items()))
 
     def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
-        """What some workers delivered for an iteration, whichever checkpoint drove it."""
+        """The manifests of some workers for an iteration, from any checkpoint."""
         found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
         return [manifest for manifest in found if manifest is not None]
 
     def iterations(self) -> list[int]:
-        """Iterations of which there are rollouts, in order."""
+        """Iterations with rollouts, in order."""
         listing = self._bucket.list(keys.rollouts_folder(self._prefix))
         found = (keys.rollout_key(self._prefix, info.key) for info in listing)
         return sorted({key.iteration for key in found if key is not None})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
-        """The episodes of some workers in one piece, each part checked against its manifest.
-
-        Raises:
-            ObjectMissing: A part is gone.
-            ObjectDamaged: A part is not what the worker wrote.
-        """
+        """The episodes of some workers, each part checked; ObjectMissing or ObjectDamaged."""
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
         reading = ""
 
@@ -166,18 +133,18 @@ class RolloutReader:
 
         try:
             return decode_episodes(each(), sum(part.steps for _, part in wanted))
-        except Misfit as e:
+        except RecordError as e:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{reading} is damaged: {e}.",
-                remedy="Let the worker drive the iteration again; if it repeats, all machines need "
-                "the same version of this program.",
+                remedy="Let the worker drive the iteration again; if it happens again, install the "
+                "same version of this program on all machines.",
             ) from e
 
     def _checked(self, manifest: Manifest, part: Part) -> bytes:
         data = self._take(part.key)
         fault = part.fingerprint.fault(data)
         if fault is not None:
-            data = self._bucket.get(part.key)  # fetched too early, perhaps
+            data = self._bucket.get(part.key)  # maybe it was fetched too early
             fault = part.fingerprint.fault(data)
         if fault is not None:
             raise ObjectDamaged(
@@ -190,15 +157,15 @@ class RolloutReader:
     def delete_learned(self, iteration: int) -> None:
         """Delete the rollouts of this iteration and of all before it."""
         self._forget()
-        doomed = []
+        learned = []
         for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
             key = keys.rollout_key(self._prefix, info.key)
             if key is not None and key.iteration <= iteration:
-                doomed.append(info.key)
-        self._bucket.delete(doomed)
+                learned.append(info.key)
+        self._bucket.delete(learned)
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
-        """Delete what makes some workers' rollouts of an iteration count."""
+        """Delete the manifests of some workers for an iteration, which must be driven again."""
         self._forget()
         self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
 
@@ -214,28 +181,21 @@ class RolloutReader:
         wanted: list[int],
         arrived: dict[int, Manifest],
     ) -> None:
-        """Take manifests that have come, and begin to fetch parts that have."""
-        listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
-        for worker in self._delivered_by(listing):
-            if worker in wanted and worker not in arrived:
-                manifest = find_manifest(self._bucket, self._prefix, iteration, worker)
-                if (
-                    manifest is not None
-                    and manifest.checkpoint in checkpoints
-                    and self._is_ours(manifest.session)
-                ):
-                    arrived[worker] = manifest
-        for info in listing:
+        """Read new manifests, and begin to fetch new parts."""
+        for info in self._bucket.list(keys.iteration_folder(self._prefix, iteration)):
             key = keys.rollout_key(self._prefix, info.key)
-            if key is not None and not key.is_manifest and self._is_ours(key.name):
-                self._prefetch(info.key, info.size_bytes)
+            if key is None:
+                continue
+            if not key.is_manifest:
+                if self._is_ours(key.name):
+                    self._prefetch(info.key, info.size_bytes)
+            elif key.worker in wanted and key.worker not in arrived:
+                found = find_manifest(self._bucket, self._prefix, iteration, key.worker)
+                if found and found.checkpoint in checkpoints and self._is_ours(found.session):
+                    arrived[key.worker] = found
 
     def _is_ours(self, worker_session: str) -> bool:
         return not self._session or belongs(worker_session, self._session)
-
-    def _delivered_by(self, listing: Listing) -> list[int]:
-        found = (keys.rollout_key(self._prefix, info.key) for info in listing)
-        return [key.worker for key in found if key is not None and key.is_manifest]
 
     def _prefetch(self, key: str, size_bytes: int) -> None:
         if key in self._fetched or self._fetched_bytes + size_bytes > PREFETCH_BYTES:
@@ -244,7 +204,7 @@ class RolloutReader:
         self._fetched[key] = self._fetcher.submit(self._bucket.get, key)
 
     def _take(self, key: str) -> bytes:
-        """What was fetched ahead, else fetched now."""
+        """The part that was fetched ahead, or is fetched now."""
         early = self._fetched.pop(key, None)
         if early is None:
             return self._bucket.get(key)

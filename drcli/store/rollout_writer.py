@@ -1,8 +1,7 @@
-"""The simulation worker's side of rollouts: sends episodes to the bucket while it goes on driving.
+"""Sends the episodes of a simulation worker to the bucket while it goes on driving.
 
-Parts come first, the manifest that names them last; a reader trusts nothing that no manifest of
-the expected checkpoint confirms. Keys of parts carry the session of their writer, so a restarted
-worker never overwrites what somebody may be reading.
+The parts are written first, the manifest that names them last. Keys of parts contain the session of
+their writer, so a restarted worker never overwrites a part that is being read.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,18 +15,13 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 _UNSENT_PARTS = 4
-"""How many parts may wait in memory for a slow bucket before driving has to wait, too."""
+"""How many parts may wait in memory for a slow bucket before driving stops to wait."""
 
 
 class RolloutWriter:
-    """Sends the episodes of one worker and one iteration while it goes on driving.
+    """Sends the episodes of one worker in one iteration; end it with `finish` or `abandon`.
 
-    Leave it with `finish` or `abandon`.
-
-    Args:
-        bucket: Where they go.
-        prefix: Of the model.
-        manifest: Who drives what; its parts are still to come.
+    The manifest has no parts yet.
     """
 
     def __init__(self, bucket: Bucket, prefix: str, manifest: Manifest) -> None:
@@ -39,20 +33,22 @@ class RolloutWriter:
         self._room = BoundedSemaphore(_UNSENT_PARTS)
 
     def add(self, episodes: Episodes) -> None:
-        """Send some whole episodes while the caller goes on; their arrays must not change.
+        """Send whole episodes in the background; their arrays must not change.
 
         Raises:
             StorageError: An earlier part could not be sent.
         """
-        self._raise_failure()
+        for upload in self._uploads:
+            if upload.done():
+                upload.result()
         self._room.acquire()
         self._uploads.append(self._sender.submit(self._send, len(self._uploads), episodes))
 
     def finish(self, notes: Driving) -> Manifest:
-        """Wait until everything is sent, then write the manifest, which makes it count.
+        """Wait until everything is sent, then write the manifest, from which readers start.
 
         Raises:
-            StorageError: Something could not be sent; nothing counts then.
+            StorageError: A part could not be sent; there is no manifest then.
         """
         self._sender.shutdown(wait=True)
         parts = tuple(upload.result() for upload in self._uploads)
@@ -62,7 +58,7 @@ class RolloutWriter:
         return manifest
 
     def abandon(self) -> None:
-        """Send nothing more and write no manifest; the trainer deletes what was sent."""
+        """Stop without a manifest; the trainer deletes the parts."""
         self._sender.shutdown(wait=True, cancel_futures=True)
 
     def _send(self, number: int, episodes: Episodes) -> Part:
@@ -74,8 +70,3 @@ class RolloutWriter:
             return Part(key, Fingerprint.of(data), episodes.count, episodes.steps)
         finally:
             self._room.release()
-
-    def _raise_failure(self) -> None:
-        for upload in self._uploads:
-            if upload.done():
-                upload.result()

@@ -1,4 +1,4 @@
-"""Checks that an object in a bucket is what was sent, without reading it where possible."""
+"""Checks that an object in a bucket is complete and unchanged, without reading it if possible."""
 
 import hashlib
 from collections.abc import Sequence
@@ -10,21 +10,21 @@ from drcli.store.s3_bucket import PART_BYTES
 
 
 @dataclass(frozen=True)
-class Proof:
-    """What tells whether an object is these bytes.
+class Checksums:
+    """Checksums of an object.
 
     Args:
         fingerprint: Size and hash.
-        etags: What servers call an object of these bytes that was sent by us: its MD5 when it
-            came in one piece, the MD5 of its parts' otherwise.
+        etags: Those that servers compute: the MD5 of an object that was sent in one piece, and the
+            MD5 of the MD5 of its parts.
     """
 
     fingerprint: Fingerprint
     etags: Sequence[str]
 
     @classmethod
-    def of(cls, data: bytes) -> "Proof":
-        """Proof of these bytes."""
+    def of(cls, data: bytes) -> "Checksums":
+        """Compute the checksums of these bytes."""
         parts = [data[start : start + PART_BYTES] for start in range(0, len(data), PART_BYTES)]
         joined = b"".join(_md5(part).digest() for part in parts)
         return cls(
@@ -32,12 +32,8 @@ class Proof:
             (_md5(data).hexdigest(), f"{_md5(joined).hexdigest()}-{len(parts)}"),
         )
 
-    def holds(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
-        """Whether an object is these bytes.
-
-        The server's word is taken where its listing has the right etag. An encrypted object, or
-        one of a server without etags, is read.
-        """
+    def matches(self, bucket: Bucket, info: ObjectInfo | None) -> bool:
+        """Whether an object has these bytes: it is read unless its etag in the listing is right."""
         if info is None or info.size_bytes != self.fingerprint.size_bytes:
             return False
         if info.etag in self.etags:
@@ -49,5 +45,5 @@ class Proof:
 
 
 def _md5(data: bytes) -> "hashlib._Hash":
-    """For comparison alone; machines that forbid MD5 for safety allow that."""
+    """Not for security, so that machines which forbid MD5 allow it."""
     return hashlib.md5(data, usedforsecurity=False)

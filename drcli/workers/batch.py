@@ -12,7 +12,7 @@ from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.rollout_reader import RolloutReader, Waiting
+from drcli.store.rollout_reader import RolloutReader
 
 _logger = get_logger(__name__)
 
@@ -88,7 +88,7 @@ class Collector:
             iteration,
             checkpoints,
             range(self._workers),
-            on_wait=_say,
+            on_wait=_logger.info,
             should_stop=should_stop,
         )
         manifests = wait(enough=1, patience_s=FIRST_PATIENCE_S)
@@ -151,7 +151,3 @@ class Collector:
             self._max_steps,
         )
         return driven.chosen(np.sort(order[fits]))
-
-
-def _say(waiting: Waiting) -> None:
-    _logger.info(waiting)

@@ -17,7 +17,7 @@ from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
 from drcli.config.run_config import EvaluationConfig, RunConfig
-from drcli.exchange.evaluation_metrics import (
+from drcli.exchange.episode_metrics import (
     REPORT_FILE,
     TrialMetrics,
     encode_metrics_file,

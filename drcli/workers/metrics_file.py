@@ -4,12 +4,12 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drcli.exchange.trace import Episode
-from drcli.exchange.training_metrics import (
+from drcli.exchange.episode_metrics import (
     EpisodeMetrics,
     encode_metrics,
     most_episodes,
 )
+from drcli.exchange.trace import Episode
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.repair import read_metrics
 from drcli.workers.episode_share import Share

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from drcli.base.backoff import wait_until
 from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.scores import EvaluationResult
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing

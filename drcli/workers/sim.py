@@ -14,9 +14,9 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
+from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.trace import csv_text, schedule
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy

@@ -15,8 +15,8 @@ from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.job import Job, LastWords
-from drcli.exchange.worker_state import TrainingEnd
+from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.run_state import TrainingEnd
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -373,7 +373,7 @@ class Trainer:
         self._forget_rollouts(before=self._number)
         self._uploader.shutdown()  # the metrics are written
         self._activity.say("finished")
-        LastWords(reason, "", 0).leave(self._job.folder, "trainer")
+        WorkerExit(reason, "", 0).write(self._job.folder, "trainer")
         _logger.info(reason)
 
 

@@ -5,10 +5,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
-from drcli.exchange.worker_state import TrainingEnd
+from drcli.exchange.run_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
@@ -160,6 +160,6 @@ class CheckpointWaiter:
     def _finished(self) -> bool:
         try:
             end = TrainingEnd.decode(self._bucket.get(self._end))
-        except (ObjectMissing, Misfit):  # the supervisor tells of the end, too
+        except (ObjectMissing, RecordError):  # the supervisor tells of the end, too
             return False
         return end.session == self._session

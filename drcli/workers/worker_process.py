@@ -12,8 +12,8 @@ from types import FrameType
 
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
-from drcli.exchange.job import Job, LastWords
-from drcli.exchange.worker_state import ActivityRecord
+from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -87,7 +87,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """
     job = Job.received()
     lifeline = Lifeline(job.launcher_pid)
-    LastWords.forget(job.folder, name)
+    WorkerExit.delete(job.folder, name)
     print_limit.install()
     sys.excepthook = _hook(job, name)
     notices.show, notices.warn = _logger.info, _logger.warning
@@ -126,17 +126,17 @@ def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, 
     return explain
 
 
-def _explain(error: BaseException, job: Job, name: str) -> LastWords:
+def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     """Leave the reason of a failure for the supervisor and in the log."""
     if isinstance(error, DrError):
-        words = LastWords.of(error)
+        ended = WorkerExit.of(error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
-        words = LastWords(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
-    words.leave(job.folder, name)
+        ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
+    ended.write(job.folder, name)
     print_limit.end_limit()
     if isinstance(error, DrError):
         _logger.error("%s %s", error, error.remedy)
     else:
-        _logger.error(words.message, exc_info=error)
-    return words
+        _logger.error(ended.message, exc_info=error)
+    return ended

@@ -1,6 +1,6 @@
 """Evaluation results for tests of what is made of them."""
 
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.scores import EvaluationResult
 
 
 def evaluated(checkpoint: str, progress: float, lap_ms: float | None = None) -> EvaluationResult:

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from time import monotonic
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.checks.reward_timeout import stuck_place
 from drcli.checks.sandbox.sandbox_records import (
     FAULTS_FILE,
@@ -88,7 +88,7 @@ class Sandbox:
         trace = faults.read_text("utf-8", "replace") if faults.is_file() else ""
         try:
             result = SandboxResult.read(self._folder)
-        except Misfit as why:
+        except RecordError as why:
             what = f"The reward function has overwritten the result of the sandbox: {why}."
             return SandboxResult(failures=[Failure("ends", what)])
         if result is None:

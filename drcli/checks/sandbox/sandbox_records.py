@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.json_record import Misfit, built, parsed, written
+from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig
 
@@ -70,12 +70,12 @@ class SandboxRequest:
 
     def write(self, folder: Path) -> None:
         """Write it for the sandbox process."""
-        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=written), "utf-8")
+        (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
         """The request in a folder."""
-        return built(SandboxRequest, parsed((folder / _REQUEST_FILE).read_bytes()))
+        return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
 
 
 @dataclass(frozen=True)
@@ -205,13 +205,13 @@ class SandboxResult:
         """The result in a folder; None if the process has not written it.
 
         Raises:
-            Misfit: The racer's code has overwritten it.
+            RecordError: The racer's code has overwritten it.
         """
         try:
-            record = parsed((folder / _RESULT_FILE).read_bytes())
+            record = parse_json((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:
             return None
-        result = built(SandboxResult, record)
+        result = from_json(SandboxResult, record)
         if record.get("version") != _VERSION:
-            raise Misfit(f"its version is {record.get('version')} instead of {_VERSION}")
+            raise RecordError(f"its version is {record.get('version')} instead of {_VERSION}")
         return result

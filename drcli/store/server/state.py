@@ -9,7 +9,7 @@ from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import StorageError
-from drcli.base.json_record import Misfit, built, parsed
+from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.config.run_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 
@@ -41,7 +41,7 @@ class ServerState:
             StorageError: It cannot be read.
         """
         try:
-            return built(cls, parsed(path.read_bytes()))
+            return from_json(cls, parse_json(path.read_bytes()))
         except FileNotFoundError:
             return None
         except OSError as e:
@@ -49,7 +49,7 @@ class ServerState:
                 f"{path} cannot be read ({e.strerror or e}).",
                 remedy="Run the command as the user who started the server.",
             ) from e
-        except Misfit as e:
+        except RecordError as e:
             kept = path.with_name(f"{path.name}.damaged")
             with suppress(OSError):
                 path.replace(kept)

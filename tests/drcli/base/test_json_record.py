@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import pytest
 
-from drcli.base.json_record import JsonRecord, MaybeNan, Misfit, built, parsed
+from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, from_json, parse_json
 
 
 class Pair(NamedTuple):
@@ -47,7 +47,7 @@ WHOLE = {
 
 
 def test_what_is_whole_comes_back_with_its_types():
-    found = built(Outer, WHOLE)
+    found = from_json(Outer, WHOLE)
 
     assert found == Outer("a", 7, 3.0, 0.0, Inner((1, 2)), {"a": 1.0}, Pair("b", 2))
     assert isinstance(found.pair, Pair)
@@ -74,13 +74,13 @@ def test_what_is_whole_comes_back_with_its_types():
     ],
 )
 def test_a_value_that_a_field_cannot_have_is_named(change, reason):
-    with pytest.raises(Misfit, match=reason):
-        built(Outer, WHOLE | change)
+    with pytest.raises(RecordError, match=reason):
+        from_json(Outer, WHOLE | change)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), None])
 def test_a_number_that_may_be_unknown_becomes_nan(value):
-    assert math.isnan(built(Measured, {"loss": value}).loss)
+    assert math.isnan(from_json(Measured, {"loss": value}).loss)
 
 
 def test_a_record_comes_back_from_its_bytes_and_one_of_a_newer_version_is_refused():
@@ -88,7 +88,7 @@ def test_a_record_comes_back_from_its_bytes_and_one_of_a_newer_version_is_refuse
 
     assert Measured.decode(record.encode()) == record
     assert record.encode() == b'{"loss": 0.5}'
-    with pytest.raises(Misfit, match="its format is 2, not 1"):
+    with pytest.raises(RecordError, match="its format is 2, not 1"):
         Measured.decode(b'{"loss": 0.5, "format": 2}')
 
 
@@ -98,7 +98,7 @@ def test_a_later_version_is_written_and_read():
         VERSION = 2
 
     assert Second.decode(Second(0.5).encode()) == Second(0.5)
-    with pytest.raises(Misfit, match="its format is 1, not 2"):
+    with pytest.raises(RecordError, match="its format is 1, not 2"):
         Second.decode(Measured(0.5).encode())
 
 
@@ -107,5 +107,5 @@ def test_a_later_version_is_written_and_read():
     [b"", b" \n", b"{", b"\xff", b"NaN", b"[Infinity]", b"[" * 100_000, b"9" * 10_000],
 )
 def test_what_is_not_json_is_refused_with_a_reason(data):
-    with pytest.raises(Misfit, match=r"not JSON|empty|not UTF-8"):
-        parsed(data)
+    with pytest.raises(RecordError, match=r"not JSON|empty|not UTF-8"):
+        parse_json(data)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.base.json_record import built, written
+from drcli.base.json_record import from_json, json_default
 from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings, load_settings
 
@@ -45,6 +45,6 @@ def travelled() -> Callable[[RunConfig], RunConfig]:
     """What another process gets of a run."""
 
     def travel(config: RunConfig) -> RunConfig:
-        return built(RunConfig, json.loads(json.dumps(asdict(config), default=written)))
+        return from_json(RunConfig, json.loads(json.dumps(asdict(config), default=json_default)))
 
     return travel

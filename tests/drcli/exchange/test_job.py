@@ -8,9 +8,9 @@ import pytest
 
 from drcli.config.settings import load_settings
 from drcli.exchange import job as jobs
-from drcli.exchange.job import Job, LastWords
+from drcli.exchange.job import Job, WorkerExit
 
-WORDS = LastWords("The bucket is gone.", "Start it.", 4)
+EXIT = WorkerExit("The bucket is gone.", "Start it.", 4)
 
 READS = """
 from drcli.base.errors import SettingsError
@@ -70,28 +70,28 @@ def test_a_race_that_does_not_fit_is_refused_with_a_reason(job, monkeypatch, fie
     def spoiled(part: object) -> object:
         return {**part.to_json(), field: value} if hasattr(part, "to_json") else str(part)
 
-    monkeypatch.setattr(jobs, "written", spoiled)
+    monkeypatch.setattr(jobs, "json_default", spoiled)
 
     assert reason in read(job)
 
 
-def test_last_words_are_found_until_they_are_forgotten(tmp_path):
-    WORDS.leave(tmp_path / "run", "sim-0")
+def test_why_a_worker_ended_is_read_until_it_is_deleted(tmp_path):
+    EXIT.write(tmp_path / "run", "sim-0")
 
-    assert LastWords.find(tmp_path / "run", "sim-0") == WORDS
-    assert LastWords.find(tmp_path / "run", "trainer") is None
-    LastWords.forget(tmp_path / "run", "sim-0")
-    assert LastWords.find(tmp_path / "run", "sim-0") is None
+    assert WorkerExit.read(tmp_path / "run", "sim-0") == EXIT
+    assert WorkerExit.read(tmp_path / "run", "trainer") is None
+    WorkerExit.delete(tmp_path / "run", "sim-0")
+    assert WorkerExit.read(tmp_path / "run", "sim-0") is None
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"message": "half"}'])
-def test_words_that_nobody_can_read_are_no_words(tmp_path, content):
-    WORDS.leave(tmp_path, "sim-0")
+def test_a_damaged_exit_file_counts_as_missing(tmp_path, content):
+    EXIT.write(tmp_path, "sim-0")
     [path] = tmp_path.iterdir()
 
     path.write_text(content)
 
-    assert LastWords.find(tmp_path, "sim-0") is None
+    assert WorkerExit.read(tmp_path, "sim-0") is None
 
 
 def test_a_full_disk_keeps_the_failure_itself_from_being_replaced(tmp_path, monkeypatch):
@@ -100,6 +100,6 @@ def test_a_full_disk_keeps_the_failure_itself_from_being_replaced(tmp_path, monk
 
     monkeypatch.setattr(os, "fsync", full)
 
-    WORDS.leave(tmp_path, "sim-0")
+    EXIT.write(tmp_path, "sim-0")
 
     assert list(tmp_path.iterdir()) == []

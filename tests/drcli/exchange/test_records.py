@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drcli.base.fingerprint import Fingerprint
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.checkpoint import (
     CheckpointName,
     CheckpointRecord,
@@ -16,15 +16,19 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
     encode_pointer,
 )
-from drcli.exchange.evaluation_metrics import TrialMetrics, decode_report, encode_report
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.episode_metrics import (
+    EpisodeMetrics,
+    TrialMetrics,
+    decode_metrics,
+    decode_report,
+    encode_metrics,
+    encode_report,
+)
 from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
-from drcli.exchange.lease_record import Lease
 from drcli.exchange.rollout_manifest import Driving, Manifest, Part
-from drcli.exchange.scores import Score, Scores
-from drcli.exchange.training_metrics import EpisodeMetrics, decode_metrics, encode_metrics
+from drcli.exchange.run_state import ActivityRecord, Lease, TrainingEnd
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
-from drcli.exchange.worker_state import ActivityRecord, TrainingEnd
 
 ITERATION = IterationRecord(
     iteration=3,
@@ -85,7 +89,7 @@ def test_a_record_comes_back_from_its_bytes(record: Any):
 @every_record
 @pytest.mark.parametrize("data", [b"", b"null", b"[]", b"7", b"{}", b"{", b"\xff", b"{" * 3_000])
 def test_other_bytes_are_refused_with_a_reason(record: Any, data: bytes):
-    with pytest.raises(Misfit, match=r"\w+ \w+"):
+    with pytest.raises(RecordError, match=r"\w+ \w+"):
         type(record).decode(data)
 
 
@@ -94,7 +98,7 @@ def test_a_record_with_a_value_of_another_type_is_refused_and_its_key_named(reco
     fields = json.loads(record.encode())
     key = next(iter(fields))
 
-    with pytest.raises(Misfit, match=f"'{key}'"):
+    with pytest.raises(RecordError, match=f"'{key}'"):
         type(record).decode(json.dumps({**fields, key: [[]]}).encode())
 
 
@@ -118,7 +122,7 @@ def test_lists_of_records_come_back_from_their_files():
 @pytest.mark.parametrize("data", [b"", b"{}", b"[7]", b"[[7]]", b'{"metrics": 7}'])
 def test_files_that_list_something_else_are_refused(data):
     for decode in (decode_history, decode_metrics, decode_report):
-        with pytest.raises(Misfit):
+        with pytest.raises(RecordError):
             decode(data)
 
 
@@ -126,7 +130,7 @@ def test_metrics_of_another_version_are_refused():
     file = json.loads(encode_metrics([RECORDS[9]], "progress"))
 
     assert file["version"] == 2.0
-    with pytest.raises(Misfit, match=r"its version is 3\.0, not 2\.0"):
+    with pytest.raises(RecordError, match=r"its version is 3\.0, not 2\.0"):
         decode_metrics(json.dumps({**file, "version": 3.0}).encode())
 
 
@@ -152,7 +156,7 @@ def test_a_checkpoint_record_of_strict_json_keeps_what_is_unknown():
 
 
 def test_a_record_of_another_checkpoint_is_refused():
-    with pytest.raises(Misfit, match=r"it describes 4_Step-400\.ckpt"):
+    with pytest.raises(RecordError, match=r"it describes 4_Step-400\.ckpt"):
         CheckpointRecord.decode_of("5_Step-500.ckpt", CHECKPOINT.encode())
 
 
@@ -162,7 +166,7 @@ def test_a_pointer_names_a_checkpoint_and_nothing_else():
     assert encode_pointer(name) == b"12_Step-7824.ckpt"
     assert decode_pointer(b"12_Step-7824.ckpt\n") == name
     for data in (b"", b"\xff\xff", b"12", b"model"):
-        with pytest.raises(Misfit, match="does not name a checkpoint"):
+        with pytest.raises(RecordError, match="does not name a checkpoint"):
             decode_pointer(data)
 
 

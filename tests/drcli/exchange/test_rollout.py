@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.exchange.rollout import Episodes, decode_episodes, encode_episodes
 from drcli.learn.rollout_buffer import Rollout
 
@@ -96,14 +96,14 @@ def test_parts_are_joined_in_order():
 def test_truncated_bytes_are_refused(end):
     data = encode_episodes(played([3]))
 
-    with pytest.raises(Misfit, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not hold episodes"):
         decode_episodes([data[:end]], 3)
 
 
 def test_another_schema_is_refused():
     data = encode_episodes(played([3])).replace(b'"schema":"2"', b'"schema":"9"')
 
-    with pytest.raises(Misfit, match="schema 9 instead of 2"):
+    with pytest.raises(RecordError, match="schema 9 instead of 2"):
         decode_episodes([data], 3)
 
 
@@ -131,27 +131,27 @@ def test_an_object_without_one_of_the_columns_is_refused():
     del tensors["extra.cut"]
     header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])["__metadata__"]
 
-    with pytest.raises(Misfit, match=r"'extra\.cut' is missing"):
+    with pytest.raises(RecordError, match=r"'extra\.cut' is missing"):
         decode_episodes([save(tensors, metadata=header)], 3)
 
 
 def test_parts_of_different_actions_cannot_be_joined():
     parts = [encode_episodes(played([3])), encode_episodes(played([3], continuous=True))]
 
-    with pytest.raises(Misfit, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not hold episodes"):
         decode_episodes(parts, 6)
 
 
 def test_parts_with_frames_of_another_size_cannot_be_joined():
     small = changed(played([3]), frames=np.zeros((3, 1, 6, 8), np.uint8))
 
-    with pytest.raises(Misfit, match="frames of shape"):
+    with pytest.raises(RecordError, match="frames of shape"):
         decode_episodes([encode_episodes(played([3])), encode_episodes(small)], 6)
 
 
 @pytest.mark.parametrize("steps", [2, 4])
 def test_parts_with_more_or_fewer_steps_than_told_are_refused(steps):
-    with pytest.raises(Misfit, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not hold episodes"):
         decode_episodes([encode_episodes(played([3]))], steps)
 
 
@@ -213,7 +213,7 @@ BOMB = zstandard.ZstdCompressor().compress(bytes(50 << 20))
 def test_a_rollout_that_claims_more_than_it_holds_is_damage_and_takes_no_memory(data):
     tracemalloc.start()
     try:
-        with pytest.raises(Misfit, match="it does not hold episodes"):
+        with pytest.raises(RecordError, match="it does not hold episodes"):
             decode_episodes([data], 8)
         _, peak = tracemalloc.get_traced_memory()
     finally:

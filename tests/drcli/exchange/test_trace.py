@@ -1,3 +1,4 @@
+from drcli.exchange.episode_metrics import EpisodeMetrics
 from drcli.exchange.trace import (
     CSV_HEADER,
     Episode,
@@ -6,7 +7,6 @@ from drcli.exchange.trace import (
     log_lines,
     schedule,
 )
-from drcli.exchange.training_metrics import EpisodeMetrics
 
 STEP_S = 1 / 15
 

@@ -15,7 +15,7 @@ import pytest
 
 from drcli.base.log import LogFile
 from drcli.config.settings import load_settings
-from drcli.exchange.job import Job, LastWords
+from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord
 from drcli.runs import supervisor
 from drcli.runs.lease_renewal import Renewal
@@ -69,8 +69,8 @@ class Stage:
         if isinstance(script, Stuck):
             script.leave(log_file(job.directory, job.config.model.prefix, name))
             script = "import os, signal; os.kill(os.getpid(), signal.SIGPROF)"
-        if isinstance(script, LastWords):
-            script.leave(job.folder, name)
+        if isinstance(script, WorkerExit):
+            script.write(job.folder, name)
             script = f"raise SystemExit({script.code})"
         return subprocess.Popen([sys.executable, "-S", "-c", script])
 
@@ -118,14 +118,14 @@ def test_the_run_ends_with_its_trainer(stage):
 
 
 def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
-    stage.scripts["trainer"] = [LastWords("Nothing answers there.", "Wait.", 4, silent=True), ENDS]
+    stage.scripts["trainer"] = [WorkerExit("Nothing answers there.", "Wait.", 4, silent=True), ENDS]
 
     assert stage.run() == 0
     assert stage.server_restarts == 1
 
 
 def test_a_server_is_not_restarted_again_for_what_failed_before_its_restart(stage):
-    silent = LastWords("Nothing answers there.", "Wait.", 4, silent=True)
+    silent = WorkerExit("Nothing answers there.", "Wait.", 4, silent=True)
     stage.scripts = {"trainer": [silent, LATE], "sim-0": [silent, STAYS]}
 
     assert stage.run() == 0
@@ -134,21 +134,21 @@ def test_a_server_is_not_restarted_again_for_what_failed_before_its_restart(stag
 
 @pytest.mark.parametrize("code", [1, 4])
 def test_a_worker_that_failed_otherwise_does_not(stage, code):
-    stage.scripts["trainer"] = [LastWords("A bug, or damage.", "Report it.", code), ENDS]
+    stage.scripts["trainer"] = [WorkerExit("A bug, or damage.", "Report it.", code), ENDS]
 
     assert stage.run() == 0
     assert stage.server_restarts == 0
 
 
-def test_last_words_of_an_earlier_run_explain_nothing(stage):
-    LastWords("NaN detected.", "Lower lr.", 6, final=True).leave(stage.job.folder, "trainer")
+def test_the_exit_file_of_an_earlier_run_explains_nothing(stage):
+    WorkerExit("NaN detected.", "Lower lr.", 6, final=True).write(stage.job.folder, "trainer")
     stage.scripts["trainer"] = ["import os; os.kill(os.getpid(), 9)", ENDS]
 
     assert stage.run() == 0
 
 
 def test_a_worker_that_dies_again_and_again_ends_the_run(stage):
-    stage.scripts["trainer"] = [LastWords("A bug.", "Report it.", 1)] * 4
+    stage.scripts["trainer"] = [WorkerExit("A bug.", "Report it.", 1)] * 4
 
     assert stage.run() == 5
 
@@ -168,7 +168,7 @@ def test_a_reward_function_that_cannot_be_interrupted_is_named_with_its_line(sta
 
 
 def test_what_would_only_repeat_ends_the_run_at_once(stage):
-    stage.scripts["trainer"] = [LastWords("No such action.", "Correct it.", 3, final=True)]
+    stage.scripts["trainer"] = [WorkerExit("No such action.", "Correct it.", 3, final=True)]
 
     assert stage.run() == 3
 

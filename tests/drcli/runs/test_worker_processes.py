@@ -7,7 +7,7 @@ import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
-from drcli.exchange.job import Job, LastWords
+from drcli.exchange.job import Job, WorkerExit
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.runs import evaluation, training, worker_processes
 from drcli.runs.evaluation_plan import EvaluationPlan
@@ -86,7 +86,7 @@ def test_a_process_that_does_not_leave_is_killed():
     ids=lambda kind: kind.__name__,
 )
 def test_an_evaluation_fails_as_its_worker_failed(job, started, failure, tmp_path):
-    LastWords.of(failure("Nothing answers.", remedy="Start the bucket.")).leave(
+    WorkerExit.of(failure("Nothing answers.", remedy="Start the bucket.")).write(
         tmp_path, "evaluation"
     )
     [words] = tmp_path.glob("evaluation.*")

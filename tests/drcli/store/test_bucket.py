@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import OwnershipLost, StorageError
-from drcli.exchange.worker_state import TrainingEnd
+from drcli.exchange.run_state import TrainingEnd
 from drcli.store.bucket import ObjectDamaged, ObjectMissing, read_record
 
 

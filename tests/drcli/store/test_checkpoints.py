@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import StorageError
 from drcli.exchange.checkpoint import CheckpointName, Counters
-from drcli.exchange.evaluation_result import EvaluationResult
-from drcli.exchange.scores import Score, Scores
+from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import tie_break_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from drcli.store import s3_bucket, verify
-from drcli.store.verify import Proof
+from drcli.store.verify import Checksums
 
 DATA = b"0123456789"
 
@@ -30,7 +30,7 @@ def unread(wire, monkeypatch):
 def test_the_etag_of_an_object_in_one_piece_is_proof_enough(unread):
     unread.put("k", DATA)
 
-    assert Proof.of(DATA).holds(unread, info(unread))
+    assert Checksums.of(DATA).matches(unread, info(unread))
 
 
 def test_the_etag_of_an_object_in_parts_is_proof_enough(unread, monkeypatch):
@@ -41,13 +41,13 @@ def test_the_etag_of_an_object_in_parts_is_proof_enough(unread, monkeypatch):
     unread.put("k", data)
 
     assert info(unread).etag.endswith("-2")
-    assert Proof.of(data).holds(unread, info(unread))
+    assert Checksums.of(data).matches(unread, info(unread))
 
 
 def test_an_object_of_another_size_is_another_one(unread):
     unread.put("k", DATA + b"!")
 
-    assert not Proof.of(DATA).holds(unread, info(unread))
+    assert not Checksums.of(DATA).matches(unread, info(unread))
 
 
 @pytest.mark.parametrize("etag", ["", hashlib.md5(b"encrypted").hexdigest()])
@@ -55,7 +55,7 @@ def test_an_object_of_another_size_is_another_one(unread):
 def test_an_object_without_a_telling_etag_is_read(bucket, etag, there, same):
     bucket.put("k", there)
 
-    assert Proof.of(DATA).holds(bucket, replace(info(bucket), etag=etag)) is same
+    assert Checksums.of(DATA).matches(bucket, replace(info(bucket), etag=etag)) is same
 
 
 def test_an_object_that_is_not_listed_or_gone_is_not_there(bucket):
@@ -63,5 +63,5 @@ def test_an_object_that_is_not_listed_or_gone_is_not_there(bucket):
     found = replace(info(bucket), etag="")
     bucket.delete(["k"])
 
-    assert not Proof.of(DATA).holds(bucket, None)
-    assert not Proof.of(DATA).holds(bucket, found)
+    assert not Checksums.of(DATA).matches(bucket, None)
+    assert not Checksums.of(DATA).matches(bucket, found)

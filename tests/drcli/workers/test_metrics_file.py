@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from drcli.exchange.episode_metrics import EpisodeMetrics
 from drcli.exchange.trace import Episode, Row
-from drcli.exchange.training_metrics import EpisodeMetrics
 from drcli.store import keys
 from drcli.workers.episode_share import Share
 from drcli.workers.metrics_file import TrainingMetrics

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.exchange.evaluation_result import EvaluationResult
+from drcli.exchange.scores import EvaluationResult
 from drcli.store.best_checkpoint import read_evaluation, write_evaluation
 from drcli.store.bucket import ObjectMissing
 from drcli.workers.restore import forget_evaluations

@@ -3,8 +3,8 @@
 import pytest
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.evaluation_result import EvaluationResult
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.scores import EvaluationResult
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History

@@ -3,7 +3,7 @@ import pytest
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.rollout_manifest import Manifest
-from drcli.exchange.worker_state import TrainingEnd
+from drcli.exchange.run_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.wait_for_trainer import DOUBT_S, QUIET_SHARE, CheckpointWaiter

@@ -10,7 +10,7 @@ import pytest
 from drcli.base import log_files
 from drcli.base.errors import SettingsError
 from drcli.config.settings import load_settings
-from drcli.exchange.job import Job, LastWords
+from drcli.exchange.job import Job, WorkerExit
 
 DEAF = """import signal
 
@@ -51,10 +51,10 @@ def job(working_folder, tmp_path):
     return Job(load_settings(working_folder).run, "abc", 0, None, None, tmp_path, os.getpid())
 
 
-def ended(job: Job, script: str) -> tuple[int, LastWords | None]:
+def ended(job: Job, script: str) -> tuple[int, WorkerExit | None]:
     """Exit code and last words of a worker."""
     process = job.spawn([sys.executable, "-c", script], stdout=subprocess.DEVNULL)
-    return process.wait(60), LastWords.find(job.folder, "sim-0")
+    return process.wait(60), WorkerExit.read(job.folder, "sim-0")
 
 
 def test_a_reward_function_that_swallows_its_deadline_ends_the_training_with_a_sentence(job):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.base.json_record import Misfit
+from drcli.base.json_record import RecordError
 from drcli.base.problems import Problem
 from drcli.checks.sandbox.sandbox_records import (
     Difference,
@@ -61,5 +61,5 @@ def test_a_foreign_result_is_refused_with_a_reason(tmp_path, change, reason):
     [file] = tmp_path.iterdir()
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
 
-    with pytest.raises(Misfit, match=reason):
+    with pytest.raises(RecordError, match=reason):
         SandboxResult.read(tmp_path)

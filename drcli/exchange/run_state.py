@@ -1,9 +1,27 @@
-"""The lease: a record in the bucket that says who trains on a model prefix."""
+"""Records in the bucket while a training runs: its owner, what each worker does, and its end."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.json_record import JsonRecord
+
+
+@dataclass(frozen=True)
+class ActivityRecord(JsonRecord):
+    """What one worker is doing, in a few words for people, since when in Unix seconds."""
+
+    activity: str
+    since: float
+    pid: int
+    host: str
+
+
+@dataclass(frozen=True)
+class TrainingEnd(JsonRecord):
+    """Written by the trainer at its end: which start of the training ended, and why."""
+
+    session: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -15,13 +33,13 @@ class Lease(JsonRecord):
         host: Name of its machine, for people.
         pid: Its supervisor there.
         renewed: Unix seconds by the clock of that machine.
-        machine: What no other machine or container has, empty where it is not known.
+        machine: Different on every machine and in every container; empty if unknown.
         pid_started: When that process began there.
         term: Counts the owners of the prefix. Of two leases the one with the higher term is right:
-            an owner that was held up may write its lease once more after it lost the prefix.
-        released: Whether the owner has ended. The record stays, so that one who owned the prefix
-            before, and was held up all the while, still learns that there was another.
-        age_s: How long ago it was written; not part of what is written.
+            an owner that was suspended may write its lease once more after it lost the prefix.
+        released: Whether the owner has ended. The record stays, so that an earlier owner that was
+            suspended for so long still learns that there was another one.
+        age_s: How long ago it was written; not in the file.
     """
 
     session: str
@@ -41,5 +59,5 @@ class Lease(JsonRecord):
         return fields
 
     def outranks(self, session: str, term: int) -> bool:
-        """Whether a start that owned the prefix in some term has lost it to this one."""
+        """Whether the start that owned the prefix in this term has lost it to the lease's owner."""
         return self.session != session and self.term >= term

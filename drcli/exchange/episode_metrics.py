@@ -1,0 +1,160 @@
+"""Metrics files of training and evaluation: one record for each episode or trial.
+
+The formats are the reference simulator's, and analysis tools read them. `iteration` is ours.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drcli.base.json_record import JsonRecord, RecordError, parse_json
+from drcli.exchange.trace import STATUS_LABELS, Episode, Phase, TracedEpisode
+
+FILE_VERSION = 2.0
+"""Of TrainingMetrics.json. Source: the reference simulator."""
+
+REPORT_FILE = "evaluation.json"
+"""In the folder of an evaluation: its trials, which `dr-evaluate` reads."""
+
+
+@dataclass(frozen=True)
+class EpisodeMetrics(JsonRecord):
+    """One episode in `TrainingMetrics.json`. Times are milliseconds of the simulation clock.
+
+    Attributes:
+        episode: Number of the (last) training episode, from 1.
+        trial: Number of the (last) training episode within the iteration, from 1.
+        episode_status: How it ended, in the words of `STATUS_LABELS`.
+        iteration: None in files of version 0.1.0.
+    """
+
+    reward_score: int
+    metric_time: int
+    start_time: int
+    elapsed_time_in_milliseconds: int
+    episode: int
+    trial: int
+    phase: Phase
+    completion_percentage: int
+    episode_status: str
+    iteration: int | None = None
+
+    @staticmethod
+    def of(
+        driven: Episode | TracedEpisode, *, iteration: int, episode: int, trial: int
+    ) -> "EpisodeMetrics":
+        """The record of an episode."""
+        start_ms = round(driven.clock_s * 1000)
+        end_ms = round((driven.clock_s + driven.duration_s) * 1000)
+        return EpisodeMetrics(
+            reward_score=round(driven.reward),
+            metric_time=end_ms,
+            start_time=start_ms,
+            elapsed_time_in_milliseconds=end_ms - start_ms,
+            episode=episode,
+            trial=trial,
+            phase=driven.phase,
+            completion_percentage=completion_percentage(driven.progress),
+            episode_status=STATUS_LABELS[driven.status],
+            iteration=iteration,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The record as a JSON object, without an unknown iteration."""
+        fields = super().to_json()
+        if self.iteration is None:
+            del fields["iteration"]
+        return fields
+
+
+def completion_percentage(progress: float) -> int:
+    """Progress as metrics files have it."""
+    return min(100, max(0, int(progress)))
+
+
+def encode_metrics(records: Sequence[EpisodeMetrics], best_model_metric: str) -> bytes:
+    """`TrainingMetrics.json` of one worker; the metric is DR_TRAIN_BEST_MODEL_METRIC."""
+    listed = [record.to_json() for record in records]
+    file = {"metrics": listed, "version": FILE_VERSION, "best_model_metric": best_model_metric}
+    return json.dumps(file).encode()
+
+
+def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
+    """The records in `TrainingMetrics.json`; RecordError if it is damaged."""
+    file = parse_json(data)
+    if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
+        raise RecordError("it has no list of 'metrics'")
+    if file.get("version", FILE_VERSION) != FILE_VERSION:
+        raise RecordError(f"its version is {str(file['version'])[:20]}, not {FILE_VERSION}")
+    return [EpisodeMetrics.from_json(record) for record in file["metrics"]]
+
+
+def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
+    """The least number of episodes in an iteration that fits the numbers of these episodes."""
+    most = max((r.trial for r in records), default=0)
+    later = ((r.episode - r.trial, r.iteration) for r in records if r.iteration)
+    return max([most, *(numbered // iteration for numbered, iteration in later)])
+
+
+@dataclass(frozen=True)
+class TrialMetrics(JsonRecord):
+    """One trial, or one lap of a continuous race. Times are milliseconds of the simulation clock.
+
+    The counts are violations, and `reset_count` says how many of them put the car back.
+    """
+
+    completion_percentage: int
+    metric_time: int
+    start_time: int
+    elapsed_time_in_milliseconds: int
+    episode_status: str
+    crash_count: int
+    immobilized_count: int
+    off_track_count: int
+    reversed_count: int
+    reset_count: int
+    trial: int
+
+    @staticmethod
+    def of(episode: Episode) -> "TrialMetrics":
+        """The record of a trial or lap."""
+        start_ms = round((episode.clock_s + episode.begin_s) * 1000)
+        elapsed_ms = round(episode.duration_s * 1000)
+        completed = episode.progress >= 100.0
+        status = [row.status for row in episode.rows]
+        crashes, immobilized = status.count("crashed"), status.count("immobilized")
+        off_track, reversed_ = status.count("off_track"), status.count("reversed")
+        # The violation that ended the trial did not put the car back.
+        ended_by_violation = episode.rows[-1].done and not completed
+        return TrialMetrics(
+            completion_percentage=completion_percentage(episode.progress),
+            metric_time=start_ms + elapsed_ms,
+            start_time=start_ms,
+            elapsed_time_in_milliseconds=elapsed_ms,
+            episode_status=STATUS_LABELS["lap_complete" if completed else episode.status],
+            crash_count=crashes,
+            immobilized_count=immobilized,
+            off_track_count=off_track,
+            reversed_count=reversed_,
+            reset_count=crashes + immobilized + off_track + reversed_ - ended_by_violation,
+            trial=episode.number + 1,
+        )
+
+
+def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:
+    """The metrics file of one racer."""
+    return json.dumps({"metrics": [trial.to_json() for trial in trials]}).encode()
+
+
+def encode_report(racers: Sequence[Sequence[TrialMetrics]]) -> bytes:
+    """The trials of each racer, for `dr-evaluate`."""
+    return json.dumps([[trial.to_json() for trial in trials] for trials in racers]).encode()
+
+
+def decode_report(data: bytes) -> list[list[TrialMetrics]]:
+    """The trials of each racer; RecordError if the file is damaged."""
+    racers = parse_json(data)
+    if not isinstance(racers, list) or not all(isinstance(trials, list) for trials in racers):
+        raise RecordError("it is not a list of trials for each racer")
+    return [[TrialMetrics.from_json(trial) for trial in trials] for trials in racers]
