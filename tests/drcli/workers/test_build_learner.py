@@ -69,7 +69,7 @@ def test_an_optimizer_state_of_another_network_is_left_with_a_sentence(logged):
 
     assert learner.optimizer.tensors() == {}
     [line] = logged().splitlines()
-    assert "WARNING The optimizer starts afresh" in line
+    assert "WARNING The optimizer starts over" in line
     assert "does not fit: 0.exp_avg is of shape (1,)" in line
 
 
