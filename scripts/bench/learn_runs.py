@@ -26,7 +26,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.server import server
-from drcli.workers.build_learner import policy_spec, ppo_config
+from drcli.workers.build_learner import algorithm_config, policy_spec
 from drcli.workers.build_race import actions_of, load_world, longest_episode
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.trainer import SEED_STRIDE
@@ -124,7 +124,7 @@ class Work:
     @property
     def config(self) -> PPOConfig:
         """Our learner's knobs."""
-        return ppo_config(self.parameters)
+        return algorithm_config(PPOConfig, self.parameters)
 
     @property
     def rules(self) -> EpisodeRules:
