@@ -1,4 +1,4 @@
-"""The network of PPO: from what the car sees to the policy and the critic's value."""
+"""The network of PPO: policy and critic on one body."""
 
 from typing import NamedTuple, cast
 
@@ -18,15 +18,12 @@ _CRITIC_WIDTH = 64
 
 
 class Output(NamedTuple):
-    """One forward pass.
-
-    Attributes:
-        policy: Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions).
-        value: Expected discounted return, in the critic's own units. Shape (n,).
-    """
+    """The result of one forward pass."""
 
     policy: Tensor
+    """Logits of the actions, or the mean of the Gaussian. Shape (n, num_actions)."""
     value: Tensor
+    """Expected discounted return, in the critic's own units. Shape (n,)."""
 
 
 class ActorCritic(nn.Module):
@@ -62,7 +59,7 @@ class ActorCritic(nn.Module):
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 1.0)
         self.returns = ReturnScale()
-        # All actions are nearly equally likely at the start, so each is tried from the beginning.
+        # All actions are nearly equally likely at the start, so that each one is tried.
         _init_rows(self.policy_head.weight, 0.01)
         if spec.continuous:
             self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
@@ -79,14 +76,14 @@ class ActorCritic(nn.Module):
         """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
 
         Args:
-            targets: What the critic should predict, in reward, float64. Shape (n,).
-            values: What it predicted, likewise. Shape (n,).
+            targets: Returns that the critic should predict, float64. Shape (n,).
+            values: Its predictions, float64. Shape (n,).
         """
         last = (
             self.value_head[-1] if isinstance(self.value_head, nn.Sequential) else self.value_head
         )
         size = torch.maximum(targets.abs().mean(), values.abs().mean())
-        self.returns.follow(size, [cast(nn.Linear, last)])
+        self.returns.follow(size, cast(nn.Linear, last))
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None

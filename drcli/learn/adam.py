@@ -1,4 +1,4 @@
-"""The optimizer, with a state that can be stored as named tensors."""
+"""The Adam optimizer, whose state can be stored as named tensors."""
 
 from collections.abc import Iterable
 
@@ -57,12 +57,10 @@ class Adam:
         )
 
     def tensors(self) -> dict[str, Tensor]:
-        """The state, as `torch.optim.Adam` names it.
+        """The state by "<index of the parameter>.<name>", with the names of `torch.optim.Adam`.
 
-        These are the tensors themselves, not copies: store them before the next step.
-
-        Returns:
-            Tensors by "<index of the parameter>.<name>"; empty before the first step.
+        It is empty before the first step. These tensors are not copies: store them before the next
+        step.
         """
         return {
             f"{index}.{name}": value.contiguous()
@@ -71,16 +69,13 @@ class Adam:
         }
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Continue with a stored state; the tensors are copied.
+        """Continue with a copy of a state that `tensors` returned.
 
         Each copy gets the memory layout of its parameter: the fused arithmetic ignores strides,
         and stored tensors have lost theirs.
 
-        Args:
-            tensors: As `tensors` returns them.
-
         Raises:
-            ValueError: They belong to other parameters; nothing was changed.
+            ValueError: It belongs to other parameters; nothing was changed.
         """
         state: dict[int, dict[str, Tensor]] = {}
         indices = {str(index): index for index in range(len(self._parameters))}
@@ -93,10 +88,8 @@ class Adam:
                 state[index] = self._first_state(self._parameters[index])
             own = state[index][name]
             if own.shape != value.shape:
-                raise ValueError(
-                    f"{key} is of shape {tuple(value.shape)}, its parameter wants "
-                    f"{tuple(own.shape)}."
-                )
+                shapes = tuple(value.shape), tuple(own.shape)
+                raise ValueError(f"{key} is of shape {shapes[0]}, not {shapes[1]}.")
             own.copy_(value)
         self._state = state
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 SCHEDULE_END = 0.05
-"""Share of a value that is left at the end of its schedule: training that goes on still learns."""
+"""Share of a value that is left at the end of its schedule, so that training can go on."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class PPOConfig:
             clipped (epsilon in the paper).
         gae_lambda: Weight of longer returns in the advantage.
         adam_eps: Added to the root of Adam's second moment.
-        clip_value: How far a value may move from what it was before its loss is clipped, in the
-            critic's own units; None: no limit.
-        clip_advantage: Largest normalised advantage; None: no limit.
-        target_kl: The update ends after the epoch whose mean KL divergence from the policy that
-            drove exceeds this; None: never.
-        max_grad_norm: Largest norm of a minibatch's gradient; None: no limit.
-        lr_linear: Let `lr` fall over `schedule_steps`.
-        entropy_linear: Let `beta_entropy` fall likewise.
+        clip_value: How far a value may change, in the critic's own units, before its loss is
+            clipped. None here and below: no limit.
+        clip_advantage: Largest normalised advantage.
+        target_kl: Largest mean KL divergence of an epoch from the policy that drove; the update
+            ends after that epoch.
+        max_grad_norm: Largest norm of a minibatch's gradient.
+        lr_schedule: "linear" lets `lr` fall over `schedule_steps`.
+        entropy_schedule: "linear" lets `beta_entropy` fall likewise.
         schedule_steps: Environment steps after which such a value has reached `SCHEDULE_END`.
         bootstrap_cut: Add the critic's value estimate to the return of an episode that was cut
             off by the step limit; the reference adds nothing.
@@ -50,21 +50,21 @@ class PPOConfig:
     clip_advantage: float | None = None
     target_kl: float | None = None
     max_grad_norm: float | None = None
-    lr_linear: bool = False
-    entropy_linear: bool = False
+    lr_schedule: str = "constant"
+    entropy_schedule: str = "constant"
     schedule_steps: int = 500_000
     bootstrap_cut: bool = False
 
     def lr_at(self, steps: int) -> float:
         """The learning rate after so many environment steps."""
-        return self.lr * (self._falling(steps) if self.lr_linear else 1.0)
+        return self.lr * self._left(self.lr_schedule, steps)
 
     def beta_entropy_at(self, steps: int) -> float:
         """The weight of the entropy after so many environment steps."""
-        return self.beta_entropy * (self._falling(steps) if self.entropy_linear else 1.0)
+        return self.beta_entropy * self._left(self.entropy_schedule, steps)
 
-    def _falling(self, steps: int) -> float:
-        return max(SCHEDULE_END, 1.0 - steps / self.schedule_steps)
+    def _left(self, schedule: str, steps: int) -> float:
+        return max(SCHEDULE_END, 1.0 - steps / self.schedule_steps) if schedule == "linear" else 1.0
 
 
 @dataclass(frozen=True)
@@ -76,24 +76,24 @@ class SACConfig:
         lr: Adam's learning rate, for all networks and the temperature.
         discount_factor: Weight of a reward one step later.
         sac_alpha: Temperature: what one nat of entropy is worth in reward.
-        auto_alpha: Learn the temperature, so that the policy's entropy becomes -1 nat for each
-            dimension of an action; it begins at `sac_alpha`.
+        sac_auto_alpha: Learn the temperature from `sac_alpha` on, so that the policy's entropy
+            becomes -1 nat for each dimension of an action.
         huber: Huber loss for the critics, with delta 1, instead of the squared error.
-        tau: How far the target critics follow the critics at each gradient step. They lag
-            1 / tau steps behind; the reference copies them outright after every
+        sac_tau: How far the target critics follow the critics at each gradient step. They lag
+            1 / tau steps behind; the reference copies them after every
             `num_episodes_between_training` steps, n, and lags n / 2 on average: tau = 2 / n.
-        updates_per_step: Gradient steps for each environment step; None: the device's default.
-        learning_starts: Environment steps to drive before the first gradient step.
-        replay_steps: Environment steps that are kept in the replay buffer.
+        sac_updates_per_step: Gradient steps for each environment step; None: the device's default.
+        sac_learning_starts: Environment steps to drive before the first gradient step.
+        sac_replay_steps: Environment steps in the replay buffer.
     """
 
     batch_size: int = 64
     lr: float = 3e-4
     discount_factor: float = 0.999
     sac_alpha: float = 0.2
-    auto_alpha: bool = False
+    sac_auto_alpha: bool = False
     huber: bool = False
-    tau: float = 0.02
-    updates_per_step: float | None = None
-    learning_starts: int = 1_000
-    replay_steps: int = 100_000
+    sac_tau: float = 0.02
+    sac_updates_per_step: float | None = None
+    sac_learning_starts: int = 1_000
+    sac_replay_steps: int = 100_000

@@ -1,8 +1,8 @@
-"""The device and the number format of the learner, chosen by a fixed rule."""
+"""Chooses device and number format of the learner by a fixed rule."""
 
 import contextlib
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
@@ -32,7 +32,7 @@ class Compute:
             losses stay in float32.
         reason: Why, for the log.
         threads: Processor cores of an update; unused on a GPU.
-        parts: Into how many parts a minibatch is divided; see `DataParallel`.
+        parts: Number of parts of a minibatch; see `DataParallel`.
     """
 
     device: torch.device
@@ -50,8 +50,8 @@ class Compute:
         """The context of a forward pass.
 
         Its cache of cast weights is off. All threads share that cache, and it is cleared when any
-        of them ends a pass. So timing would decide whether two uses of a weight share a cast, and
-        thereby how their gradients are rounded.
+        thread ends a pass. So timing would decide whether two uses of a weight share a cast, and
+        how their gradients are rounded.
         """
         return torch.autocast(
             self.device.type, dtype=torch.bfloat16, enabled=self.bf16, cache_enabled=False
@@ -61,8 +61,8 @@ class Compute:
 def flush_denormals() -> None:
     """Let this thread, and those that it starts, treat numbers next to 0 as 0.
 
-    Arithmetic with them is far slower, and no gradient needs them. Only the main function of a
-    process should call this, because it affects all code.
+    Arithmetic with them is far slower, and no gradient needs them. Call this only in the main
+    function of a process, because it affects all code.
     """
     torch.set_flush_denormal(True)
 
@@ -84,15 +84,12 @@ def choose_compute(
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
-        base = Compute(torch.device("cuda"), False, "")
+        device, parts, units = "cuda", 1, False
         where = torch.cuda.get_device_name()
-        units = False
     else:
-        parts = parts_of(batch_size, threads)
-        base = Compute(torch.device("cpu"), False, "", threads, parts)
+        device, parts, units = "cpu", parts_of(batch_size, threads), has_bfloat16_units()
         where = f"{threads} threads, which compute {parts} parts of a minibatch at a time"
-        units = has_bfloat16_units()
-    usual = "bf16" if units and batch_size // base.parts >= FEWEST_SAMPLES else "fp32"
+    usual = "bf16" if units and batch_size // parts >= FEWEST_SAMPLES else "fp32"
     name = wanted if wanted in FORMATS else before if before in FORMATS else usual
     if wanted in FORMATS:
         why = "as set"
@@ -104,7 +101,7 @@ def choose_compute(
     else:
         why = "no matrix units for bfloat16 (AMX) here"
     reason = f"{name} on {where}: {why}; minibatches of {batch_size}, {_EAGER}"
-    return replace(base, bf16=name == "bf16", reason=reason)
+    return Compute(torch.device(device), name == "bf16", reason, threads, parts)
 
 
 def has_bfloat16_units() -> bool:

@@ -1,4 +1,4 @@
-"""One batch computed in parts, each by a thread of its own: gradients and actions.
+"""Computes gradients and actions of one batch in parts, each in its own thread.
 
 Threads inside an operation wait for each other after each of the hundreds of operations of a
 gradient step. One thread for each part of the batch waits only once.
@@ -18,10 +18,10 @@ from torch import Tensor, nn
 from drcli.learn.policy import Observation, Policy, PolicySpec
 
 SMALLEST_PART = 16
-"""Samples of a part. Convolutions of fewer samples take more time for each."""
+"""Samples of a part. Convolutions of fewer samples take more time per sample."""
 
 FEWEST_CARS = 4
-"""Cars of a part; the convolutions of fewer are hardly faster."""
+"""Cars of a part. Convolutions of fewer cars are hardly faster."""
 
 LARGE = 2_000_000
 """Parameters from which on the optimizer uses threads inside operations. The shallow network's 5.8
@@ -31,17 +31,12 @@ busy program, because waking threads takes as long as the work."""
 M = TypeVar("M", bound=nn.Module)
 
 LossOf = Callable[[M, slice], tuple[Tensor, Tensor]]
-"""From a network and a range of samples to their mean loss, a scalar, and means of the statistics
-that are reported. It is called in several threads at a time."""
+"""Takes a network and a range of samples; returns their mean loss, a scalar, and means of the
+statistics to report. Several threads call it at a time."""
 
 
 def parts_of(batch_size: int, threads: int) -> int:
-    """Into how many parts a minibatch is divided. A fixed rule, so that equal seeds train equally.
-
-    Args:
-        batch_size: Samples of the minibatch.
-        threads: Processor cores that share the work.
-    """
+    """Number of parts of a minibatch by a fixed rule, so that equal seeds train equally."""
     return max(1, min(threads, batch_size // SMALLEST_PART))
 
 
@@ -53,13 +48,7 @@ class DataParallel(Generic[M]):
     """
 
     def __init__(self, model: M, parts: int = 1, threads: int = 1) -> None:
-        """Start the threads.
-
-        Args:
-            model: The network that learns. On a GPU there is one part.
-            parts: Into how many parts a minibatch is divided.
-            threads: Processor cores, all parts together.
-        """
+        """Start the threads, which share so many cores. On a GPU there is one part."""
         self._models = [model]
         self._part_threads = max(1, threads // parts)
         self._is_large = sum(p.numel() for p in model.parameters()) > LARGE
@@ -90,8 +79,8 @@ class DataParallel(Generic[M]):
         The sums are made in the order of the parts, so that equal seeds give equal weights.
 
         Args:
-            loss_of: Gives loss and statistics of a range of samples.
-            samples: How many there are.
+            loss_of: Loss and statistics of a range of samples.
+            samples: Number of samples.
 
         Returns:
             Means of the statistics over all samples.
@@ -124,19 +113,14 @@ class DataParallelPolicy:
     """
 
     def __init__(self, policy: Policy, threads: int) -> None:
-        """Start the threads.
-
-        Args:
-            policy: The network, on the CPU.
-            threads: The most parts.
-        """
+        """Start the threads, one for each part at most. The policy must be on the CPU."""
         self._policy = policy
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads, "policy") if threads > 1 else None
 
     @property
     def spec(self) -> PolicySpec:
-        """What the policy sees and chooses from."""
+        """The shape of the policy."""
         return self._policy.spec
 
     def act(
@@ -157,7 +141,7 @@ class DataParallelPolicy:
 
 
 def _parts(length: int, count: int) -> list[slice]:
-    """A batch cut into parts of nearly equal length."""
+    """The ranges of `count` parts of nearly equal length."""
     return [slice(*ends) for ends in pairwise(length * i // count for i in range(count + 1))]
 
 
@@ -169,19 +153,16 @@ def _backward(model: M, loss_of: LossOf[M], part: slice, share: float) -> Tensor
 
 
 def _copy_on_same_weights(model: M) -> M:
-    """Another network on the same weights, with gradients of its own."""
+    """Another network on the same weights, but with separate gradients."""
     twin = copy.deepcopy(model)
-    for own, shared in zip(_tensors(twin), _tensors(model), strict=True):
-        own.data = shared.data
+    shared = (*model.parameters(), *model.buffers())
+    for own, other in zip((*twin.parameters(), *twin.buffers()), shared, strict=True):
+        own.data = other.data
     return twin
-
-
-def _tensors(model: nn.Module) -> list[Tensor]:
-    return [*model.parameters(), *model.buffers()]
 
 
 def _begin_thread(threads: int, together: Barrier) -> None:
     """Limit the threads of operations that are called in this thread."""
     torch.set_num_threads(threads)
-    torch.get_num_threads()  # only now the limit holds here, whatever others set later
+    torch.get_num_threads()  # makes the limit permanent in this thread
     together.wait()

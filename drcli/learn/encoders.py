@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -10,13 +10,8 @@ from torch.nn import functional
 
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 
-
-class Convolution(NamedTuple):
-    """One convolutional layer without padding."""
-
-    filters: int
-    kernel: int
-    stride: int | tuple[int, int]
+Convolution = tuple[int, int, int | tuple[int, int]]
+"""Filters, kernel size and stride of a convolution without padding."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +19,10 @@ class Layers:
     """A body: convolutions, then dense layers on every pixel, flattening, then dense layers.
 
     Attributes:
-        convolutions: From the frame on.
+        convolutions: The layers from the frame on.
         per_pixel: Widths of dense layers that act on the channels of each pixel.
-        dense: Widths of dense layers on all features, lidar included; the last one is the
-            number of features.
+        dense: Widths of dense layers on all features, lidar included; the last width is the number
+            of features.
     """
 
     convolutions: tuple[Convolution, ...]
@@ -35,34 +30,30 @@ class Layers:
     dense: tuple[int, ...] = (512,)
 
 
-def _convolutions(*layers: tuple[int, int, int | tuple[int, int]]) -> tuple[Convolution, ...]:
-    return tuple(Convolution(*layer) for layer in layers)
-
-
-_STEREO = _convolutions((32, 3, 1), (64, 3, 2), (64, 3, 1), (128, 3, 2), (128, 3, 1))
+_STEREO = ((32, 3, 1), (64, 3, 2), (64, 3, 1), (128, 3, 2), (128, 3, 1))
 
 MONO = {
-    "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW": Layers(_convolutions((32, 8, 4), (64, 4, 2), (64, 3, 1))),
+    "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW": Layers(((32, 8, 4), (64, 4, 2), (64, 3, 1))),
     "DEEP_CONVOLUTIONAL_NETWORK": Layers(
-        _convolutions((32, 5, 2), (32, 3, 1), (64, 3, 2), (64, 3, 1)), per_pixel=(64,)
+        ((32, 5, 2), (32, 3, 1), (64, 3, 2), (64, 3, 1)), per_pixel=(64,)
     ),
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP": Layers(
-        _convolutions((32, 8, 4), (32, 4, 2), (64, 4, 2), (64, 3, 1)),
+        ((32, 8, 4), (32, 4, 2), (64, 4, 2), (64, 3, 1)),
         per_pixel=(512, 512),
         dense=(256, 128),
     ),
     "COMPACT_CONVOLUTIONAL_NETWORK": Layers(
-        _convolutions((16, 8, 4), (32, 4, 2), (24, 3, (2, 1))), dense=(256,)
+        ((16, 8, 4), (32, 4, 2), (24, 3, (2, 1))), dense=(256,)
     ),
 }
 """Bodies for one camera. The first three are the reference's.
 
-The compact one is ours. It has the first convolutions of the shallow one at half their width, and a
-last one that halves the rows once more but not the columns, because the road is found by looking
-left and right (trained to predict position and curvature of the road, it was better than one that
-halves both). The dense layer behind it has a tenth of the weights. A forward and backward pass
-needs less than a fifth of the arithmetic (24 instead of 129 MFLOP) and, on one core in minibatches
-of 64, a little more than a fifth of the time.
+The compact one is ours. It has the first convolutions of the shallow one at half their width. Its
+last one halves the rows but not the columns, because the road is found by looking left and right
+(trained to predict position and curvature of the road, it was better than one that halves both).
+Its dense layer has a tenth of the weights. A forward and backward pass needs less than a fifth of
+the arithmetic (24 instead of 129 MFLOP) and, on one core in minibatches of 64, a little more than a
+fifth of the time.
 """
 
 STEREO = MONO | {
@@ -90,12 +81,12 @@ class Encoder(nn.Module):
         layers = (STEREO if spec.eyes == 2 else MONO)[spec.network]
         channels, height, width = spec.channels, FRAME_HEIGHT, FRAME_WIDTH
         convolutions = []
-        for layer in layers.convolutions:
-            convolutions.append(nn.Conv2d(channels, *layer))
+        for filters, kernel, stride in layers.convolutions:
+            convolutions.append(nn.Conv2d(channels, filters, kernel, stride))
             rows, columns = convolutions[-1].stride
-            height = (height - layer.kernel) // rows + 1
-            width = (width - layer.kernel) // columns + 1
-            channels = layer.filters
+            height = (height - kernel) // rows + 1
+            width = (width - kernel) // columns + 1
+            channels = filters
         self.convolutions = nn.ModuleList(convolutions)
         self.per_pixel = _dense(channels, layers.per_pixel)
         channels = (channels, *layers.per_pixel)[-1]
@@ -149,10 +140,9 @@ def _through(layers: nn.ModuleList, x: Tensor) -> Tensor:
 def _with_present_names(
     encoder: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object
 ) -> None:
-    """Rename the layers of checkpoints from the time when there was only the shallow body."""
-    old = {f"conv{number + 1}": f"convolutions.{number}" for number in range(3)} | {
-        "dense": "dense.0"
-    }
+    """Rename the layers of old checkpoints, when the shallow body was the only one."""
+    old = {f"conv{number + 1}": f"convolutions.{number}" for number in range(3)}
+    old["dense"] = "dense.0"
     for before, now in old.items():
         for kind in ("weight", "bias"):
             if f"{prefix}{before}.{kind}" in tensors:

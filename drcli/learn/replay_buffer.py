@@ -15,11 +15,11 @@ class Transitions(NamedTuple):
     """A minibatch of n steps.
 
     Attributes:
-        before: What was seen when the action was chosen.
+        before: The observation before each action.
         actions: Values in [-1, 1]. Shape (n, dims).
         rewards: Shape (n,).
-        after: What was seen one step later; meaningless where `goes_on` is 0.
-        goes_on: 1, or 0 where the episode ended by its rules with this step. Shape (n,).
+        after: The observation one step later; meaningless where `goes_on` is 0.
+        goes_on: 0 if the episode ended by its rules with this step, else 1. Shape (n,).
     """
 
     before: Observation
@@ -28,46 +28,35 @@ class Transitions(NamedTuple):
     after: Observation
     goes_on: Tensor
 
-    def part(self, steps: slice) -> "Transitions":
-        """Some of the steps."""
-        return Transitions(
-            self.before.part(steps),
-            self.actions[steps],
-            self.rewards[steps],
-            self.after.part(steps),
-            self.goes_on[steps],
-        )
+    def part(self, steps: slice, device: torch.device) -> "Transitions":
+        """Some of the steps, on a device."""
 
-    def to(self, device: torch.device) -> "Transitions":
-        """The same on another device."""
-        return Transitions(
-            Observation(*(column.to(device) for column in self.before)),
-            self.actions.to(device),
-            self.rewards.to(device),
-            Observation(*(column.to(device) for column in self.after)),
-            self.goes_on.to(device),
-        )
+        def part(column: Tensor) -> Tensor:
+            return column[steps].to(device)
+
+        before, actions, rewards, after, goes_on = self
+        before, after = Observation(*map(part, before)), Observation(*map(part, after))
+        return Transitions(before, part(actions), part(rewards), after, part(goes_on))
 
 
 class ReplayBuffer:
     """A ring buffer of whole episodes in main memory; new episodes replace the oldest.
 
-    A step takes little more memory than its frame, 19.2 kB, because what was seen after a step is
-    what was seen before the next one. After the last step of an episode nothing was seen. If the
-    episode ended by its rules, this does not matter, since no reward follows; if the step limit
-    cut it off, that one step is not learned from.
-
-    All memory is reserved at once, so that a lack of it shows at the start. The operating system
-    provides each page when it is first written to.
+    A step takes little more memory than its frame, 19.2 kB, because the observation after a step is
+    the one before the next step. After the last step of an episode there is none. If the episode
+    ended by its rules, this does not matter, since no reward follows; if the step limit cut it off,
+    that step is not learned from.
 
     Attributes:
-        capacity: Steps that fit.
-        steps: Steps in it.
+        capacity: Most steps in the buffer.
+        steps: Steps in the buffer.
         added: Steps that were ever added.
     """
 
     def __init__(self, spec: PolicySpec, capacity: int) -> None:
-        """Reserve the memory.
+        """Reserve all memory now, so that a lack of it shows at the start.
+
+        The operating system provides each page when it is first written to.
 
         Raises:
             RuntimeError: There is not enough memory.
@@ -136,12 +125,7 @@ class ReplayBuffer:
         return (torch.arange(length) + start) % self.capacity
 
     def sample(self, count: int, draw: torch.Generator) -> Transitions:
-        """Draw steps uniformly, with replacement.
-
-        Args:
-            count: How many.
-            draw: Source of random numbers, on the CPU.
-        """
+        """Draw `count` steps uniformly, with replacement."""
         chosen = torch.randint(self.transitions, (count,), generator=draw)
         rows = self._usable_rows[chosen]
         goes_on = self._goes_on[rows]
@@ -151,7 +135,7 @@ class ReplayBuffer:
         )
 
     def _seen(self, rows: Tensor) -> Observation:
-        """What was seen at some steps; an episode's first frame stands for the ones before it."""
+        """The observations before some steps; an episode's first frame stands for earlier ones."""
         back = torch.arange(self._stack - 1, -1, -1)
         stacked = (rows[:, None] - torch.minimum(back, self._ages[rows, None])) % self.capacity
         # index_select copies whole frames; indexing with two dimensions is several times slower.

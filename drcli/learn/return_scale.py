@@ -2,11 +2,9 @@
 
 The idea is PopArt's (van Hasselt et al., 2016, "Learning values across many orders of magnitude"):
 targets are divided by a running size. When that changes, the last layer is rescaled, so that the
-predictions stay the same. The mean is not subtracted: over five seeds that gave no earlier lap
-with the shipped example (docs/benchmarks.md), and it would be one more running number.
+predictions stay the same. The mean is not subtracted: that gave no earlier lap over five seeds with
+the shipped example (docs/benchmarks.md).
 """
-
-from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
@@ -53,22 +51,21 @@ class ReturnScale(nn.Module):
         return (rewards / torch.where(self.scale > 0.0, self.scale, 1.0)).float()
 
     @torch.no_grad()
-    def follow(self, size: Tensor, last: Iterable[nn.Linear]) -> None:
+    def follow(self, size: Tensor, last: nn.Linear) -> None:
         """Update the scale, and rescale the critic so that its predictions stay the same.
 
         Args:
             size: Mean size of the iteration's returns, or of the critic's predictions if that is
                 larger: if the scale fell faster than the critic can learn, the critic's outputs
                 would grow without limit. Scalar, float64, finite.
-            last: Last layers of the critic. They are left alone if it has never learned.
+            last: Last layer of the critic. It stays as it is if the critic has never learned.
         """
         before = self.scale.clone()
         self.weight.lerp_(torch.ones_like(self.weight), FOLLOW)
         self.scale.lerp_(size / UNITS, FOLLOW / self.weight)
         if before > 0.0 and self.scale > 0.0:
-            for layer in last:
-                layer.weight.mul_(before / self.scale)
-                layer.bias.mul_(before / self.scale)
+            last.weight.mul_(before / self.scale)
+            last.bias.mul_(before / self.scale)
 
 
 def _as_before(module: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object) -> None:

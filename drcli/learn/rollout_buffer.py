@@ -1,7 +1,6 @@
-"""What one iteration of driving gives the learner: as arrays, and as tensors of an update."""
+"""The rollout of one iteration: as arrays, and as tensors for an update."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,11 +27,11 @@ class Rollout:
         values: The critic's estimate when the action was taken. Shape (t,).
         rewards: Shape (t,).
         lengths: Steps of each episode, summing to t. Shape (e,).
-        last_values: The critic's estimate where the step limit cut an episode off; 0 where an
-            episode ended by its rules. Shape (e,).
+        last_values: The critic's estimate of the rest of each episode that the step limit cut off;
+            0 for others. Shape (e,).
         cut: Which episodes the step limit cut off. Shape (e,).
         scans: Lidar values. Shape (t, d), d = 0 without a lidar.
-        states: What only the critic may see. Shape (t, k), k = 0 where it sees nothing more.
+        states: Values that only the critic sees. Shape (t, k), k = 0 if there are none.
     """
 
     frames: NDArray[np.uint8]
@@ -51,25 +50,15 @@ class Rollout:
         """Number of steps in all episodes."""
         return len(self.rewards)
 
-    @cached_property
-    def ages(self) -> Ints:
-        """How many steps of its episode lie before each step. Shape (t,)."""
-        begins = np.cumsum(self.lengths) - self.lengths
-        return np.arange(self.steps) - np.repeat(begins, self.lengths)
-
     def stacked_rows(self, stack: int) -> Ints:
-        """Rows of the frames that are seen together at each step, oldest first.
+        """Rows of the frames that are seen together at each step, oldest first. Shape (t, stack).
 
-        Before the beginning of an episode its first frame repeats.
-
-        Args:
-            stack: How many frames are seen together.
-
-        Returns:
-            Shape (t, stack).
+        An episode's first frame stands for those before it.
         """
-        back = np.arange(stack - 1, -1, -1)
-        return np.arange(self.steps)[:, None] - np.minimum(back, self.ages[:, None])
+        begins = np.cumsum(self.lengths) - self.lengths
+        rows = np.arange(self.steps)
+        ages = rows - np.repeat(begins, self.lengths)
+        return rows[:, None] - np.minimum(np.arange(stack - 1, -1, -1), ages[:, None])
 
 
 @dataclass(frozen=True)
@@ -95,7 +84,7 @@ class RolloutTensors:
     def of(
         rollout: Rollout, stack: int, values: Tensor, advantages: Float64s, returns: Tensor
     ) -> "RolloutTensors":
-        """Join a rollout with what an update computed from it, on the device of the latter."""
+        """Join a rollout with the results of an update, on their device."""
 
         def tensor(column: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
@@ -113,7 +102,7 @@ class RolloutTensors:
         )
 
     def observation(self, rows: Tensor) -> Observation:
-        """What was seen at some steps."""
+        """The observations before some steps."""
         # index_select copies whole frames; indexing with two dimensions is several times slower.
         frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
         frames = frames.view(len(rows), -1, *self.frames.shape[2:])

@@ -37,8 +37,8 @@ class SAC:
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
-        self.updates_per_step = config.updates_per_step or UPDATES_PER_STEP[compute.device.type]
-        self.replay = ReplayBuffer(model.spec, config.replay_steps)
+        self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
+        self.replay = ReplayBuffer(model.spec, config.sac_replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = Adam(learned, config.lr)
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
@@ -46,7 +46,7 @@ class SAC:
     @property
     def memory_steps(self) -> int:
         """Steps of earlier rollouts that it still learns from."""
-        return self.config.replay_steps
+        return self.config.sac_replay_steps
 
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
@@ -70,14 +70,14 @@ class SAC:
             steps_before: Environment steps learned from until now; no value depends on them here.
 
         Returns:
-            One for each part; none before `learning_starts`.
+            One for each part; none before `sac_learning_starts`.
 
         Raises:
             NonFiniteLossError: A loss or a weight is NaN or infinite.
             UpdateInterruptedError: `should_stop` returned True.
         """
         self.replay.add(rollout)
-        if self.replay.added < self.config.learning_starts or not self.replay.transitions:
+        if self.replay.added < self.config.sac_learning_starts or not self.replay.transitions:
             return []
         draw = torch.Generator().manual_seed(seed)
         total = max(1, round(rollout.steps * self.updates_per_step))
@@ -110,7 +110,7 @@ class SAC:
             for target, p in zip(
                 self.model.targets.parameters(), self.model.critics.parameters(), strict=True
             ):
-                target.lerp_(p, self.config.tau)
+                target.lerp_(p, self.config.sac_tau)
 
     def _loss(
         self, batch: Transitions, noise: Tensor, model: SACAgent, part: slice
@@ -123,7 +123,7 @@ class SAC:
             model: The agent, or a copy on the same weights.
             part: Which of the steps.
         """
-        batch = batch.part(part).to(self.compute.device)
+        batch = batch.part(part, self.compute.device)
         noise_before, noise_after = noise[:, part].to(self.compute.device).unbind()
         alpha = self.alpha()
 
@@ -142,7 +142,7 @@ class SAC:
         actor_loss = (alpha * log_probs - q).mean()
         alpha_loss = self._alpha_loss(model, log_probs.detach())
         loss = critic_loss + actor_loss
-        if self.config.auto_alpha:
+        if self.config.sac_auto_alpha:
             loss = loss + alpha_loss
 
         if not bool(torch.isfinite(loss)):
@@ -151,14 +151,14 @@ class SAC:
                 f"critics {critic_loss.item():.4g}, temperature {alpha.item():.4g})."
             )
         with torch.no_grad():
-            shown = alpha_loss if self.config.auto_alpha else torch.full_like(alpha, torch.nan)
+            shown = alpha_loss if self.config.sac_auto_alpha else torch.full_like(alpha, torch.nan)
             each = self._critic_loss(values, target, "none").mean(1)
             qf = (*each, *values.mean(1))
             return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), alpha, shown])
 
     def alpha(self) -> Tensor:
         """The temperature now, without gradient."""
-        if self.config.auto_alpha:
+        if self.config.sac_auto_alpha:
             return self.model.log_alpha.detach().exp()
         return torch.tensor(self.config.sac_alpha, device=self.compute.device)
 

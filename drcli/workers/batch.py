@@ -1,5 +1,6 @@
-"""Gathers what the simulation workers drove with a checkpoint, as the learner takes it."""
+"""Collects the rollouts of all simulation workers for the learner."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,27 +17,24 @@ from drcli.store.rollout_reader import RolloutReader
 
 _logger = get_logger(__name__)
 
-FIRST_PATIENCE_S = 600.0
-"""How long to wait for anybody before saying so again."""
-
 LEAST_PATIENCE_S = 20.0
-"""How long to wait for the others once the first has delivered, at least: time to bring back a
-worker that died."""
+"""Least time to wait for the other workers once the first has delivered: a worker that died needs
+it to start again."""
 
 
 @dataclass(frozen=True)
 class Collected:
-    """One iteration's rollouts and what the workers say about them.
+    """One iteration's rollouts and what the workers report about them.
 
     Attributes:
         rollout: The episodes.
         progress: Percent of the lap of each episode.
         rewards: Sum of rewards of each episode.
-        lap_s: Durations of the completed laps, simulated seconds.
-        simulated_s: Simulated seconds of all episodes.
+        lap_s: Simulated durations of the completed laps.
+        simulated_s: Simulated duration of all episodes.
         drive_s: Wall time of the slowest worker.
         checkpoint: Name of the checkpoint that drove, the older one if there were two.
-        evaluates: Number of the checkpoint whose evaluation follows, None without one.
+        evaluates: Number of the checkpoint that a worker evaluates now, or None.
     """
 
     rollout: Rollout
@@ -50,16 +48,12 @@ class Collected:
 
 
 class Collector:
-    """Waits for all workers of a run, but for none of them too long."""
+    """Waits for all simulation workers of a run, but not too long for any of them.
+
+    An iteration has at most `max_steps`; further episodes are left out.
+    """
 
     def __init__(self, reader: RolloutReader, workers: int, max_steps: int) -> None:
-        """Begin.
-
-        Args:
-            reader: The bucket's rollouts.
-            workers: How many simulation workers there are.
-            max_steps: Most steps of an iteration.
-        """
         self._reader = reader
         self._workers = workers
         self._max_steps = max_steps
@@ -70,17 +64,17 @@ class Collector:
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get as long again. One that was missing in
-        the iteration before is not waited for.
+        Once the first worker has delivered, the others get the same time again. A worker that
+        missed the iteration before is not waited for.
 
         Args:
-            iteration: Which.
-            checkpoints: What may have driven them, the newest last.
-            should_stop: Asked at every look.
+            iteration: Number of the iteration.
+            checkpoints: Checkpoints that may have driven it, the newest last.
+            should_stop: Called at every look; ends the wait.
 
         Returns:
-            None when `should_stop` ended the wait, and where parts are gone or damaged: the workers
-            drive the iteration once more then.
+            None if `should_stop` ended the wait, or if a part is missing or damaged: the workers
+            then drive the iteration again.
         """
         everybody = set(range(self._workers))
         wait = partial(
@@ -91,9 +85,7 @@ class Collector:
             on_wait=_logger.info,
             should_stop=should_stop,
         )
-        manifests = wait(enough=1, patience_s=FIRST_PATIENCE_S)
-        while not manifests and not should_stop():
-            manifests = wait(enough=1, patience_s=FIRST_PATIENCE_S)
+        manifests = wait(enough=1, patience_s=math.inf)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
@@ -105,16 +97,16 @@ class Collector:
         if self._absent:
             _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))
         try:
-            # Not in the order in which they arrived: equal seeds, equal minibatches.
+            # In the order of the workers, so that equal seeds give equal minibatches.
             return self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
-            # Workers that wait for the trainer notice that their manifests are gone.
+            # Waiting workers notice that their manifests are gone.
             _logger.warning("%s Iteration %d is driven again.", error, iteration)
             self._reader.reject(iteration, manifests)
             return None
 
     def recall(self, iteration: int) -> Rollout | None:
-        """What is left of an older iteration, of any start; None if a part is damaged."""
+        """The rollouts of an older iteration; None if they are missing or damaged."""
         try:
             manifests = self._reader.find_manifests(iteration, range(self._workers))
             return self._read(manifests).rollout if manifests else None
@@ -138,7 +130,7 @@ class Collector:
         )
 
     def _within_cap(self, driven: Episodes) -> Episodes:
-        """Leave out the episodes that are too much, those with the highest numbers."""
+        """Leave out the last episodes if there are more than `max_steps`."""
         order = np.argsort(driven.numbers, kind="stable")
         fits = np.cumsum(driven.rollout.lengths[order]) <= self._max_steps
         fits[0] = True

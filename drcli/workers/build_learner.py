@@ -1,5 +1,8 @@
 """Builds network and learner from model_metadata.json and hyperparameters.json."""
 
+from dataclasses import fields
+from typing import TypeVar
+
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
@@ -11,10 +14,11 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 Learner = PPO | SAC
+C = TypeVar("C", PPOConfig, SACConfig)
 
 STATE_DIMS = 22
-"""Length of `Simulation.privileged`. It is repeated here because a trainer that loaded the
-simulator for it would need 33 MB more memory."""
+"""Length of `Simulation.privileged`. It is repeated here because loading the simulator for it would
+cost the trainer 33 MB of memory."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
@@ -32,7 +36,7 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
 
 
 def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with; its weights come from a checkpoint."""
+    """A network to drive with, which gets its weights from a checkpoint."""
     spec = policy_spec(metadata, parameters)
     model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
     return model.eval()
@@ -44,45 +48,13 @@ def build_learner(
     """The algorithm that model_metadata.json asks for, with fresh weights."""
     spec = policy_spec(metadata, parameters)
     if metadata.training_algorithm == "sac":
-        return SAC(SACAgent(spec, parameters.sac_alpha), sac_config(parameters), compute)
-    return PPO(ActorCritic(spec), ppo_config(parameters), compute)
+        return SAC(
+            SACAgent(spec, parameters.sac_alpha), algorithm_config(SACConfig, parameters), compute
+        )
+    return PPO(ActorCritic(spec), algorithm_config(PPOConfig, parameters), compute)
 
 
-def sac_config(parameters: Hyperparameters) -> SACConfig:
-    """SAC's hyperparameters; those left out are the learner's defaults."""
-    p = parameters
-    return SACConfig(
-        batch_size=p.batch_size,
-        lr=p.lr,
-        discount_factor=p.discount_factor,
-        sac_alpha=p.sac_alpha,
-        auto_alpha=p.sac_auto_alpha,
-        huber=p.huber,
-        tau=SACConfig.tau if p.sac_tau is None else p.sac_tau,
-        updates_per_step=p.sac_updates_per_step,
-        learning_starts=p.sac_learning_starts,
-        replay_steps=p.sac_replay_steps,
-    )
-
-
-def ppo_config(parameters: Hyperparameters) -> PPOConfig:
-    """PPO's hyperparameters."""
-    p = parameters
-    return PPOConfig(
-        batch_size=p.batch_size,
-        num_epochs=p.num_epochs,
-        lr=p.lr,
-        discount_factor=p.discount_factor,
-        beta_entropy=p.beta_entropy,
-        huber=p.huber,
-        clip_range=p.clip_range,
-        gae_lambda=p.gae_lambda,
-        clip_value=p.clip_value,
-        clip_advantage=p.clip_advantage,
-        target_kl=p.target_kl,
-        max_grad_norm=p.max_grad_norm,
-        lr_linear=p.lr_schedule == "linear",
-        entropy_linear=p.entropy_schedule == "linear",
-        schedule_steps=p.schedule_steps,
-        bootstrap_cut=p.bootstrap_cut,
-    )
+def algorithm_config(kind: type[C], parameters: Hyperparameters) -> C:
+    """The hyperparameters of an algorithm; those that are not set keep the algorithm's defaults."""
+    values = {field.name: getattr(parameters, field.name, None) for field in fields(kind)}
+    return kind(**{name: value for name, value in values.items() if value is not None})

@@ -28,18 +28,18 @@ from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
 SLACK = 2.5
-"""How many times the slowest lap's duration an episode may last: a car may wind its way."""
+"""How many times the slowest lap's duration an episode may last: cars do not drive straight."""
 
 MAX_EPISODE_STEPS = 10_000
-"""Longest episode. The reference has no limit, but a car that never completes its lap teaches
-nothing."""
+"""Steps of the longest episode. The reference has no limit, but nothing can be learned from a car
+that never completes its lap."""
 
 
 def load_world(config: RaceConfig) -> Track:
     """The track that DR_WORLD_NAME names.
 
     Raises:
-        ProblemsError: It is not installed or damaged (V-05).
+        ProblemsError: It is not installed, or damaged (V-05).
     """
     try:
         return load_track(config.world_name, config.tracks_folder)
@@ -53,7 +53,7 @@ def load_world(config: RaceConfig) -> Track:
 
 
 def race_of(config: RaceConfig) -> Race:
-    """What is on the track beside the car, by DR_RACE_TYPE."""
+    """The obstacles, bots or other racers on the track, by DR_RACE_TYPE."""
     if config.race_type == "OBJECT_AVOIDANCE":
         return Race(
             obstacles=ObstacleRules(
@@ -85,7 +85,7 @@ def race_of(config: RaceConfig) -> Race:
 
 
 def load_race(config: RaceConfig, track: Track) -> Race:
-    """The race of the settings, once it is sure that it fits on the track.
+    """The race of the settings, which fits on the track.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
@@ -106,7 +106,7 @@ def load_race(config: RaceConfig, track: Track) -> Race:
 
 
 def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:
-    """The sim-to-real extras that act in this job."""
+    """The sim-to-real extras of this job."""
     if config.sim_extras_in not in ("both", job):
         return Realism()
     return Realism(
@@ -144,7 +144,7 @@ def build_simulation(
     """The simulation of a worker.
 
     Raises:
-        SettingsError: There is no room for that many obstacles or bots.
+        ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
     return Simulation(
         track,
@@ -161,10 +161,10 @@ def build_simulation(
 
 
 def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[RewardFunction]:
-    """The model's own copy of the racer's reward function, once for each car.
+    """The model's copy of the racer's reward function, loaded once for each car.
 
-    Reward functions keep things in globals from one step to the next, and were written for a single
-    car: those of one car must not see those of another.
+    Reward functions are written for a single car and keep values in globals from step to step, so
+    each car needs its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / keys.REWARD_FUNCTION_FILE
@@ -177,7 +177,7 @@ def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[Re
 
 
 def reward_failure(error: RewardError) -> SettingsError:
-    """A reward function's failure, explained to its author, who never saw our copy of the file."""
+    """The failure of a reward function, without the path of our copy of the file."""
     text = str(error)
     if error.file is not None:
         text = text.replace(str(error.file), error.file.name)
@@ -189,7 +189,7 @@ def reward_failure(error: RewardError) -> SettingsError:
 
 
 def actions_of(metadata: ModelMetadata) -> Actions:
-    """The action space of model_metadata.json, as the simulation understands it."""
+    """The action space of model_metadata.json for the simulation."""
     space = metadata.action_space
     if space.low is None or space.high is None:
         return DiscreteActions(space.values)
@@ -198,7 +198,7 @@ def actions_of(metadata: ModelMetadata) -> Actions:
 
 
 def sensors_of_model(metadata: ModelMetadata) -> Sensors:
-    """What the car perceives, by model_metadata.json."""
+    """The sensors of model_metadata.json for the simulation."""
     return Sensors(
         metadata.sensor,
         num_sectors=metadata.lidar.num_sectors,
@@ -208,7 +208,7 @@ def sensors_of_model(metadata: ModelMetadata) -> Sensors:
 
 
 def longest_episode(track: Track, actions: Actions) -> int:
-    """Steps after which an episode is cut off: far more than the slowest lap takes."""
+    """Steps after which an episode is cut off, far more than the slowest lap takes."""
     if isinstance(actions, ContinuousActions):
         slowest_mps = actions.speed_mps[0]
     else:

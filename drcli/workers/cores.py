@@ -1,4 +1,4 @@
-"""How the workers of a run share the processor of this machine."""
+"""Divides the processor cores of this machine between the workers of a run."""
 
 import math
 import os
@@ -16,8 +16,8 @@ _ROOT = Path("/")
 def cores(root: Path = _ROOT) -> int:
     """Processor cores that this process may use.
 
-    Those that it may run on (`taskset`), or fewer if a container or service has a limit
-    (`docker run --cpus`), which is rounded up.
+    These are the cores that it may run on (`taskset`), or fewer if a container or service limits
+    them (`docker run --cpus`). Such a limit is rounded up.
     """
     if hasattr(os, "sched_getaffinity"):
         allowed = len(os.sched_getaffinity(0))
@@ -45,7 +45,7 @@ def learning_threads(train: TrainConfig) -> int:
 
 
 def _limits(root: Path) -> Iterator[float]:
-    """The limits of this process's control groups, in cores; groups without one are skipped."""
+    """The limits of this process's control groups, in cores."""
     try:
         lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
     except OSError:  # another system than Linux
@@ -61,36 +61,20 @@ def _limits(root: Path) -> Iterator[float]:
         group = PurePosixPath(path.lstrip("/"))
         # A container sees the path that its group has outside, and its own group at the root.
         for folder in (mount / group, *(mount / parent for parent in group.parents)):
-            limit = _unified_limit(folder) if unified else _older_limit(folder)
+            names = ("cpu.max",) if unified else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+            limit = _limit(*(folder / name for name in names))
             if limit is not None:
                 yield limit
 
 
-def _unified_limit(folder: Path) -> float | None:
-    """The limit in `cpu.max`: `150000 100000`, or `max 100000` for none."""
-    words = _words(folder / "cpu.max")
-    return None if len(words) != 2 else _share(*words)
+def _limit(*files: Path) -> float | None:
+    """Quota divided by period, from the files that have them; None without a limit.
 
-
-def _older_limit(folder: Path) -> float | None:
-    """The limit of version 1 of control groups, whose quota is -1 for none."""
-    words = [
-        *_words(folder / "cpu.cfs_quota_us"),
-        *_words(folder / "cpu.cfs_period_us"),
-    ]
-    return None if len(words) != 2 else _share(*words)
-
-
-def _share(quota: str, period: str) -> float | None:
+    Without a limit, the quota is "max", or -1 in the first version of control groups.
+    """
     try:
-        used_us, of_us = int(quota), int(period)
-    except ValueError:  # "max"
+        words = " ".join(file.read_text("ascii", "replace") for file in files).split()
+        quota_us, period_us = (int(word) for word in words)
+    except (OSError, ValueError):
         return None
-    return used_us / of_us if used_us > 0 and of_us > 0 else None
-
-
-def _words(file: Path) -> list[str]:
-    try:
-        return file.read_text("ascii", "replace").split()
-    except OSError:
-        return []
+    return quota_us / period_us if quota_us > 0 and period_us > 0 else None

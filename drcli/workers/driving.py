@@ -1,7 +1,7 @@
-"""Drives episodes side by side: one batch of cars, one policy, whole episodes out."""
+"""Drives many episodes at a time: a batch of cars, one policy, and whole episodes as the result."""
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
-from drcli.learn.policy import Decision, Observation, Policy, decide
+from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
 from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
-from drsim.car.actions import Actions, ContinuousActions
+from drsim.car.actions import Actions
 from drsim.episode.episode import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
@@ -21,17 +21,20 @@ from drsim.episode.step import StepResult
 DRAWS = 256
 """Random numbers drawn at a time for an episode."""
 
+STATUS_WORDS = [status.label for status in Status]
+"""Words of the trace by the simulation's status numbers."""
+
 
 @dataclass(frozen=True)
 class Plan:
-    """An episode to be driven.
+    """An episode to drive.
 
     Attributes:
         number: As in `Episode`.
         phase: Training samples from the policy, evaluation takes its most likely action.
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
-        racer: Which pilot drives it, in a race of several.
+        racer: Index of the racer that drives it.
     """
 
     number: int
@@ -41,9 +44,9 @@ class Plan:
     racer: int = 0
 
     def seed(self, run: int) -> int:
-        """Seed of what is random in the episode's world.
+        """Seed of everything random in the episode's world.
 
-        The same for all racers of one race, and for an evaluation episode the same with every
+        All racers of a race have the same seed. An evaluation episode has the same seed for every
         checkpoint, so that checkpoints can be compared.
         """
         words = [run, self.number, int(self.phase == "evaluation")]
@@ -52,18 +55,18 @@ class Plan:
 
 @dataclass
 class Driven(Episode):
-    """An episode with what the learner wants to know of each step but the first.
+    """An episode with the learner's data of each step except the first.
 
     Attributes:
+        racer: Index of the racer that drove it.
         frames: What the car saw. Each of shape (eyes, 120, 160).
-        scans: What its lidar told. Each of shape (scan_dims,).
-        states: What only the critic was told. Each of shape (state_dims,).
-        actions: What was chosen: an index, or unclipped values of shape (dims,).
-        log_probs: Log-probability of the choice.
-        values: The critic's estimate.
-        racer: Which pilot drove it.
+        scans: Lidar values. Each of shape (scan_dims,).
+        states: What only the critic sees. Each of shape (state_dims,).
+        actions: An index, or unclipped values of shape (dims,).
+        log_probs: Log-probability of each action.
+        values: The critic's estimates.
         cut: Whether the step limit ended it.
-        last_value: What the critic still expected when it was cut; else 0.
+        last_value: The critic's estimate of the rest if the step limit ended it, else 0.
     """
 
     racer: int = 0
@@ -78,7 +81,7 @@ class Driven(Episode):
 
 
 def episodes_of(driven: Sequence[Driven]) -> Episodes:
-    """Training episodes as they travel to the learner; their frames are let go of."""
+    """Training episodes in the form that travels to the learner; their frames are freed."""
     rollout = Rollout(
         frames=np.stack([frame for e in driven for frame in e.frames]),
         actions=np.concatenate([_actions(e) for e in driven]),
@@ -108,88 +111,90 @@ def _actions(episode: Driven) -> NDArray[np.int64] | NDArray[np.float32]:
     return np.stack([np.asarray(action, np.float32) for action in episode.actions])
 
 
-class _Lane:
-    """A car and the episode it is driving.
-
-    Attributes:
-        plan: What was planned.
-        episode: What has been driven.
-        seen: The frames the policy sees together, oldest first. Each of shape (eyes, 120, 160).
-    """
-
-    def __init__(self, plan: Plan, seed: int, pilot: "Pilot", first: StepResult, car: int) -> None:
-        self.plan = plan
-        self.seen: deque[NDArray[np.uint8]] = deque(maxlen=pilot.model.spec.stack)
-        self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
-        # The clock of the car has taken the first step already; the episode began before it.
-        self._began_s = first.sim_time_s.item(car) - STEP_S
-        self._first = first
-        # An episode draws the same numbers wherever, whenever and beside whichever others it is
-        # driven, so that an iteration that has to be repeated is the same.
-        self._draw = np.random.Generator(
-            np.random.Philox(key=np.array([seed, plan.number], np.uint64))
-        )
-        self._noise_dims = pilot.model.spec.noise_dims
-        self._block = np.empty((0, self._noise_dims), dtype=np.float32)
-        self._normal = pilot.model.spec.continuous
-        self._used = 0
-
-    def look(self, frame: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """Take in a frame; before the beginning of an episode its first frame repeats."""
-        self.seen.extend([frame] * (1 if self.seen else self.seen.maxlen or 1))
-        return list(self.seen)
-
-    def record(self, result: StepResult, car: int, request: Sequence[float], label: str) -> None:
-        """Add a row; the first step of an episode carries the first action that was chosen."""
-        rows = self.episode.rows
-        if not rows:
-            rows.append(_row(self._first, car, request, label, self._began_s))
-        rows.append(_row(result, car, request, label, self._began_s))
-
-    def noise(self) -> NDArray[np.float32]:
-        if self._used == len(self._block):
-            shape = (DRAWS, self._noise_dims)
-            self._block = (
-                self._draw.standard_normal(shape, dtype=np.float32)
-                if self._normal
-                else self._draw.random(shape, dtype=np.float32)
-            )
-            self._used = 0
-        self._used += 1
-        row: NDArray[np.float32] = self._block[self._used - 1]
-        return row
-
-
 @dataclass(frozen=True, eq=False)
-class Pilot:
-    """A policy and what its choices mean."""
+class Racer:
+    """A policy and the meaning of its actions."""
 
     model: Policy
     actions: Actions
 
-    @property
-    def continuous(self) -> bool:
-        """Whether it chooses values rather than one of a list."""
-        return isinstance(self.actions, ContinuousActions)
+
+class _Seat:
+    """A car with a racer and the episode that they drive."""
+
+    def __init__(self, car: int, plan: Plan, racer: Racer, seed: int, first: StepResult) -> None:
+        spec = racer.model.spec
+        self.car = car
+        self.plan = plan
+        self.racer = racer
+        self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
+        self.noise = _noise(spec, seed, plan.number)
+        self._seen: deque[NDArray[np.uint8]] = deque(maxlen=spec.stack)
+        # The reset already took a step of the car's clock, and the episode began before it.
+        self._began_s = first.sim_time_s.item(car) - STEP_S
+        self._first = first
+
+    def stacked(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The newest frames, oldest first; an episode's first frame stands for those before it."""
+        self._seen.extend([frame] * (1 if self._seen else self._seen.maxlen or 1))
+        return np.concatenate(self._seen)
+
+    def record(self, result: StepResult, request: Sequence[float], label: str) -> None:
+        """Add a row; the first step of an episode carries the first action that was chosen."""
+        rows = self.episode.rows
+        if not rows:
+            rows.append(self._row(self._first, request, label))
+        rows.append(self._row(result, request, label))
+
+    def _row(self, result: StepResult, request: Sequence[float], label: str) -> Row:
+        car = self.car
+        return Row(
+            steps=result.steps.item(car),
+            x=result.x.item(car),
+            y=result.y.item(car),
+            yaw_deg=result.yaw_deg.item(car),
+            steering_deg=request[0],
+            speed_mps=request[1],
+            action=label,
+            reward=result.reward.item(car),
+            done=result.done.item(car),
+            all_wheels_on_track=result.all_wheels_on_track.item(car),
+            progress=result.progress.item(car),
+            closest_waypoint=result.closest_waypoint.item(car),
+            status=STATUS_WORDS[result.status.item(car)],
+            pause_s=result.pause_s.item(car),
+            time_s=result.sim_time_s.item(car) - self._began_s,
+            crashes=result.crashes.item(car),
+        )
+
+
+def _noise(spec: PolicySpec, seed: int, number: int) -> Iterator[NDArray[np.float32]]:
+    """The random numbers of an episode, for one choice at a time.
+
+    They depend on the seed and the episode's number only, so that an iteration that has to be
+    driven again is the same.
+    """
+    random = np.random.Generator(np.random.Philox(key=np.array([seed, number], np.uint64)))
+    draw = random.standard_normal if spec.continuous else random.random
+    while True:
+        yield from draw((DRAWS, spec.noise_dims), dtype=np.float32)
 
 
 class Driver:
-    """A simulation with a policy at every wheel."""
+    """Drives the cars of a simulation with the policies of one or more racers."""
 
-    def __init__(self, simulation: Simulation, pilots: Sequence[Pilot], seed: int) -> None:
-        """Seat the pilots.
+    def __init__(self, simulation: Simulation, racers: Sequence[Racer], seed: int) -> None:
+        """Begin.
 
         Args:
-            simulation: The cars. In a race of several, car k belongs to racer k modulo their
-                number, and must be given that racer's plans.
-            pilots: One for each racer.
+            simulation: The cars. With several racers, car k belongs to racer k modulo their number
+                and must get that racer's plans.
+            racers: One for each index in the plans.
             seed: Start of all random numbers.
         """
         self._simulation = simulation
-        self._pilots = pilots
+        self._racers = racers
         self._seed = seed
-        self._epsilon: Callable[[int], float] | None = None
-        self._trained = 0
 
     def drive(
         self,
@@ -201,117 +206,71 @@ class Driver:
         """Drive all planned episodes, as many at a time as there are cars.
 
         Args:
-            plans: In the order in which cars take them up. In a race of several, those of one race
-                side by side, and never more plans than cars: races are not begun by halves.
-            on_episode: Called with each episode as soon as it is over.
+            plans: In the order in which cars take them. With several racers, the plans of a race
+                follow each other, and there is a car for every plan.
+            on_episode: Called with each episode when it ends.
             should_stop: Asked at every step.
-            epsilon: The share of training actions that are drawn blindly, by the training steps
-                driven in this call, where the others are the most likely ones; None where all are
-                drawn from the policy.
+            epsilon: For e-greedy: the share of actions drawn uniformly, by the training steps
+                driven in this call. None to draw from the policy.
 
         Raises:
-            StopRequested: When `should_stop` said so.
+            StopRequested: `should_stop` returned True.
         """
-        self._epsilon = epsilon
-        self._trained = 0
+        trained = 0
         waiting = deque(plans)
-        lanes: list[_Lane | None] = [None] * self._simulation.num_cars
-        self._fill(lanes, waiting)
-        while any(lane is not None for lane in lanes):
+        seats: dict[int, _Seat] = {}
+        while waiting or seats:
+            self._fill(seats, waiting)
             if should_stop():
                 raise StopRequested
-            ended = self._step(lanes)
-            for car in ended:
-                lane = lanes[car]
-                lanes[car] = None
-                if lane is not None:
-                    on_episode(lane.episode)
-            if ended and waiting:
-                self._fill(lanes, waiting)
+            driving = [seats[car] for car in sorted(seats)]
+            for seat in self._step(driving, None if epsilon is None else epsilon(trained)):
+                on_episode(seats.pop(seat.car).episode)
+            trained += sum(seat.plan.phase == "training" for seat in driving)
 
-    def _fill(self, lanes: list[_Lane | None], waiting: deque[Plan]) -> None:
+    def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan]) -> None:
         """Put waiting episodes into free cars."""
-        free = [car for car, lane in enumerate(lanes) if lane is None][: len(waiting)]
-        if not free:
+        free = [car for car in range(self._simulation.num_cars) if car not in seats]
+        plans = [waiting.popleft() for _ in free[: len(waiting)]]
+        if not plans:
             return
-        plans = [waiting.popleft() for _ in free]
         with print_limit.limited_prints():
             first = self._simulation.reset(
-                np.array(free),
+                np.array(free[: len(plans)]),
                 np.array([plan.start_fraction for plan in plans]),
                 reverse=np.array([plan.reverse for plan in plans]),
                 seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
             )
-        for car, plan in zip(free, plans, strict=True):
-            lanes[car] = _Lane(plan, self._seed, self._pilots[plan.racer], first, car)
+        for car, plan in zip(free, plans, strict=False):
+            seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
 
-    def _step(self, lanes: list[_Lane | None]) -> list[int]:
-        """One step of all cars that drive.
-
-        Returns:
-            The cars whose episode ended.
-        """
-        driving = [(car, lane) for car, lane in enumerate(lanes) if lane is not None]
-        steering, speed = np.zeros(len(lanes)), np.zeros(len(lanes))
+    def _step(self, driving: Sequence[_Seat], epsilon: float | None) -> list[_Seat]:
+        """Take one step with all cars that drive, and return those whose episode ended."""
+        steering = np.zeros(self._simulation.num_cars)
+        speed = np.zeros_like(steering)
         chosen = []
-        for pilot, seats in self._grouped(driving):
-            chosen.append((pilot, seats, *self._decide(pilot, seats, steering, speed)))
+        for group in _groups(driving):
+            racer, cars = group[0].racer, [seat.car for seat in group]
+            frames, seen = self._observe(group)
+            noise = np.stack([next(seat.noise) for seat in group])
+            deterministic = np.full(len(group), group[0].plan.phase == "evaluation")
+            decision = decide(racer.model, seen, noise, deterministic, epsilon)
+            steering[cars], speed[cars] = racer.actions.requests(decision.actions)
+            chosen.append((group, frames, seen, decision))
         with print_limit.limited_prints():
             result = self._simulation.step(steering, speed)
-        for pilot, seats, observed, decision in chosen:
-            _record(pilot, seats, observed, decision, (steering, speed), result)
-            cut = [(car, lane) for car, lane in seats if result.truncated[car]]
+        for group, frames, seen, decision in chosen:
+            _record(group, frames, seen, decision, (steering, speed), result)
+            cut = [seat for seat in group if result.truncated[seat.car]]
             if cut:
-                self._expect(pilot, cut)
-        self._trained += sum(lane.plan.phase == "training" for _, lane in driving)
-        return [car for car, _ in driving if result.done[car]]
+                self._expect(cut)
+        return [seat for seat in driving if result.done[seat.car]]
 
-    def _grouped(
-        self, driving: Sequence[tuple[int, _Lane]]
-    ) -> Iterator[tuple[Pilot, list[tuple[int, _Lane]]]]:
-        """Cars that choose together: those of one pilot and one phase.
-
-        How many rows a matrix product has decides how each of them is rounded. The clock decides
-        whether a checkpoint is evaluated, so evaluation episodes must not be among the rows of the
-        training episodes: equal seeds would not train equally.
-        """
-        for racer, pilot in enumerate(self._pilots):
-            for phase in ("training", "evaluation"):
-                seats = [
-                    (car, lane)
-                    for car, lane in driving
-                    if (lane.plan.racer, lane.plan.phase) == (racer, phase)
-                ]
-                if seats:
-                    yield pilot, seats
-
-    def _decide(
-        self,
-        pilot: Pilot,
-        seats: list[tuple[int, "_Lane"]],
-        steering: NDArray[np.float64],
-        speed: NDArray[np.float64],
-    ) -> tuple["_Observed", Decision]:
-        """Let a pilot choose for all its cars, and write its requests down.
-
-        Returns:
-            What the cars perceived, and what was chosen.
-        """
-        cars = np.array([car for car, _ in seats])
-        observed = self._observe(pilot, seats)
-        noise = np.stack([lane.noise() for _, lane in seats])
-        deterministic = np.array([lane.plan.phase == "evaluation" for _, lane in seats])
-        epsilon = None if self._epsilon is None else self._epsilon(self._trained)
-        decision = decide(pilot.model, observed.together, noise, deterministic, epsilon)
-        steering[cars], speed[cars] = pilot.actions.requests(decision.actions)
-        return observed, decision
-
-    def _observe(self, pilot: Pilot, seats: list[tuple[int, "_Lane"]]) -> "_Observed":
-        """What the cars of a pilot perceive now."""
-        cars = np.array([car for car, _ in seats])
-        spec = pilot.model.spec
+    def _observe(self, group: Sequence[_Seat]) -> tuple[NDArray[np.uint8], Observation]:
+        """The newest frame of each car of a racer, and everything as the policy takes it."""
+        cars = np.array([seat.car for seat in group])
+        spec = group[0].racer.model.spec
         frames = self._simulation.frames[cars]
-        scans = self._simulation.scans[cars]
         states = (
             self._simulation.privileged(cars)
             if spec.state_dims
@@ -319,86 +278,55 @@ class Driver:
         )
         stacked = frames
         if spec.stack > 1:
-            looks = zip(seats, frames, strict=True)
-            stacked = np.stack([np.concatenate(lane.look(frame)) for (_, lane), frame in looks])
-        return _Observed(frames, scans, states, Observation.of_arrays(stacked, scans, states))
+            looks = zip(group, frames, strict=True)
+            stacked = np.stack([seat.stacked(frame) for seat, frame in looks])
+        return frames, Observation.of_arrays(stacked, self._simulation.scans[cars], states)
 
-    def _expect(self, pilot: Pilot, cut: list[tuple[int, "_Lane"]]) -> None:
-        """Ask the critic what the rest of episodes would have brought that were cut off."""
-        noise = np.zeros((len(cut), pilot.model.spec.noise_dims), np.float32)
-        observed = self._observe(pilot, cut)
-        decision = decide(pilot.model, observed.together, noise, np.ones(len(cut), np.bool_))
-        for (_, lane), value in zip(cut, decision.values.tolist(), strict=True):
-            lane.episode.cut = True
-            lane.episode.last_value = value
+    def _expect(self, cut: Sequence[_Seat]) -> None:
+        """Ask the critic for the value of the rest of episodes that the step limit cut off."""
+        model = cut[0].racer.model
+        noise = np.zeros((len(cut), model.spec.noise_dims), np.float32)
+        _, seen = self._observe(cut)
+        decision = decide(model, seen, noise, np.ones(len(cut), np.bool_))
+        for seat, value in zip(cut, decision.values.tolist(), strict=True):
+            seat.episode.cut = True
+            seat.episode.last_value = value
 
 
-@dataclass(frozen=True)
-class _Observed:
-    """What some cars perceive: each frame by itself, and everything as the policy takes it."""
+def _groups(driving: Iterable[_Seat]) -> Iterable[list[_Seat]]:
+    """Cars that choose together: those of one racer and one phase.
 
-    frames: NDArray[np.uint8]
-    scans: NDArray[np.float32]
-    states: NDArray[np.float32]
-    together: Observation
+    The number of rows of a matrix product decides how each row is rounded. The clock decides
+    whether a checkpoint is evaluated, so evaluation episodes must not share a product with training
+    episodes: else equal seeds would not train equally.
+    """
+    groups: dict[tuple[int, Phase], list[_Seat]] = defaultdict(list)
+    for seat in driving:
+        groups[seat.plan.racer, seat.plan.phase].append(seat)
+    return groups.values()
 
 
 def _record(
-    pilot: Pilot,
-    seats: list[tuple[int, _Lane]],
-    observed: _Observed,
+    group: Sequence[_Seat],
+    frames: NDArray[np.uint8],
+    seen: Observation,
     decision: Decision,
     requests: tuple[NDArray[np.float64], NDArray[np.float64]],
     result: StepResult,
 ) -> None:
-    """Add a step to the episodes of a pilot's cars."""
-    cars = [car for car, _ in seats]
-    steering, speed = requests
-    choices = zip(
-        seats,
-        observed.frames,
-        observed.scans,
-        observed.states,
-        decision.actions if pilot.continuous else decision.actions.tolist(),
-        zip(steering[cars].tolist(), speed[cars].tolist(), strict=True),
-        decision.log_probs.tolist(),
-        decision.values.tolist(),
-        strict=True,
-    )
-    for (car, lane), frame, scan, state, action, request, log_prob, value in choices:
-        label = f"[{request[0]} {request[1]}]" if pilot.continuous else str(action)
-        lane.record(result, car, request, label)
-        if lane.plan.phase == "training":
-            episode = lane.episode
-            episode.frames.append(frame)
-            episode.scans.append(scan)
-            episode.states.append(state)
-            episode.actions.append(action)
-            episode.log_probs.append(log_prob)
-            episode.values.append(value)
-
-
-def _row(result: StepResult, car: int, request: Sequence[float], label: str, began_s: float) -> Row:
-    """The step of one car as the trace has it."""
-    return Row(
-        steps=result.steps.item(car),
-        x=result.x.item(car),
-        y=result.y.item(car),
-        yaw_deg=result.yaw_deg.item(car),
-        steering_deg=request[0],
-        speed_mps=request[1],
-        action=label,
-        reward=result.reward.item(car),
-        done=result.done.item(car),
-        all_wheels_on_track=result.all_wheels_on_track.item(car),
-        progress=result.progress.item(car),
-        closest_waypoint=result.closest_waypoint.item(car),
-        status=STATUS_WORDS[result.status.item(car)],
-        pause_s=result.pause_s.item(car),
-        time_s=result.sim_time_s.item(car) - began_s,
-        crashes=result.crashes.item(car),
-    )
-
-
-STATUS_WORDS = [status.label for status in Status]
-"""Words of the trace by the simulation's status numbers."""
+    """Add a step to the episodes of a group."""
+    continuous = group[0].racer.model.spec.continuous
+    actions = decision.actions if continuous else decision.actions.tolist()
+    scans, states = seen.scan.numpy(), seen.state.numpy()
+    for row, seat in enumerate(group):
+        steering_deg, speed_mps = (values.item(seat.car) for values in requests)
+        label = f"[{steering_deg} {speed_mps}]" if continuous else str(actions[row])
+        seat.record(result, (steering_deg, speed_mps), label)
+        if seat.plan.phase == "training":
+            episode = seat.episode
+            episode.frames.append(frames[row])
+            episode.scans.append(scans[row])
+            episode.states.append(states[row])
+            episode.actions.append(actions[row])
+            episode.log_probs.append(decision.log_probs.item(row))
+            episode.values.append(decision.values.item(row))

@@ -1,4 +1,4 @@
-"""What one simulation worker has to drive, and how much of its time evaluations may take."""
+"""Decides which episodes a simulation worker drives, and how long its evaluations may take."""
 
 import time
 from collections.abc import Callable
@@ -7,13 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Share:
-    """Which training episodes of an iteration this worker drives.
-
-    Attributes:
-        worker: Index from 0.
-        workers: Number of workers.
-        episodes: Training episodes of an iteration over all workers.
-    """
+    """The part that one of the `workers` drives of the `episodes` of an iteration."""
 
     worker: int
     workers: int
@@ -26,15 +20,15 @@ class Share:
 
     @property
     def most(self) -> int:
-        """Episodes in every iteration of those workers that drive most; worker 0 is one."""
+        """Most episodes that a worker drives in an iteration; worker 0 drives that many."""
         return -(-self.episodes // self.workers)
 
     def numbers(self, iteration: int) -> range:
-        """Numbers of this worker's episodes in one iteration, counted from 0 for its whole life."""
+        """Numbers of this worker's episodes in one iteration, counted from the first iteration."""
         return range(iteration * self.count, (iteration + 1) * self.count)
 
     def position(self, number: int) -> int:
-        """Place of an episode in the order of all workers' episodes; decides where it starts."""
+        """Place of an episode among those of all workers, which decides where it starts."""
         return number * self.workers + self.worker
 
 
@@ -48,9 +42,9 @@ class EvaluationBudget:
         self._spent_s = 0.0
 
     def allows_another(self) -> bool:
-        """Whether the evaluations so far took less than their share; true before the first."""
+        """Whether the evaluations so far took no more than their share."""
         return self._spent_s <= self._share * (self._clock() - self._began_s)
 
     def spend(self, seconds: float) -> None:
-        """Count how long an evaluation took."""
+        """Count the time of an evaluation."""
         self._spent_s += seconds

@@ -1,13 +1,13 @@
 """The evaluation worker: drives laps with one checkpoint of a finished or running training.
 
 Run by `dr-evaluate` as `python -m drcli.workers.evaluator STAMP CHECKPOINT [OPPONENT]`, where the
-opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It reads the models and
-writes traces and metrics of its own; it never changes a model.
+opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It writes traces and metrics
+and never changes a model.
 """
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -40,7 +40,7 @@ from drcli.workers.build_race import (
     sensors_of_model,
 )
 from drcli.workers.cores import cores
-from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules
@@ -48,19 +48,12 @@ from drsim.episode.reward import centre_line_reward
 from drsim.track.worlds import directed
 
 MAX_LAP_S = 600.0
-"""Simulated time after which an evaluation gives up a lap."""
+"""Simulated time after which a lap is given up."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One racer of an evaluation: which checkpoint drives, and where its results go.
-
-    Attributes:
-        prefix: Its model in the bucket.
-        checkpoint: Name of the checkpoint.
-        trace: Key of its trace.
-        metrics: Key of its metrics.
-    """
+    """A model that drives: its prefix and checkpoint, and the keys of its trace and metrics."""
 
     prefix: str
     checkpoint: str
@@ -69,12 +62,9 @@ class Entry:
 
 
 def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[Entry]:
-    """The racers: the model itself, and the opponent where a second checkpoint is named.
+    """The model itself and, if there is a second checkpoint, its opponent.
 
-    Args:
-        config: Of the evaluation.
-        stamp: Fourteen digits that name it.
-        checkpoints: One for each racer.
+    `stamp` is the fourteen digits that name the evaluation.
     """
     model, s = config.model, config.evaluation
     own = Entry(
@@ -94,36 +84,30 @@ def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[E
     ]
 
 
-def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list[Episode]]:
-    """Drive the trials that the settings ask for, and put traces and metrics into the bucket.
+def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
+    """Drive the trials of the settings, and put traces and metrics into the bucket.
 
-    Args:
-        job: Settings and folder.
-        lifeline: Says when to give up.
-        racers: Who drives, at most two.
-
-    Returns:
-        For each racer one episode a trial; the laps of a continuous race are trials.
+    There is one episode for each trial and racer; the laps of a continuous race are trials.
     """
     s, race = job.config.evaluation, job.config.race()
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
-    threads = cores()
     torch.set_num_threads(1)
-    designs = [Design.of_model(bucket, racer.prefix) for racer in racers]
-    pilots = [
-        _pilot(bucket, racer, design, job.config)
-        for racer, design in zip(racers, designs, strict=True)
+    designs = [Design.of_model(bucket, entry.prefix) for entry in entered]
+    racers = [
+        _racer(bucket, entry, design, job.config)
+        for entry, design in zip(entered, designs, strict=True)
     ]
     if len({sensors_of_model(design.metadata) for design in designs}) > 1:
         raise SettingsError(
-            f"{racers[0].prefix} and {racers[1].prefix} have different sensors and cannot race "
+            f"{entered[0].prefix} and {entered[1].prefix} have different sensors and cannot race "
             "each other.",
             remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     races = 1 if s.eval_is_continuous else s.eval_number_of_trials
+    num_cars = races * len(racers)
     reward = (
-        load_reward(bucket, job.config.model.prefix, job.folder, races * len(pilots))
+        load_reward(bucket, job.config.model.prefix, job.folder, num_cars)
         if s.eval_debug_reward
         else centre_line_reward
     )
@@ -132,10 +116,10 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
         "evaluation",
         designs[0].metadata,
         track,
-        num_cars=races * len(pilots),
+        num_cars=num_cars,
         reward=reward,
         rules=_rules(s),
-        num_threads=threads,
+        num_threads=cores(),
         seed=job.seed,
     )
     driven: list[Driven] = []
@@ -143,33 +127,34 @@ def evaluate(job: Job, lifeline: Lifeline, racers: Sequence[Entry]) -> list[list
     plans = [
         Plan(trial, "evaluation", 0.0, racer=racer)
         for trial in range(races)
-        for racer in range(len(pilots))
+        for racer in range(len(racers))
     ]
-    Driver(simulation, pilots, job.seed).drive(plans, driven.append, lifeline.should_stop)
+    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.should_stop)
     driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, time.time())
-    results: list[list[Episode]] = []
-    for number, racer in enumerate(racers):
-        own = [episode for episode in driven if episode.racer == number]
+    trials: list[list[TrialMetrics]] = []
+    for racer, entry in enumerate(entered):
+        own = [episode for episode in driven if episode.racer == racer]
         episodes: list[Episode] = laps_of(own[0]) if s.eval_is_continuous else [*own]
         if not s.eval_is_continuous:
             schedule(episodes, 0.0)
-        _publish(bucket, racer, episodes, track.length_m, wall_clock)
-        results.append(episodes)
-    report = encode_report([[TrialMetrics.of(e) for e in episodes] for episodes in results])
-    (job.folder / REPORT_FILE).write_bytes(report)
-    return results
+        trials.append([TrialMetrics.of(episode) for episode in episodes])
+        lines = (log_lines(episode, track.length_m, wall_clock[1]) for episode in episodes)
+        plain.info("\n".join([reference_log.OWN_LINE, *lines]))
+        bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
+        bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
+    (job.folder / REPORT_FILE).write_bytes(encode_report(trials))
 
 
-def _pilot(bucket: Bucket, racer: Entry, design: Design, config: RunConfig) -> Pilot:
-    """The policy of a racer, with its weights."""
+def _racer(bucket: Bucket, entry: Entry, design: Design, config: RunConfig) -> Racer:
+    """The policy of an entry, with its weights."""
     metadata, parameters = design.metadata, design.parameters
     prefix, race = config.model.prefix, config.race()
     plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
-    loaded = CheckpointStore(bucket, racer.prefix).load(racer.checkpoint)
-    model.load_state_dict(load_tensors(loaded.tensors))
-    return Pilot(model, actions_of(metadata))
+    checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
+    model.load_state_dict(load_tensors(checkpoint.tensors))
+    return Racer(model, actions_of(metadata))
 
 
 def _rules(s: EvaluationConfig) -> EpisodeRules:
@@ -183,21 +168,8 @@ def _rules(s: EvaluationConfig) -> EpisodeRules:
     )
 
 
-def _publish(
-    bucket: Bucket,
-    racer: Entry,
-    episodes: list[Episode],
-    length_m: float,
-    wall_clock: tuple[float, float],
-) -> None:
-    lines = (log_lines(episode, length_m, wall_clock[1]) for episode in episodes)
-    plain.info("\n".join([reference_log.OWN_LINE, *lines]))
-    bucket.put(racer.trace, csv_text(episodes, length_m, wall_clock).encode())
-    bucket.put(racer.metrics, encode_metrics_file([TrialMetrics.of(e) for e in episodes]))
-
-
 def laps_of(race: Episode) -> list[Episode]:
-    """Cut a continuous race into laps: each is an episode of the trace, numbered from 0."""
+    """Cut a continuous race into laps, the episodes of its trace, numbered from 0."""
     laps = [Episode(0, race.phase, clock_s=race.clock_s)]
     for row in race.rows:
         if laps[-1].rows and laps[-1].rows[-1].progress >= 100.0:
@@ -207,15 +179,12 @@ def laps_of(race: Episode) -> list[Episode]:
     return laps
 
 
-def main(stamp: str, checkpoints: Sequence[str]) -> Callable[[Job, Lifeline], None]:
-    """The evaluation, to be run as a process."""
-
-    def loop(job: Job, lifeline: Lifeline) -> None:
-        signal_guard.install()
-        evaluate(job, lifeline, entries(job.config, stamp, checkpoints))
-
-    return loop
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Run an evaluation in this process."""
+    signal_guard.install()
+    stamp, *checkpoints = sys.argv[1:]
+    evaluate(job, lifeline, entries(job.config, stamp, checkpoints))
 
 
 if __name__ == "__main__":
-    worker_process.run("evaluation", main(sys.argv[1], sys.argv[2:]))
+    worker_process.run("evaluation", main)

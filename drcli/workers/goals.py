@@ -1,4 +1,4 @@
-"""What ends a training by itself: how the trainer notices it, and how a start announces it."""
+"""Decides when a training is complete, and says so in advance when it starts."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ SCORED_EPISODES = 100
 
 
 class Goals:
-    """The reasons for one start of a training to end."""
+    """Knows when one start of a training is complete."""
 
     def __init__(
         self,
@@ -26,7 +26,7 @@ class Goals:
         self._began_s = clock()
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is over, as one sentence; None if it is not."""
+        """Why the training is complete, as one sentence; None if it is not."""
         job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
@@ -58,7 +58,7 @@ class Goals:
 
 
 def mean_score(records: Sequence[IterationRecord]) -> float | None:
-    """Mean reward of the last 100 training episodes; None before there are so many."""
+    """Mean reward of the last 100 training episodes; None if there are fewer."""
     episodes, total = 0, 0.0
     for record in reversed(records):
         counted = min(record.episodes, SCORED_EPISODES - episodes)
@@ -70,7 +70,7 @@ def mean_score(records: Sequence[IterationRecord]) -> float | None:
 
 
 def ending(job: Job, parameters: Hyperparameters) -> str:
-    """Everything that ends a training by itself, and the command that ends it at any time."""
+    """A sentence with everything that ends the training."""
     settings = job.config.train
     ways = []
     if job.until_laps is not None:
@@ -108,7 +108,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _iterations(setting: int, hyperparameter: int) -> str:
-    """The smaller limit of the two: it counts, and the other one never does."""
+    """The smaller of the two limits, which counts first."""
     if 0 < setting <= hyperparameter:
         return f"after {_counted(setting)} (DR_TRAIN_MAX_ITERATIONS)"
     return f"after {_counted(hyperparameter)} (term_cond_max_episodes)"

@@ -1,4 +1,4 @@
-"""The learner's numbers of each iteration under the names of CleanRL: a CSV file and a log line."""
+"""Writes the learner's numbers of each iteration, by CleanRL's names: a CSV file and a log line."""
 
 import csv
 import io
@@ -14,29 +14,20 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 _logger = get_logger(__name__)
 
-_logger = get_logger(__name__)
-
 NUMBER, STEPS = "iteration", "global_step"
 
 Row = dict[str, float]
-"""Numbers of an iteration by name; what is unknown has no name."""
+"""Numbers of an iteration by name; unknown ones are left out."""
 
 
 def row_of(record: IterationRecord, stats: Stats | None = None) -> Row:
-    """What is known of an iteration.
-
-    Args:
-        record: Its place in the history.
-        stats: How the update went, at its end; None where only the history still knows.
-    """
+    """The numbers of an iteration from the history and, if it was learned just now, its update."""
     row: dict[str, float | None] = {
         NUMBER: record.iteration,
         STEPS: record.total_steps,
         "charts/episodic_return": record.mean_reward,
         "charts/episodic_length": record.steps / record.episodes if record.episodes else None,
         "charts/SPS": record.total_steps / record.elapsed_s if record.elapsed_s else None,
-    }
-    row |= {
         "losses/value_loss": record.value_loss,
         "losses/policy_loss": record.surrogate_loss,
         "losses/approx_kl": record.kl,
@@ -51,15 +42,15 @@ def row_of(record: IterationRecord, stats: Stats | None = None) -> Row:
 
 
 def line_of(row: Row) -> str:
-    """An iteration in one line of the log."""
+    """The log line of an iteration."""
     return "Metrics> " + " ".join(f"{name}={_text(value)}" for name, value in row.items())
 
 
 class LearnerMetrics:
     """`metrics/learner.csv`: a row for each iteration, for pandas and other programs.
 
-    No training needs it, so nothing about it can stop one: what cannot be read is left out, and
-    what cannot be written is a line in the log.
+    No training needs this file, so it never stops one: unreadable cells are left out, and the log
+    says when the file cannot be written.
     """
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
@@ -68,32 +59,27 @@ class LearnerMetrics:
         self._rows: dict[int, Row] = {}
 
     def restore(self, history: Iterable[IterationRecord]) -> str | None:
-        """Go on with the file that is there.
-
-        Args:
-            history: The iterations that are still true. What the file does not know of them, they
-                give themselves.
+        """Continue the file with the iterations of the history, which fill its gaps.
 
         Returns:
-            What is wrong with the file, if anything.
+            What is wrong with the file, or None.
         """
-        problem = None
-        written: dict[int, Row] = {}
+        problem, written = None, dict[int, Row]()
         try:
             written = _read(self._bucket.get(self._key))
         except ObjectMissing:
             pass
         except (StorageError, ValueError, csv.Error) as error:
-            problem = f"{self._bucket.name}/{self._key} cannot be read and is written anew: {error}"
+            problem = f"{self._bucket.name}/{self._key} cannot be read and is replaced: {error}"
         self._rows = {r.iteration: row_of(r) | written.get(r.iteration, {}) for r in history}
         return problem
 
     def add(self, row: Row) -> None:
-        """Append an iteration; `write` publishes it."""
+        """Append an iteration."""
         self._rows[int(row[NUMBER])] = row
 
     def snapshot(self) -> Sequence[Row]:
-        """All rows, for `write` in another thread."""
+        """The rows for `write`, which may run in another thread."""
         return list(self._rows.values())
 
     def write(self, rows: Sequence[Row]) -> None:
@@ -105,7 +91,7 @@ class LearnerMetrics:
 
 
 def encoded(rows: Sequence[Mapping[str, float]]) -> bytes:
-    """Rows as CSV, with a column for each name that any of them has; an empty cell is unknown."""
+    """Rows as CSV, with a column for each name; unknown numbers are empty cells."""
     columns = dict.fromkeys((NUMBER, STEPS))
     for row in rows:
         columns |= dict.fromkeys(row)
@@ -117,11 +103,10 @@ def encoded(rows: Sequence[Mapping[str, float]]) -> bytes:
 
 
 def _read(data: bytes) -> dict[int, Row]:
-    """The rows of a file by their iteration, as far as they can be read.
+    """The readable rows of a file by iteration.
 
     Raises:
-        ValueError: It is not such a file.
-        csv.Error: Likewise.
+        ValueError, csv.Error: It is another kind of file.
     """
     reader = csv.DictReader(io.StringIO(data.decode(), newline=""))
     if not {NUMBER, STEPS} <= set(reader.fieldnames or ()):
@@ -135,7 +120,7 @@ def _read(data: bytes) -> dict[int, Row]:
 
 
 def _number(name: object, text: object) -> float | None:
-    """The number in a cell; None where there is none, and in columns of others."""
+    """The number in a cell; None if it has none or the column is not ours."""
     if not isinstance(name, str) or not isinstance(text, str):
         return None  # more or fewer cells than columns
     if name not in (NUMBER, STEPS) and not name.startswith(("charts/", "losses/")):

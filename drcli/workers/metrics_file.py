@@ -1,4 +1,4 @@
-"""TrainingMetrics.json of one simulation worker, which goes on where an earlier process left it."""
+"""Writes TrainingMetrics.json of one simulation worker, and continues the file after a restart."""
 
 import contextlib
 from collections.abc import Sequence
@@ -16,23 +16,22 @@ from drcli.workers.episode_share import Share
 
 
 class TrainingMetrics:
-    """All episodes a worker has driven, in the order in which they lie on its clock.
+    """All episodes that a worker has driven, in the order of its simulated clock.
 
-    Analysis tools divide an episode's number by the most episodes that worker 0 drove in one
-    iteration, and take the result for the iteration, in the files of all workers. So a worker that
-    drives 6 episodes beside another's 7 leaves out one number of each iteration. Each record keeps
-    its iteration too, in a key that those tools ignore: after a resume with more episodes, all are
-    numbered again.
+    To find the iteration of an episode, analysis tools divide its number by the most episodes that
+    worker 0 drove in one iteration, in the files of all workers. So a worker that drives 6 episodes
+    while another drives 7 leaves out one number of each iteration. Each record also has its
+    iteration in a key that those tools ignore, so a resume with more episodes can renumber all.
 
     Args:
-        bucket: Where the file lies.
-        key: Of the file.
-        best_model_metric: DR_TRAIN_BEST_MODEL_METRIC, told in the file.
+        bucket: Holds the file.
+        key: Key of the file.
+        best_model_metric: DR_TRAIN_BEST_MODEL_METRIC, which the file names.
         share: What the worker drives.
-        first: Key of worker 0's file, by which all others are numbered; None for its own.
+        first: Key of worker 0's file, which decides the numbers; None if this is that file.
 
     Raises:
-        ObjectDamaged: What is there is something else.
+        ObjectDamaged: The file in the bucket is damaged.
     """
 
     def __init__(
@@ -65,19 +64,15 @@ class TrainingMetrics:
         return max((r.metric_time for r in self._records), default=0) / 1000.0
 
     def keep_before(self, iteration: int) -> None:
-        """Forget the episodes of this iteration and of later ones, and their evaluations."""
+        """Remove the episodes and evaluations of this iteration and of later ones."""
         self._records = [r for r in self._records if (r.iteration or 0) < iteration]
 
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
     ) -> None:
-        """Append one iteration's episodes and publish the file.
+        """Append one iteration's training and evaluation episodes, in order, and publish the file.
 
-        Args:
-            iteration: In which they were driven.
-            training: In the order of their numbers.
-            evaluation: Of the checkpoint that drove them; their records carry the number of the
-                iteration's last training episode.
+        Evaluation episodes get the number of the iteration's last training episode.
         """
         for trial, episode in enumerate(training, start=1):
             self._add(episode, iteration, trial)

@@ -1,4 +1,4 @@
-"""Limits what the racer's code prints into the log of its worker."""
+"""Limits how much the racer's code prints into the log of its worker."""
 
 import io
 import sys
@@ -22,12 +22,7 @@ _logger = get_logger(__name__)
 
 
 class PrintLimit:
-    """How much the racer's code may still print. More is left out, and the log says how much.
-
-    Args:
-        warn: Told what is left out.
-        clock: Monotonic seconds, for tests.
-    """
+    """Counts what the racer's code prints. Too much is left out, and `warn` says how much."""
 
     def __init__(
         self,
@@ -35,7 +30,7 @@ class PrintLimit:
         clock: Callable[[], float] = monotonic,
     ) -> None:
         self.active = False
-        """Whether the racer's code runs: our own output has no limit."""
+        """Whether the racer's code runs; our own output has no limit."""
         self._warn = warn
         self._clock = clock
         self._left = float(BURST_CHARACTERS)
@@ -45,7 +40,7 @@ class PrintLimit:
         self._omitted_characters = 0
 
     def admit(self, text: str) -> str:
-        """What of a printed text goes into the log."""
+        """The part of a printed text that goes into the log."""
         now = self._clock()
         self._left = min(BURST_CHARACTERS, self._left + CHARACTERS_S * (now - self._filled_s))
         self._filled_s = now
@@ -65,7 +60,7 @@ class PrintLimit:
         return admitted
 
     def report(self) -> None:
-        """Log what was left out since the last report, if anything was."""
+        """Log how much was left out since the last report."""
         if self._silent:
             self._warn(
                 f"{self._omitted_prints:,} prints of the reward function "
@@ -76,19 +71,14 @@ class PrintLimit:
 
 
 class LimitedStream(io.TextIOWrapper):
-    """Standard output or error with a limit. It writes line by line.
-
-    Args:
-        inner: The stream as Python opened it.
-        limit: What it may print.
-    """
+    """Standard output or error with a limit. It writes line by line."""
 
     def __init__(self, inner: TextIO, limit: PrintLimit) -> None:
         super().__init__(inner.buffer, inner.encoding, inner.errors, line_buffering=True)
         self._limit = limit
 
     def write(self, text: str, /) -> int:
-        """Write a text, or what the limit admits of it."""
+        """Write a text, or the part that the limit admits."""
         super().write(self._limit.admit(text) if self._limit.active else text)
         return len(text)
 
@@ -104,7 +94,7 @@ def install() -> None:
 
 @contextmanager
 def limited_prints() -> Iterator[None]:
-    """Limit what is printed inside: the racer's code runs there."""
+    """Limit what is printed inside, where the racer's code runs."""
     _limit.active = True
     try:
         yield
@@ -113,7 +103,7 @@ def limited_prints() -> Iterator[None]:
 
 
 def end_limit() -> None:
-    """Lift the limit and log what was left out, also where the racer's code never returned."""
+    """Lift the limit and log what was left out, even if the racer's code never returned."""
     _limit.active = False
     _limit.report()
 

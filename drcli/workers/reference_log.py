@@ -1,4 +1,4 @@
-"""Log lines that log-guru and other readers of the reference's logs search for, word for word.
+"""Writes the log lines that log-guru and other tools search for, word for word.
 
 `drcli.base.log.plain` writes them, without time and level.
 """
@@ -13,11 +13,11 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "
-"""What stands before the reward of an evaluation episode. The rate is 0.0 in the reference whatever
-the laps are, and log-guru knows the line with that number only."""
+"""Text before the reward of an evaluation episode. The rate is always 0.0 in the reference, and
+log-guru only knows the line with that number."""
 
 OWN_LINE = ""
-"""Stands before lines that must begin one: a reward function may have printed half a line."""
+"""Ends a line that a reward function may have left unfinished."""
 
 
 def start_lines(
@@ -27,7 +27,7 @@ def start_lines(
     hyperparameters: Hyperparameters,
     job_type: str,
 ) -> str:
-    """What a simulation log says before its first step."""
+    """The lines of a simulation log before its first step."""
     parameters = {
         "JOB_TYPE": job_type,
         "RACE_TYPE": race.race_type,
@@ -62,16 +62,16 @@ def training_lines(
 ) -> str:
     """The training episodes of an iteration.
 
-    log-guru stops at an episode number that it has seen before, so what is driven again, after a
-    stop or where rollouts were lost, must not be printed again.
+    log-guru stops at an episode number that it has seen before. So episodes that are driven again,
+    after a stop or because rollouts were lost, must not be printed again.
 
     Args:
         episodes: In the order of their numbers.
-        worker: Number of the worker, from 0.
+        worker: From 0.
         track_length_m: Length of the centre line.
-        total_steps: Steps driven before them.
-        iteration: Number of the iteration.
-        wall_clock: Unix seconds when they were driven.
+        total_steps: Steps driven before the iteration.
+        iteration: From 0.
+        wall_clock: Unix seconds when the episodes were driven.
     """
     lines = [OWN_LINE]
     for episode in episodes:
@@ -88,14 +88,9 @@ def training_lines(
 def evaluation_lines(
     episodes: Sequence[Episode], worker: int, last_episode: int, total_steps: int, iteration: int
 ) -> str:
-    """The evaluation of one checkpoint during training; each begins an iteration for log-guru.
+    """The evaluation of one checkpoint during training, with which log-guru begins an iteration.
 
-    Args:
-        episodes: In the order of their numbers.
-        worker: Number of the worker, from 0.
-        last_episode: Number of training episodes so far.
-        total_steps: Steps driven until then.
-        iteration: Number of the checkpoint.
+    `last_episode` and `total_steps` count the training so far; `iteration` is the checkpoint's.
     """
     lines = [OWN_LINE, "## agent: Starting evaluation phase"]
     for episode in episodes:
@@ -116,9 +111,9 @@ def evaluation_lines(
 
 
 def epoch_line(stats: Stats) -> str:
-    """One pass of PPO's update over the rollouts, or a part of SAC's, in the trainer's log.
+    """The log line of one epoch of PPO's update, or of a part of SAC's.
 
-    The reference's line is PPO's; SAC has neither a surrogate loss nor a KL divergence.
+    PPO's is the reference's line. SAC has no surrogate loss and no KL divergence.
     """
     if isinstance(stats, PPOStats):
         losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
@@ -132,7 +127,7 @@ def epoch_line(stats: Stats) -> str:
 
 
 def _action_space(metadata: ModelMetadata) -> object:
-    """The actions as they are counted here: log-guru stops at indices in another order."""
+    """The actions in our order, without their indices: log-guru stops at another order."""
     space = json.loads(metadata.action_space_json)
     if isinstance(space, dict):
         return space

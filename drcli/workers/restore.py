@@ -1,4 +1,4 @@
-"""How a trainer goes on from a checkpoint: weights, optimizer, and results that no longer count."""
+"""Restores a trainer from a checkpoint: weights, optimizer, and results that no longer count."""
 
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
@@ -15,10 +15,10 @@ _logger = get_logger(__name__)
 
 
 def restore_weights(learner: Learner, found: Checkpoint) -> None:
-    """Take up the weights of a checkpoint.
+    """Load the weights of a checkpoint into the learner.
 
     Raises:
-        SettingsError: They are of another network than the parameter files describe.
+        SettingsError: The parameter files describe another network.
     """
     try:
         learner.model.load_state_dict(load_tensors(found.tensors))
@@ -27,26 +27,20 @@ def restore_weights(learner: Learner, found: Checkpoint) -> None:
         raise SettingsError(
             f"The weights of {found.record.name} do not fit model_metadata.json and "
             f"hyperparameters.json: {what}",
-            remedy="Bring back the files that the model was trained with, or start anew with -w.",
+            remedy="Restore the files that the model was trained with, or start over with -w.",
         ) from None
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:
-    """Take up an optimizer state, a safetensors file, if it fits: weights go on without it, too."""
+    """Load an optimizer state, a safetensors file, if it fits; weights can do without it."""
     try:
         learner.optimizer.restore(load_tensors(state))
     except ValueError as error:
-        _logger.warning("The optimizer starts afresh: its saved state does not fit: %s", error)
+        _logger.warning("The optimizer starts over: its saved state does not fit: %s", error)
 
 
 def forget_evaluations(bucket: Bucket, prefix: str, *, after: int) -> None:
-    """Delete the results of checkpoints that are passed over: their numbers are taken again.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        after: Number of the checkpoint that the training goes on from.
-    """
+    """Delete the results of checkpoints after this number, because new ones get their numbers."""
     numbers = [number for number in evaluated_numbers(bucket, prefix) if number > after]
     if numbers:
         bucket.delete([keys.evaluation_result(prefix, number) for number in numbers])

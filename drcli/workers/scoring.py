@@ -1,6 +1,6 @@
-"""The trainer takes evaluations as they arrive, and keeps the best checkpoint up to date.
+"""Reads evaluations for the trainer as they arrive, and keeps the best checkpoint up to date.
 
-Which of two checkpoints is the better one: `drcli.store.best_checkpoint`.
+`drcli.store.best_checkpoint` decides which of two checkpoints is better.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,21 +20,16 @@ from drcli.store.repair import set_aside
 _logger = get_logger(__name__)
 
 REMEMBERED_SCORES = 3
-"""How many of the newest iterations may still be waiting for their evaluation."""
+"""How many of the newest iterations may still get their evaluation."""
 
 LAST_EVALUATION_S = 10.0
-"""How long the evaluation of the last checkpoint that was driven is waited for, at least."""
+"""Least time to wait for the evaluation of the last checkpoint that drove."""
 
 
 class Scoring:
-    """The evaluations that are still expected.
+    """The evaluations of a model that are still expected.
 
-    Args:
-        bucket: Where they arrive.
-        prefix: Of the model.
-        checkpoints: Told how good they are.
-        history: The same, for the learning curve.
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
+    Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC), and to `history`.
     """
 
     def __init__(
@@ -59,24 +54,20 @@ class Scoring:
         self._expected = {r.iteration for r in newest if not r.evaluation_progress}
 
     def expect(self, iteration: int, evaluates: int | None) -> None:
-        """Tell that an iteration was learned from.
+        """Add what comes with an iteration that was learned from.
 
         Args:
-            iteration: Its number.
-            evaluates: Number of the checkpoint that is evaluated beside it, None without one.
+            iteration: Number of the iteration.
+            evaluates: Number of the checkpoint that a worker evaluates meanwhile, or None.
         """
         if evaluates is not None:
             self._expected.add(evaluates)
         if self._ahead == iteration:
-            self._expected.add(iteration)  # there is a record now that its evaluation belongs to
+            self._expected.add(iteration)  # the history has a record for its evaluation now
         self._expected = {n for n in self._expected if n > iteration - REMEMBERED_SCORES}
 
     def score(self, newest: CheckpointName) -> None:
-        """Score the checkpoints whose evaluations have arrived.
-
-        Args:
-            newest: Named in the log beside it.
-        """
+        """Score the checkpoints whose evaluations have arrived; the log also names the newest."""
         for iteration in sorted(self._expected):
             result = self._result(iteration)
             if result is not None:
@@ -85,10 +76,9 @@ class Scoring:
                 self._compare(result, newest)
 
     def score_all(self, newest: CheckpointName) -> None:
-        """Score the newest checkpoint too, whose iteration is not learned from yet.
+        """Score the newest checkpoint too, before its iteration is learned from.
 
-        It is done where a trainer leaves, so that nothing that was driven is lost, and where one
-        begins, for what arrived while there was none.
+        A trainer does this when it starts and when it ends, so that no evaluation is lost.
         """
         self.score(newest)
         result = self._result(newest.number)
@@ -97,13 +87,10 @@ class Scoring:
             self._compare(result, newest)
 
     def wait(self, evaluates: int, patience_s: float, should_stop: Callable[[], bool]) -> None:
-        """Wait for the evaluation that is being driven beside the last iteration.
+        """Wait for the evaluation of the checkpoint of this number.
 
-        Args:
-            evaluates: Number of its checkpoint.
-            patience_s: How long the iteration took; the evaluation takes about as long, and a
-                worker that died sends none.
-            should_stop: Ends the wait.
+        `patience_s` is how long the iteration took: the evaluation takes about as long, and a
+        worker that died sends none.
         """
         self._expected.add(evaluates)
         key = keys.evaluation_result(self._prefix, evaluates)
@@ -114,7 +101,7 @@ class Scoring:
         )
 
     def _result(self, iteration: int) -> EvaluationResult | None:
-        """An evaluation, by the number of its checkpoint; None where there is none (yet)."""
+        """The evaluation of a checkpoint; None if it has not arrived or is damaged."""
         try:
             return read_evaluation(self._bucket, self._prefix, iteration)
         except ObjectMissing:
@@ -127,7 +114,7 @@ class Scoring:
             return None
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
-        """Let an evaluated checkpoint be the best one, if it is."""
+        """Record how good a checkpoint is, and log which one is the best now."""
         self._checkpoints.record_evaluation(result, self._metric)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:

@@ -1,4 +1,4 @@
-"""The trainer worker: learns from every iteration's rollouts and publishes the next checkpoint.
+"""The trainer worker: learns from each iteration's rollouts and publishes the next checkpoint.
 
 Run by the supervisor as `python -m drcli.workers.trainer`.
 """
@@ -18,9 +18,8 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import TrainingEnd
 from drcli.learn.compute import choose_compute, flush_denormals
-from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
-from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
+from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History, collapse
@@ -31,7 +30,7 @@ from drcli.workers.batch import Collected, Collector
 from drcli.workers.build_learner import build_learner
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
-from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of
+from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import DOUBT_S
@@ -40,11 +39,11 @@ from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 _logger = get_logger(__name__)
 
 SEED_STRIDE = 1_000_003
-"""Keeps the random numbers of one iteration apart from those of the next."""
+"""Keeps the random numbers of iterations apart."""
 
 
 class Trainer:
-    """The learner of one run, from its first checkpoint to the end."""
+    """Learns from its first checkpoint to the end of the training."""
 
     def __init__(self, job: Job, lifeline: Lifeline) -> None:
         train, model = job.config.train, job.config.model
@@ -54,24 +53,22 @@ class Trainer:
         self._bucket = worker_process.open_own_bucket(job, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer")
         self._activity.say("starting")
-        own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, workers=())
+        own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
         for sentence in repair(own):
             _logger.warning(sentence)
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         self._history = History(self._bucket, self._prefix)
         self._metrics = LearnerMetrics(self._bucket, self._prefix)
+        design = Design.of_model(self._bucket, self._prefix)
+        metadata, parameters = design.metadata, design.parameters
+        # Each checkpoint carries these files: without them, the model could not be continued.
         files = {
-            keys.HYPERPARAMETERS_FILE: self._bucket.get(keys.hyperparameters(self._prefix)),
-            keys.MODEL_METADATA_FILE: self._bucket.get(keys.model_metadata(self._prefix)),
+            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self._prefix),
+            keys.MODEL_METADATA_FILE: keys.model_metadata(self._prefix),
         }
-        parameters = Hyperparameters.from_bytes(
-            files[keys.HYPERPARAMETERS_FILE], keys.HYPERPARAMETERS_FILE
-        )
-        metadata = ModelMetadata.from_bytes(
-            files[keys.MODEL_METADATA_FILE], keys.MODEL_METADATA_FILE
-        )
-        # Each checkpoint carries what a model cannot be gone on with where it is lost.
-        self._inputs = {name: data.decode("utf-8-sig") for name, data in files.items()}
+        self._inputs = {
+            name: self._bucket.get(key).decode("utf-8-sig") for name, key in files.items()
+        }
         plain.info("Using the following hyper-parameters")
         plain.info(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
@@ -87,74 +84,63 @@ class Trainer:
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
         self._scoring = Scoring(
-            self._bucket,
-            self._prefix,
-            self._checkpoints,
-            self._history,
-            model.metric,
+            self._bucket, self._prefix, self._checkpoints, self._history, model.metric
         )
         self._goals = Goals(job, parameters)
         self._reader = RolloutReader(self._bucket, self._prefix, job.session)
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration
         )
-        self._number = 0
-        self._steps = 0
-        self._episodes = 0
-        self._elapsed_before_s = 0.0
-        self._started = time.monotonic()
-        self._cycle_began = time.monotonic()
-        self._doubted = time.monotonic()
+        self._newest = CheckpointName(0, 0)
+        self._episodes = counters.episodes
+        self._elapsed_before_s = counters.elapsed_s
+        self._started = self._cycle_began = self._doubted = time.monotonic()
         self._collapsed = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="optimizer-upload")
         self._optimizer_upload: Future[object] | None = None
 
     def run(self) -> None:
-        """Learn until there is a reason to end; evaluations that were driven by then are scored."""
+        """Learn until there is a reason to end, and score the evaluations that have arrived."""
         try:
             self._train()
         except (StopRequested, TrainingFailed):
             try:
-                self._scoring.score_all(self._newest())
+                self._scoring.score_all(self._newest)
             except StorageError as error:
                 _logger.warning("The last evaluation is not scored yet: %s", error)
             raise
 
     def _train(self) -> None:
         self._restore()
-        while (reason := self._reason_to_end()) is None:
+        while (reason := self._goals.reached(self._history.records)) is None:
             self._doubted = time.monotonic()
-            drivers = self._checkpoints.drivers(self._newest())
-            collected = self._collector.collect(self._number, drivers, self._is_wait_over)
+            drivers = self._checkpoints.drivers(self._newest)
+            collected = self._collector.collect(self._newest.number, drivers, self._is_wait_over)
             if self._lifeline.should_stop():
                 raise StopRequested
             if collected is not None:
                 self._learn(collected)
-                collected = None  # its frames make room for the next ones
-                self._forget_rollouts(before=self._number - 1)
+                collected = None  # frees the memory of its frames
+                self._forget_rollouts(before=self._newest.number - 1)
         self._finish(reason)
 
-    # Beginning.
-
     def _restore(self) -> None:
-        """Go on from the newest intact checkpoint, or publish the first one."""
+        """Continue from the newest intact checkpoint, or publish the first one."""
         found, self._found = self._found, None
         if found is None:
             self._publish()
             return
         for damage in found.damaged:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
-        forget_evaluations(self._bucket, self._prefix, after=found.record.number)
+        record = found.record
+        forget_evaluations(self._bucket, self._prefix, after=record.number)
         restore_weights(self._learner, found)
         if found.optimizer is None:
-            _logger.warning("The optimizer starts afresh: the checkpoint has no state of it.")
+            _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
         else:
             restore_optimizer(self._learner, found.optimizer)
-        record = found.record
-        self._number, self._steps = record.number, record.steps
-        self._episodes = record.counters.episodes
-        self._elapsed_before_s = record.counters.elapsed_s
-        self._history.restore(self._number, record.counters.learned)
+        self._newest = CheckpointName(record.number, record.steps)
+        self._history.restore(record.number, record.counters.learned)
         self._scoring.restore(self._history.records)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
@@ -162,32 +148,29 @@ class Trainer:
         self._checkpoints.point_to(record)
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
-            _logger.warning("The best checkpoint is lost: %s Evaluations choose another.", lost)
+            _logger.warning(
+                "The best checkpoint is lost: %s Evaluations will choose another.", lost
+            )
         plain.info("Checkpoint> Restoring from path=%s", record.name)
-        self._scoring.score_all(self._newest())
+        self._scoring.score_all(self._newest)
         self._recall()
 
     def _recall(self) -> None:
-        """Give a learner with a memory the rollouts it had learned from already."""
+        """Give a learner with a replay buffer the rollouts of earlier iterations again."""
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
-            rollout = self._collector.recall(iteration) if iteration < self._number else None
+            older = iteration < self._newest.number
+            rollout = self._collector.recall(iteration) if older else None
             if rollout is not None:
                 self._learner.remember(rollout)
-                _logger.info(
-                    "Added to the memory: %d steps of iteration %d.", rollout.steps, iteration
-                )
+                _logger.info("Remembered %d steps of iteration %d.", rollout.steps, iteration)
 
     def _forget_rollouts(self, before: int) -> None:
-        """Delete the rollouts that will never be learned from again.
+        """Delete the rollouts before an iteration that are no longer needed for learning.
 
-        While workers drive, those of the last iteration stay until the next ones are learned from:
-        the embedded server removes a folder that becomes empty, and may do so just when a worker
-        writes into it, which then fails for a second.
-
-        Args:
-            before: Iteration from which on they stay in any case.
+        While workers drive, the last iteration's rollouts stay: the embedded server removes a
+        folder that becomes empty, and a worker that writes into it just then fails for a second.
         """
         wanted, newest = self._learner.memory_steps, before - 1
         for record in reversed(self._history.records):
@@ -198,42 +181,34 @@ class Trainer:
         self._reader.delete_learned(newest)
 
     def _is_wait_over(self) -> bool:
-        """Between two looks for rollouts: obey signals, score evaluated checkpoints."""
-        self._activity.say(f"waits for rollouts of iteration {self._number}")
-        self._scoring.score(self._newest())
-        self._doubt()
-        return self._lifeline.should_stop() or self._reason_to_end() is not None
+        """Score checkpoints and check the pointer between two looks for rollouts.
 
-    def _doubt(self) -> None:
-        """Point to the newest checkpoint again where the workers cannot see it any more.
-
-        Else they and the trainer would wait for each other forever.
+        Without the pointer to the newest checkpoint, workers and trainer would wait for each other
+        forever.
         """
-        if time.monotonic() < self._doubted + DOUBT_S:
-            return
-        self._doubted = time.monotonic()
-        if self._checkpoints.repair_pointer(self._newest()):
-            _logger.warning("The pointer to %s was lost; it is written again.", self._newest())
-
-    def _newest(self) -> CheckpointName:
-        return CheckpointName(self._number, self._steps)
-
-    # Learning.
+        self._activity.say(f"waits for rollouts of iteration {self._newest.number}")
+        self._scoring.score(self._newest)
+        if time.monotonic() >= self._doubted + DOUBT_S:
+            self._doubted = time.monotonic()
+            if self._checkpoints.repair_pointer(self._newest):
+                _logger.warning("The pointer to %s was lost; it is written again.", self._newest)
+        reached = self._goals.reached(self._history.records) is not None
+        return self._lifeline.should_stop() or reached
 
     def _learn(self, collected: Collected) -> None:
-        """Update the policy, publish it and write down how it went."""
+        """Update the policy, publish it and record how the update went."""
         self._activity.say(f"learns from {collected.rollout.steps} steps")
         began = time.monotonic()
         try:
             stats = self._learner.update(
                 collected.rollout,
-                seed=self._job.seed + SEED_STRIDE * self._number,
-                on_epoch=_print_epoch,
+                seed=self._job.seed + SEED_STRIDE * self._newest.number,
+                on_epoch=lambda stats: plain.info(reference_log.epoch_line(stats)),
                 should_stop=self._lifeline.should_stop,
-                steps_before=self._steps,
+                steps_before=self._newest.steps,
             )
         except UpdateInterruptedError:
-            # Nothing is lost: a resumed training drives this iteration again, and learns from it.
+            # Nothing is lost: a resumed training drives this iteration again.
             raise StopRequested from None
         except NonFiniteLossError as error:
             self._await_evaluation(collected)
@@ -241,19 +216,19 @@ class Trainer:
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
-        self._number += 1
-        self._steps += collected.rollout.steps
+        iteration, steps = self._newest.number, collected.rollout.steps
+        self._newest = CheckpointName(iteration + 1, self._newest.steps + steps)
         self._episodes += len(collected.rewards)
 
         last = stats[-1] if stats else None
         numbers = {} if last is None else last.metrics()
-        self._scoring.expect(self._number - 1, collected.evaluates)
+        self._scoring.expect(iteration, collected.evaluates)
         record = IterationRecord(
-            iteration=self._number - 1,
+            iteration=iteration,
             checkpoint=collected.checkpoint,
             episodes=len(collected.rewards),
-            steps=collected.rollout.steps,
-            total_steps=self._steps,
+            steps=steps,
+            total_steps=self._newest.steps,
             mean_reward=float(np.mean(collected.rewards)),
             mean_progress=float(np.mean(collected.progress)),
             full_laps=len(collected.lap_s),
@@ -265,7 +240,7 @@ class Trainer:
             actor_loss=numbers.get("losses/actor_loss"),
             critic_loss=numbers.get("losses/qf_loss"),
             alpha=numbers.get("losses/alpha"),
-            steps_per_s=collected.rollout.steps / cycle_s,
+            steps_per_s=steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             drive_s=collected.drive_s,
             learn_s=ended - began,
@@ -277,52 +252,55 @@ class Trainer:
             self._mark_end(reason)
         self._publish(record)
         self._history.add(record)
-        self._publish_metrics(row_of(record, last))
+        row = row_of(record, last)
+        plain.info(line_of(row))
+        self._metrics.add(row)
+        self._uploader.submit(self._metrics.write, self._metrics.snapshot())
         if reason is not None:
             self._await_evaluation(collected)
-        self._scoring.score(self._newest())
+        self._scoring.score(self._newest)
         self._watch_health()
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
         """The failure of a training whose loss is NaN."""
+        remedy = (
+            "Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, then "
+            "continue with `dr-start-training --resume`."
+        )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
-        back = "" if best is None else f" Or start a new model from checkpoint {best.number}, the "
-        back += "" if best is None else "best, with DR_LOCAL_S3_PRETRAINED=True."
+        if best is not None:
+            remedy += f" Or start a new model from checkpoint {best.number}, the best, with "
+            remedy += "DR_LOCAL_S3_PRETRAINED=True."
         return TrainingFailed(
-            f"NaN detected in loss function, aborting training. Iteration {self._number}: {error} "
-            "The weights before it are kept as the last checkpoint.",
-            remedy="Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, "
-            f"then go on with `dr-start-training --resume`.{back}",
+            "NaN detected in loss function, aborting training. "
+            f"Iteration {self._newest.number}: {error} "
+            "The weights from before this iteration are kept as the last checkpoint.",
+            remedy=remedy,
         )
 
     def _watch_health(self) -> None:
-        """Say once when the policy has become far worse than it was."""
+        """Warn once when the policy has become far worse."""
         fallen = collapse(self._history.records, self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
 
     def _await_evaluation(self, collected: Collected) -> None:
-        """Wait for what is still being evaluated beside the last iteration."""
+        """Wait for the evaluation that a worker still drives, if there is one."""
         if collected.evaluates is not None:
             self._activity.say(f"waits for the evaluation of checkpoint {collected.evaluates}")
             self._scoring.wait(collected.evaluates, collected.drive_s, self._lifeline.should_stop)
 
-    # Publishing.
-
     def _publish(self, learned: IterationRecord | None = None) -> None:
-        """Put the present weights into the bucket: first they, then the pointer, then the rest.
+        """Publish the weights and the iteration that made them, None for the first ones.
 
-        The optimizer state travels while the workers are already driving with the new weights.
-
-        Args:
-            learned: The iteration that made these weights, None for the first ones.
+        The optimizer state is uploaded while the workers already drive with the new weights.
         """
         self._join_upload()
         state = {name: t.contiguous() for name, t in self._learner.model.state_dict().items()}
         record = self._checkpoints.save(
-            self._number,
-            self._steps,
+            self._newest.number,
+            self._newest.steps,
             save_tensors(state),
             counters=Counters(
                 episodes=self._episodes,
@@ -340,49 +318,34 @@ class Trainer:
                 self._checkpoints.attach_optimizer, record, save_tensors(tensors)
             )
 
-    def _publish_metrics(self, row: Row) -> None:
-        """Log the learner's numbers, and write them while the workers are already driving."""
-        plain.info(line_of(row))
-        self._metrics.add(row)
-        self._uploader.submit(self._metrics.write, self._metrics.snapshot())
-
     def _join_upload(self) -> None:
-        """Wait for the optimizer state of the last checkpoint; its failure is ours."""
+        """Wait for the upload of the last optimizer state, and raise its error."""
         if self._optimizer_upload is not None:
             self._optimizer_upload.result()
             self._optimizer_upload = None
 
-    # The end.
-
     def _elapsed_s(self) -> float:
         return self._elapsed_before_s + time.monotonic() - self._started
 
-    def _reason_to_end(self) -> str | None:
-        return self._goals.reached(self._history.records)
-
     def _mark_end(self, reason: str) -> None:
-        """Tell the simulation workers, wherever they run, to drive no further iteration."""
+        """Tell the simulation workers to drive no further iteration."""
         end = TrainingEnd(self._job.session, reason)
         self._bucket.put(keys.finished(self._prefix), end.encode())
 
     def _finish(self, reason: str) -> None:
-        """Leave everything complete, and the reason for the supervisor."""
-        self._scoring.score_all(self._newest())
+        """Complete everything, and give the supervisor the reason."""
+        self._scoring.score_all(self._newest)
         self._join_upload()
         self._mark_end(reason)
-        self._forget_rollouts(before=self._number)
-        self._uploader.shutdown()  # the metrics are written
+        self._forget_rollouts(before=self._newest.number)
+        self._uploader.shutdown()  # waits until the metrics are written
         self._activity.say("finished")
         WorkerExit(reason, "", 0).write(self._job.folder, "trainer")
         _logger.info(reason)
 
 
-def _print_epoch(stats: Stats) -> None:
-    plain.info(reference_log.epoch_line(stats))
-
-
 def main(job: Job, lifeline: Lifeline) -> None:
-    """The loop of the trainer, to be run as a process."""
+    """Run the trainer in this process."""
     flush_denormals()
     Trainer(job, lifeline).run()
 

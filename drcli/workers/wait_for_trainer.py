@@ -1,4 +1,4 @@
-"""How a simulation worker waits for the trainer."""
+"""Waits in a simulation worker for the trainer's next checkpoint."""
 
 import math
 import time
@@ -18,29 +18,29 @@ from drcli.workers.worker_process import StopRequested
 _logger = get_logger(__name__)
 
 POLL_S = 0.06
-"""Pause between two looks for a new checkpoint, seconds."""
+"""Pause between two looks for a new checkpoint."""
 
 QUIET_SHARE = 0.7
-"""Share of the time that learning takes in which the worker does not look for the next checkpoint:
-each look takes processor time from the learner."""
+"""Share of the learning time in which the worker does not look for the next checkpoint: each look
+takes processor time from the learner."""
 
 REMEMBERED = 5
-"""Of how many checkpoints the time that learning took is remembered. The shortest of them counts,
-and none alone: what once took long was held up, and need not be so again."""
+"""How many learning times are remembered. The shortest one counts, because something that is over
+may have delayed the others."""
 
 LONGEST_NAP_S = 0.25
-"""Pause between two looks for a request to leave, seconds."""
+"""Longest pause between two looks for a request to stop."""
 
 FINISHED_EVERY_S = 1.0
-"""How often a waiting worker looks whether the training is over."""
+"""How often a waiting worker checks whether the training has ended."""
 
 DOUBT_S = 10.0
-"""How often a waiting worker looks whether what it delivered is still in the bucket. Where it is
-not, trainer and worker would wait for each other forever."""
+"""How often a waiting worker checks that its rollouts are still in the bucket. Otherwise trainer
+and worker could wait for each other forever."""
 
 
 class CheckpointWaiter:
-    """Waits for checkpoints, and takes little processor time from the trainer that makes them."""
+    """Waits for checkpoints with little processor time, which the trainer needs."""
 
     def __init__(
         self,
@@ -58,15 +58,15 @@ class CheckpointWaiter:
         """Begin.
 
         Args:
-            bucket: Where the checkpoints come.
-            prefix: Of the model.
+            bucket: Holds the model.
+            prefix: The model.
             session: Name of this start of the training.
             worker: Index of the worker that waits, from 0.
-            workers: How many there are.
-            should_stop: Asked whether to leave.
-            say: Told what is waited for.
+            workers: Number of simulation workers.
+            should_stop: Whether to stop waiting.
+            say: Publishes what the worker waits for.
             clock: Monotonic seconds, for tests.
-            pause: Waits the given seconds, for tests.
+            pause: Waits so many seconds, for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -82,47 +82,47 @@ class CheckpointWaiter:
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
 
     def learn_from(self, record: CheckpointRecord) -> None:
-        """Take from a checkpoint's record how long the trainer learned to make it.
+        """Remember how long the trainer learned to make a checkpoint.
 
-        What the worker itself waited for it would not do: its own pauses are in that.
+        The worker's own waiting time would not do, because it contains the worker's pauses.
         """
         learned = record.counters.learned
         if learned is not None and learned.steps and not math.isnan(learned.learn_s):
             self._learn_s_per_step.append(learned.learn_s / learned.steps)
 
     def _quiet_s(self, steps: int) -> float:
-        """How long not to look for a checkpoint made from so many steps of this worker."""
+        """How long not to look for a checkpoint made from this many steps of this worker."""
         if len(self._learn_s_per_step) < 2:
             return 0.0
         return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
 
     def wait(self, number: int, newest: int, steps: int, since_s: float) -> CheckpointName | None:
-        """Wait for a checkpoint of at least this number, or for one from before the last.
+        """Wait for a checkpoint of at least this number, or for one before the newest.
 
-        The checkpoint that the trainer has rollouts of comes again when those are not there any
-        more: the worker drives that iteration once more.
+        If rollouts of the newest checkpoint are lost, it is returned once more, so that the worker
+        drives that iteration again.
 
         Args:
-            number: What is waited for.
+            number: Least number.
             newest: Number of the checkpoint that drove last, -1 before the first.
-            steps: Steps driven with it, which the trainer learns from now.
-            since_s: When the trainer got them, on the clock.
+            steps: Steps driven with it, from which the trainer learns now.
+            since_s: When they were delivered, on the clock.
 
         Returns:
-            Its name, or None when the training is finished.
+            The checkpoint, or None when the training has ended.
 
         Raises:
-            StopRequested: When this process was asked to leave.
+            StopRequested: `should_stop` returned True.
         """
         looked_for_end = -FINISHED_EVERY_S
         doubted = self._clock()
         quiet_until = since_s + self._quiet_s(steps)
         while True:
-            self._obey()
+            self._check_stop()
             name = self._checkpoints.pointed()
             found = name is not None and (name.number >= number or name.number < newest)
             if found or self._clock() - looked_for_end > FINISHED_EVERY_S:
-                # After the name: a trainer that ends marks the end before its last checkpoint.
+                # After the name, because a trainer marks the end before its last checkpoint.
                 if self._finished():
                     return None
                 looked_for_end = self._clock()
@@ -138,11 +138,11 @@ class CheckpointWaiter:
             self._say(f"waits for the trainer (checkpoint {number})")
             self._pause(POLL_S)
             while (left_s := quiet_until - self._clock()) > 0.0:
-                self._obey()
+                self._check_stop()
                 self._pause(min(left_s, LONGEST_NAP_S))
 
     def _is_lost(self, newest: CheckpointName) -> bool:
-        """Whether the trainer waits for an iteration that this worker has already delivered."""
+        """Whether the rollouts that this worker delivered for an iteration are lost."""
         manifest = find_manifest(self._bucket, self._prefix, newest.number, self._worker)
         if (
             manifest is not None
@@ -153,13 +153,13 @@ class CheckpointWaiter:
         # A trainer that has just learned from them, or ended, may have deleted them.
         return self._checkpoints.pointed() == newest and not self._finished()
 
-    def _obey(self) -> None:
+    def _check_stop(self) -> None:
         if self._should_stop():
             raise StopRequested
 
     def _finished(self) -> bool:
         try:
             end = TrainingEnd.decode(self._bucket.get(self._end))
-        except (ObjectMissing, RecordError):  # the supervisor tells of the end, too
+        except (ObjectMissing, RecordError):  # the supervisor ends the workers too
             return False
         return end.session == self._session

@@ -1,4 +1,4 @@
-"""What all workers share as processes: signals, their log, and the reason why they end."""
+"""Runs a worker as a process: its signals, its log, and the reason why it ends."""
 
 import gc
 import os
@@ -22,13 +22,13 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
 
 BUG = 1
-"""Exit code of a failure that only we can correct."""
+"""Exit code of an unexplained failure, which is a bug of ours."""
 
 _logger = log.get_logger(__name__)
 
 
 class Lifeline:
-    """Knows whether this process should end: a signal came, or its launcher is gone."""
+    """Knows whether this process should stop: a signal came, or its launcher has ended."""
 
     def __init__(self, launcher_pid: int) -> None:
         self._launcher_pid = launcher_pid
@@ -40,12 +40,12 @@ class Lifeline:
         self._signalled = True
 
     def should_stop(self) -> bool:
-        """Whether to end at the next good moment."""
+        """Whether to stop at the next good moment."""
         return self._signalled or os.getppid() != self._launcher_pid
 
 
 class StopRequested(Exception):
-    """Raised where a worker ends because it was asked to."""
+    """Ends a worker that was asked to stop."""
 
 
 class Activity:
@@ -57,7 +57,7 @@ class Activity:
         self._last = ""
 
     def say(self, text: str) -> None:
-        """Publish a few words where they have changed."""
+        """Publish a text if it has changed."""
         if text == self._last:
             return
         self._last = text
@@ -68,12 +68,8 @@ class Activity:
 def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     """The bucket of a training, for one of its workers.
 
-    It refuses writes once another training has taken the model over. Once the worker was asked to
-    stop, it waits for a silent server only briefly.
-
-    Args:
-        job: The training.
-        lifeline: Of this process.
+    It refuses writes when another training has taken over the model. When the worker was asked to
+    stop, it waits only briefly for a server that does not answer.
     """
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
@@ -82,7 +78,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
 def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """Run a worker's loop as the main function of a process.
 
-    Exits 0 when the loop is done or was asked to stop, with the code of an explained failure, and
+    Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure, or
     with 1 for a bug, whose traceback goes to the log.
     """
     job = Job.received()
@@ -102,22 +98,20 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
         print_limit.end_limit()
-        # Else Python looks through all objects for garbage while it ends, which takes most of a
-        # second of processor time that whoever stops a training waits for.
+        # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
 
 
 def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
-    """What explains an end that `except Exception` does not see.
+    """A hook that explains a failure that `except Exception` does not see.
 
-    Where a reward function swallows everything that is raised to interrupt it, the simulation has
-    this called and ends the process.
+    If a reward function catches every exception that should interrupt it, the simulation calls this
+    hook and ends the process.
     """
 
     def explain(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
-        from drcli.workers.build_race import (
-            reward_failure,  # here, because the trainer needs no drsim
-        )
+        # Imported here, because the trainer does without drsim.
+        from drcli.workers.build_race import reward_failure
         from drsim.errors import RewardError
 
         known = reward_failure(error) if isinstance(error, RewardError) else error
@@ -127,16 +121,14 @@ def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, 
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
-    """Leave the reason of a failure for the supervisor and in the log."""
+    """Write the reason of a failure for the supervisor and into the log."""
+    print_limit.end_limit()
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
+        _logger.error("%s %s", error, error.remedy)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
-    ended.write(job.folder, name)
-    print_limit.end_limit()
-    if isinstance(error, DrError):
-        _logger.error("%s %s", error, error.remedy)
-    else:
         _logger.error(ended.message, exc_info=error)
+    ended.write(job.folder, name)
     return ended

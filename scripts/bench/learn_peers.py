@@ -97,10 +97,10 @@ def plain_body(spec: PolicySpec) -> tuple[nn.Sequential, int]:
     layers = MONO[spec.network]
     body = nn.Sequential()
     channels = spec.channels
-    for layer in layers.convolutions:
-        body.append(nn.Conv2d(channels, layer.filters, layer.kernel, layer.stride))
+    for filters, kernel, stride in layers.convolutions:
+        body.append(nn.Conv2d(channels, filters, kernel, stride))
         body.append(nn.ReLU())
-        channels = layer.filters
+        channels = filters
     body.append(nn.Flatten())
     for ours in Encoder(spec).dense:
         assert isinstance(ours, nn.Linear)

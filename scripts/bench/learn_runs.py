@@ -26,9 +26,9 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.server import server
-from drcli.workers.build_learner import policy_spec, ppo_config
+from drcli.workers.build_learner import algorithm_config, policy_spec
 from drcli.workers.build_race import actions_of, load_world, longest_episode
-from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 
@@ -124,7 +124,7 @@ class Work:
     @property
     def config(self) -> PPOConfig:
         """Our learner's knobs."""
-        return ppo_config(self.parameters)
+        return algorithm_config(PPOConfig, self.parameters)
 
     @property
     def rules(self) -> EpisodeRules:
@@ -183,8 +183,8 @@ class MemoryTraining:
         self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._driving = ActorCritic(work.spec).eval()
         torch.set_num_threads(1)
-        pilot = Pilot(DataParallelPolicy(self._driving, work.threads), work.actions)
-        self._driver = Driver(self._simulation, [pilot], seed)
+        racer = Racer(DataParallelPolicy(self._driving, work.threads), work.actions)
+        self._driver = Driver(self._simulation, [racer], seed)
 
     def iterate(self) -> Pace:
         """Drive the episodes of an iteration and learn from them."""

@@ -43,7 +43,7 @@ from drcli.learn.ppo import PPO
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_learner import policy_spec
-from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.trainer import SEED_STRIDE
 
 Floats = NDArray[np.float64]
@@ -213,7 +213,7 @@ def train(work: Work, seed: int, steps: int) -> Curve:
     torch.manual_seed(seed)
     ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
     simulation = work.simulation(CARS)
-    driver = Driver(simulation, [Pilot(ppo.model, work.actions)], seed)
+    driver = Driver(simulation, [Racer(ppo.model, work.actions)], seed)
     curve = Curve([], [], [], [], [])
     cpu_s, before = 0.0, 0
     while before < steps:

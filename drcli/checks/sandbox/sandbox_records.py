@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig
 

@@ -102,7 +102,7 @@ def test_blind_actions_come_as_often_as_epsilon_says():
 
 
 def test_a_learning_rate_on_a_schedule_falls_to_a_twentieth_and_stays_there():
-    config = PPOConfig(lr=1e-3, lr_linear=True, schedule_steps=1_000)
+    config = PPOConfig(lr=1e-3, lr_schedule="linear", schedule_steps=1_000)
 
     rates = [config.lr_at(steps) for steps in (0, 500, 1_000, 9_000)]
 
@@ -110,7 +110,7 @@ def test_a_learning_rate_on_a_schedule_falls_to_a_twentieth_and_stays_there():
 
 
 def test_the_entropy_bonus_follows_its_own_schedule():
-    config = PPOConfig(lr=1e-3, beta_entropy=0.02, entropy_linear=True, schedule_steps=100)
+    config = PPOConfig(lr=1e-3, beta_entropy=0.02, entropy_schedule="linear", schedule_steps=100)
 
     assert (config.lr_at(50), config.beta_entropy_at(50)) == pytest.approx((1e-3, 0.01))
 
@@ -132,8 +132,8 @@ def test_the_entropy_bonus_follows_its_own_schedule():
         ({"clip_advantage": 0.1}, False),
         ({"target_kl": 1e-9}, False),
         ({"max_grad_norm": 0.01}, False),
-        ({"lr_linear": True}, False),
-        ({"entropy_linear": True}, False),
+        ({"lr_schedule": "linear"}, False),
+        ({"entropy_schedule": "linear"}, False),
         ({"bootstrap_cut": True}, False),
     ],
     ids=str,

@@ -77,7 +77,7 @@ def test_the_scale_follows_returns_that_grow_with_skill():
     sizes = [1.0, 2.0, 4.0, 8.0, 16.0, 16.0, 16.0, 16.0]
 
     for size in sizes:
-        scale.follow(torch.tensor(size).double(), [])
+        scale.follow(torch.tensor(size).double(), torch.nn.Linear(1, 1))
 
     assert 0.7 * 16.0 < scale.scale * UNITS < 16.0
 

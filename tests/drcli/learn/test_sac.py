@@ -18,7 +18,9 @@ from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")
-SMALL = SACConfig(batch_size=8, replay_steps=200, learning_starts=1, updates_per_step=0.1, lr=1e-3)
+SMALL = SACConfig(
+    batch_size=8, sac_replay_steps=200, sac_learning_starts=1, sac_updates_per_step=0.1, lr=1e-3
+)
 
 
 def test_targets_equal_two_steps_worked_by_hand():
@@ -51,7 +53,7 @@ def test_the_critics_loss_is_the_error_that_was_asked_for(huber, expected):
 def test_the_temperature_grows_when_the_entropy_is_below_minus_one_for_each_dimension(
     log_prob, grows
 ):
-    sac = SAC(_agent(), replace(SMALL, auto_alpha=True), CPU)
+    sac = SAC(_agent(), replace(SMALL, sac_auto_alpha=True), CPU)
     before = sac.alpha().item()
 
     sac._alpha_loss(sac.model, torch.full((4,), log_prob)).backward()
@@ -61,7 +63,7 @@ def test_the_temperature_grows_when_the_entropy_is_below_minus_one_for_each_dime
 
 
 def test_the_temperature_rests_at_an_entropy_of_minus_one_for_each_dimension():
-    sac = SAC(_agent(), replace(SMALL, auto_alpha=True), CPU)
+    sac = SAC(_agent(), replace(SMALL, sac_auto_alpha=True), CPU)
 
     sac._alpha_loss(sac.model, torch.full((4,), 2.0)).backward()
 
@@ -77,7 +79,7 @@ def test_a_fixed_temperature_is_the_one_that_was_set_whatever_a_checkpoint_says(
 
 
 def test_the_target_critics_follow_by_tau():
-    sac = SAC(_agent(), replace(SMALL, tau=0.25, updates_per_step=0.001), CPU)
+    sac = SAC(_agent(), replace(SMALL, sac_tau=0.25, sac_updates_per_step=0.001), CPU)
     before = [p.clone() for p in sac.model.targets.parameters()]
 
     sac.update(_rollout(), seed=1)
@@ -93,7 +95,7 @@ def test_the_body_learns_from_the_critics_and_not_from_the_actor():
     agents = []
     for alpha in (0.0, 0.9):
         # Without a future the temperature is felt by the actor alone.
-        config = replace(SMALL, sac_alpha=alpha, discount_factor=0.0, updates_per_step=0.001)
+        config = replace(SMALL, sac_alpha=alpha, discount_factor=0.0, sac_updates_per_step=0.001)
         agents.append(SAC(_agent(), config, CPU))
         agents[-1].update(_rollout(), seed=1)
 
@@ -117,7 +119,7 @@ def test_a_critic_that_sees_the_state_leaves_the_body_to_the_actor():
 
 
 def test_on_a_single_picture_the_agent_learns_which_action_pays():
-    config = replace(SMALL, discount_factor=0.0, sac_alpha=0.02, lr=2e-3, updates_per_step=1.0)
+    config = replace(SMALL, discount_factor=0.0, sac_alpha=0.02, lr=2e-3, sac_updates_per_step=1.0)
     agent = _agent()
     sac = SAC(agent, config, CPU)
     before = _paid(_drive_calmly(agent)).item()
@@ -139,12 +141,12 @@ def test_on_a_single_picture_the_agent_learns_which_action_pays():
         ({"lr": 1e-4}, False),
         ({"discount_factor": 0.5}, False),
         ({"sac_alpha": 0.5}, False),
-        ({"auto_alpha": True}, False),
+        ({"sac_auto_alpha": True}, False),
         ({"huber": True}, False),
-        ({"tau": 0.5}, False),
-        ({"updates_per_step": 0.2}, False),
-        ({"learning_starts": 30}, False),
-        ({"replay_steps": 15}, False),
+        ({"sac_tau": 0.5}, False),
+        ({"sac_updates_per_step": 0.2}, False),
+        ({"sac_learning_starts": 30}, False),
+        ({"sac_replay_steps": 15}, False),
     ],
     ids=str,
 )
@@ -156,14 +158,14 @@ def test_each_knob_changes_what_is_learned(change, same):
 
 
 def test_a_replay_too_small_for_all_steps_before_learning_does_not_delay_it():
-    sac = SAC(_agent(), replace(SMALL, learning_starts=30, replay_steps=15), CPU)
+    sac = SAC(_agent(), replace(SMALL, sac_learning_starts=30, sac_replay_steps=15), CPU)
     sac.update(_rollout(), seed=1)
 
     assert len(sac.update(_rollout(), seed=2)) > 0
 
 
 def test_nothing_is_learned_before_enough_steps_were_driven():
-    sac = SAC(_agent(), replace(SMALL, learning_starts=30), CPU)
+    sac = SAC(_agent(), replace(SMALL, sac_learning_starts=30), CPU)
 
     assert sac.update(_rollout(), seed=1) == []
     assert len(sac.update(_rollout(), seed=2)) > 0

@@ -3,11 +3,13 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict, fields
 
 import pytest
 import torch
 from safetensors.torch import save
 
+from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
@@ -15,10 +17,9 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_learner import (
     STATE_DIMS,
+    algorithm_config,
     build_learner,
     policy_spec,
-    ppo_config,
-    sac_config,
 )
 from drcli.workers.build_race import sensors_of_model
 from drcli.workers.restore import restore_optimizer
@@ -69,49 +70,66 @@ def test_an_optimizer_state_of_another_network_is_left_with_a_sentence(logged):
 
     assert learner.optimizer.tensors() == {}
     [line] = logged().splitlines()
-    assert "WARNING The optimizer starts afresh" in line
+    assert "WARNING The optimizer starts over" in line
     assert "does not fit: 0.exp_avg is of shape (1,)" in line
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "field", "expected"),
+    "setting",
     [
-        ("batch_size", 32, "batch_size", 32),
-        ("num_epochs", 7, "num_epochs", 7),
-        ("lr", 0.0001, "lr", 0.0001),
-        ("discount_factor", 0.9, "discount_factor", 0.9),
-        ("beta_entropy", 0.02, "beta_entropy", 0.02),
-        ("loss_type", "huber", "huber", True),
-        ("loss_type", "mean squared error", "huber", False),
-        ("clip_range", 0.1, "clip_range", 0.1),
-        ("gae_lambda", 0.9, "gae_lambda", 0.9),
-        ("clip_value", 0.3, "clip_value", 0.3),
-        ("clip_advantage", 3.0, "clip_advantage", 3.0),
-        ("target_kl", 0.02, "target_kl", 0.02),
-        ("max_grad_norm", 0.5, "max_grad_norm", 0.5),
-        ("lr_schedule", "linear", "lr_linear", True),
-        ("entropy_schedule", "linear", "entropy_linear", True),
-        ("schedule_steps", 9, "schedule_steps", 9),
-        ("bootstrap_cut", True, "bootstrap_cut", True),
+        {"batch_size": 32},
+        {"num_epochs": 7},
+        {"lr": 0.0001},
+        {"discount_factor": 0.9},
+        {"beta_entropy": 0.02},
+        {"clip_range": 0.1},
+        {"gae_lambda": 0.9},
+        {"clip_value": 0.3},
+        {"clip_advantage": 3.0},
+        {"target_kl": 0.02},
+        {"max_grad_norm": 0.5},
+        {"lr_schedule": "linear"},
+        {"entropy_schedule": "linear"},
+        {"schedule_steps": 9},
+        {"bootstrap_cut": True},
     ],
 )
-def test_every_knob_of_ppo_reaches_the_learner(key, value, field, expected):
-    assert getattr(ppo_config(Hyperparameters(**{key: value})), field) == expected
+def test_every_hyperparameter_of_ppo_reaches_the_learner(setting):
+    config = algorithm_config(PPOConfig, Hyperparameters(**setting))
+
+    assert setting.items() <= asdict(config).items()
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "field"),
+    "setting",
     [
-        ("sac_alpha", 0.1, "sac_alpha"),
-        ("sac_auto_alpha", True, "auto_alpha"),
-        ("sac_tau", 0.5, "tau"),
-        ("sac_updates_per_step", 2.0, "updates_per_step"),
-        ("sac_replay_steps", 5_000, "replay_steps"),
-        ("sac_learning_starts", 7, "learning_starts"),
+        {"batch_size": 32},
+        {"lr": 0.0001},
+        {"discount_factor": 0.9},
+        {"sac_alpha": 0.1},
+        {"sac_auto_alpha": True},
+        {"sac_tau": 0.5},
+        {"sac_updates_per_step": 2.0},
+        {"sac_replay_steps": 5_000},
+        {"sac_learning_starts": 7},
     ],
 )
-def test_every_knob_of_sac_reaches_the_learner(key, value, field):
-    assert getattr(sac_config(Hyperparameters(**{key: value})), field) == value
+def test_every_hyperparameter_of_sac_reaches_the_learner(setting):
+    config = algorithm_config(SACConfig, Hyperparameters(**setting))
+
+    assert setting.items() <= asdict(config).items()
+
+
+@pytest.mark.parametrize("kind", [PPOConfig, SACConfig])
+@pytest.mark.parametrize(("loss_type", "huber"), [("huber", True), ("mean squared error", False)])
+def test_the_loss_type_reaches_the_learner(kind, loss_type, huber):
+    assert algorithm_config(kind, Hyperparameters(loss_type=loss_type)).huber is huber
+
+
+def test_no_field_of_an_algorithm_but_adams_epsilon_is_without_a_hyperparameter():
+    names = {field.name for kind in (PPOConfig, SACConfig) for field in fields(kind)}
+
+    assert {name for name in names if not hasattr(Hyperparameters(), name)} == {"adam_eps"}
 
 
 def test_the_trainer_does_not_load_the_simulator():

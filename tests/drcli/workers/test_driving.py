@@ -8,7 +8,7 @@ from drcli.exchange.trace import STEP_S
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import Observation, PolicySpec
-from drcli.workers.driving import Driven, Driver, Pilot, Plan
+from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode import EpisodeRules
@@ -45,7 +45,7 @@ def drive(
     )
     driven: list[Driven] = []
     plans = [Plan(number, "training", 0.2 * number) for number in range(episodes)]
-    Driver(simulation, [Pilot(fresh(spec), actions)], seed).drive(
+    Driver(simulation, [Racer(fresh(spec), actions)], seed).drive(
         plans, driven.append, epsilon=epsilon
     )
     simulation.close()
@@ -125,7 +125,7 @@ def trained_beside(trials: int, policy: DataParallelPolicy) -> list[Driven]:
     plans = [Plan(number, "training", 0.05 * number) for number in range(20)]
     plans += [Plan(trial, "evaluation", 0.2 * trial) for trial in range(trials)]
     driven: list[Driven] = []
-    Driver(simulation, [Pilot(policy, STRAIGHT)], 5).drive(plans, driven.append)
+    Driver(simulation, [Racer(policy, STRAIGHT)], 5).drive(plans, driven.append)
     simulation.close()
     training = [episode for episode in driven if episode.phase == "training"]
     return sorted(training, key=lambda episode: episode.number)
