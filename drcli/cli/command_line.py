@@ -84,7 +84,7 @@ def application(arguments: Sequence[str], *, completes: bool = False) -> typer.T
 
 def load(command: Command) -> Any:
     """The function or Typer application behind a command; all of ours take -q."""
-    module, _, name = command.target.partition(":")
+    module, name = command.place
     target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
     if isinstance(target, typer.Typer):
         for single in target.registered_commands:
@@ -98,6 +98,13 @@ def load(command: Command) -> Any:
 
 class _Sections(TyperGroup):
     """The group of all commands, whose help lists them by section."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """The option --help. False when it is not given: for None, Typer would load pydantic."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.default = False
+        return option
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands for `dr --help`."""

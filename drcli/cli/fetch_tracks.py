@@ -1,11 +1,14 @@
 """Downloads community tracks that a start needs and that are missing."""
 
+from typing import TYPE_CHECKING
+
 from drcli.cli import console, prompts
-from drcli.config.settings import Settings
-from drcli.config.worlds import to_fetch
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
 
 
-def bring_tracks(settings: Settings) -> None:
+def bring_tracks(settings: "Settings") -> None:
     """Download missing tracks, as DR_TRACKS_FETCH says: always, or after asking.
 
     Tracks that stay missing are reported later, with all other problems.
@@ -15,6 +18,8 @@ def bring_tracks(settings: Settings) -> None:
         SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
+    from drcli.config.worlds import to_fetch
+
     names = to_fetch(settings.races)
     if not names or settings.tracks_fetch == "never":
         return

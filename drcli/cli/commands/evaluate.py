@@ -1,7 +1,7 @@
 """`dr evaluate`, also called `dr-start-evaluation`."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +10,9 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import evaluation_view
 from drcli.cli.working_folder import settings
-from drcli.config.settings import Settings
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
 
 STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
@@ -83,7 +85,7 @@ def evaluate(
         )
 
 
-def _start(loaded: Settings, *, clone: bool, as_json: bool) -> None:
+def _start(loaded: "Settings", *, clone: bool, as_json: bool) -> None:
     """Start it in the background, with the messages of DeepRacer-for-Cloud."""
     from drcli.runs.evaluation import launch_evaluation
     from drcli.runs.evaluation_plan import prepare_evaluation

@@ -9,7 +9,6 @@ from drcli.base.errors import Absent
 from drcli.cli import candidates, console
 from drcli.cli.log_tail import show_log
 from drcli.cli.working_folder import settings, working_folder
-from drcli.runs.run_logs import log_file
 
 TAIL_LINES = 20
 
@@ -42,6 +41,8 @@ def logs(
 
     Example: dr-logs trainer -f
     """
+    from drcli.runs.run_logs import log_file
+
     loaded, name = settings(), _name(worker, number)
     path = log_file(working_folder(), loaded.model_prefix, name)
     if not path.exists():

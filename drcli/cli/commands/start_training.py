@@ -10,9 +10,9 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings, working_folder
-from drcli.config.settings import Settings
 
 if TYPE_CHECKING:
+    from drcli.config.settings import Settings
     from drcli.runs.status import RunReport
 
 
@@ -123,7 +123,7 @@ def start_training(
 
 
 def _followed(
-    loaded: Settings, trainer: bool, sim: bool, everything: bool, worker: int | None
+    loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
     """Names of the logs that -s, -r [N] and -a select."""
     if worker is not None and not sim:
