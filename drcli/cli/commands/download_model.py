@@ -8,6 +8,7 @@ import typer
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force
 from drcli.cli.views import models_view
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
 
 
@@ -64,7 +65,7 @@ def download_model(
     planned = plan_download(loaded, options)
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
-        there = models_view.files(planned.used)
+        there = counted(planned.used, "file")
         console.warn(f"{planned.target_url} is not empty: {there}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)

@@ -9,6 +9,7 @@ import typer
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, Delimiter, Force
 from drcli.cli.views import models_view, training_view
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings, working_folder
 
 
@@ -79,7 +80,7 @@ def increment_upload_model(
     _announce(step.file, step.before, step.after)
     if step.wiped:
         place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
-        console.warn(f"{models_view.files(step.wiped)} at {place} will be deleted.")
+        console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
     prompts.agree("Are you sure?", yes=force)
     upload_prefix.make_upload_increment(planned)
     console.emit(step, models_view.upload_increment(step), as_json=as_json)
