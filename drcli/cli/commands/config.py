@@ -107,8 +107,7 @@ def change(
 
     edit = set_values(working_folder(), _wanted(values), file=file)
     console.emit(edit, settings_view.edit(edit), as_json=as_json)
-    for warning in edit.warnings:
-        console.warn(warning)
+    console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
 
 

@@ -116,8 +116,7 @@ def set_upload_model(
 
     folder, before = working_folder(), settings().upload_s3_prefix
     edit = set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
-    for warning in edit.warnings:
-        console.warn(warning)
+    console.warn(*edit.warnings)
     after = settings()
     place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"
     file = str(folder / edit.changes[0].file)

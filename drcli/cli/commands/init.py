@@ -128,14 +128,11 @@ def init(
             raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     report = write(plan)
-    for warning in report.warnings:
-        console.warn(warning)
+    console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
-    if as_json:
-        console.emit(report, "", as_json=True)
-    else:
-        console.say(f"{len(report.written)} files written to {report.folder}.")
+    console.emit(report, None, as_json=as_json)
+    console.say(f"{len(report.written)} files written to {report.folder}.")
     sourced = has_activate_script(plan.folder)
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     console.suggest(steps, elsewhere=True)

@@ -49,6 +49,5 @@ def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
     bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
-    for sentence in (sentence for model in found.models for sentence in model.damaged):
-        console.warn(sentence)
+    console.warn(*(sentence for model in found.models for sentence in model.damaged))
     console.emit(found, models_view.models(found), as_json=as_json)

@@ -81,8 +81,7 @@ def start_training(
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
         planned = plan.prepare(loaded, options)
     if not quiet:
-        for warning in planned.warnings:
-            console.warn(warning)
+        console.warn(*planned.warnings)
         console.say(views.start_text(planned))
 
     if quiet:
@@ -110,7 +109,7 @@ def start_training(
         if quiet:
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if as_json:
-                console.emit(inspect(loaded.run), "", as_json=True)
+                console.emit(inspect(loaded.run), None, as_json=True)
             return
         console.suggest(watch_training.NEXT)
         report = watch_training.until_the_end(loaded.run, display)
@@ -142,8 +141,7 @@ def _end(report: "RunReport", *, as_json: bool) -> int:
     Returns:
         Its exit code; a training that left without one counts as a dead worker.
     """
-    if as_json:
-        console.emit(report, "", as_json=True)
+    console.emit(report, None, as_json=as_json)
     if report.state in ("finished", "stopped"):
         console.say(views.end_text(report))
     else:

@@ -17,8 +17,7 @@ def status(as_json: AsJson = False) -> None:
     from drcli.runs.status import inspect
 
     report = inspect(settings().run)
-    for sentence in report.damaged:
-        console.warn(sentence)
+    console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
     if report.state == "lost" or report.dead:
         raise WorkerDied(

@@ -41,11 +41,9 @@ def update(
     files = {name for name in files if name not in ("environment", "flag")}
     report = Checked(sorted(files), len(loaded.sources), list(loaded.warnings))
     if not quiet:
-        for warning in report.warnings:
-            console.warn(warning)
+        console.warn(*report.warnings)
         console.say(
             f"{report.settings} settings of {' and '.join(report.files)} are right; "
             "every command reads them when it is called."
         )
-    if as_json:
-        console.emit(report, "", as_json=True)
+    console.emit(report, None, as_json=as_json)

@@ -150,7 +150,7 @@ def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
         text=True,
     )
 
-    assert "Settings: no errors" in done.stdout
+    assert "Settings: 0 errors" in done.stdout
 
 
 def test_help_lists_all_exit_codes(dr, capsys):
