@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, Delimiter, Force
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, Delimiter, Force, prefix_option, wipe_option
 from drcli.cli.views import models_view, training_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings, working_folder
@@ -15,19 +15,8 @@ from drcli.cli.working_folder import settings, working_folder
 
 def increment_training(
     force: Force = False,
-    wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete everything under the new model prefix.")
-    ] = False,
-    prefix: Annotated[
-        str | None,
-        typer.Option(
-            "-p",
-            "--prefix",
-            metavar="PREFIX",
-            help="Name of the new model.",
-            autocompletion=candidates.model_prefixes,
-        ),
-    ] = None,
+    wipe: Annotated[bool, wipe_option("Delete everything under the new model prefix.")] = False,
+    prefix: Annotated[str | None, prefix_option("Name of the new model.")] = None,
     delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:
@@ -54,14 +43,8 @@ def increment_training(
 
 def increment_upload_model(
     force: Force = False,
-    wipe: Annotated[
-        bool,
-        typer.Option("-w", "--wipe", help="Delete everything under the new name first."),
-    ] = False,
-    prefix: Annotated[
-        str | None,
-        typer.Option("-p", "--prefix", metavar="PREFIX", help="Use this name for the next upload."),
-    ] = None,
+    wipe: Annotated[bool, wipe_option("Delete everything under the new name first.")] = False,
+    prefix: Annotated[str | None, prefix_option("Use this name for the next upload.")] = None,
     delimiter: Delimiter = None,
     as_json: AsJson = False,
 ) -> None:

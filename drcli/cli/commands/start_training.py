@@ -7,7 +7,7 @@ import typer
 from drcli.base.errors import WorkerDied
 from drcli.cli import console, watch_training
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, wipe_option
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings, working_folder
 
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 
 def start_training(
-    wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete everything under the model prefix first.")
-    ] = False,
+    wipe: Annotated[bool, wipe_option("Delete everything under the model prefix first.")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the training of this model.")
     ] = False,
