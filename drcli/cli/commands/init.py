@@ -146,7 +146,7 @@ def with_answers(
     """The settings that were given, and the answers to all other questions.
 
     Args:
-        given: Texts by DR_ name; nothing is asked about these.
+        given: Texts by DR_ name; these questions are not asked.
         ask: Takes a question, a default and the allowed words, and returns the answer.
         warn: Prints what is wrong with an answer, before the question is asked again.
     """

@@ -53,7 +53,6 @@ def logs(
 
 
 def _name(worker: str, number: int) -> str:
-    """The name of the log that is meant."""
     if worker == "sim":
         return f"sim-{number}"
     if worker in candidates.LOGS or re.fullmatch(r"sim-\d+", worker):
@@ -62,7 +61,6 @@ def _name(worker: str, number: int) -> str:
 
 
 def _remedy(name: str, workers: int) -> str:
-    """What to do about the log of that name, in a training on so many simulation workers."""
     if name == "evaluation":
         return "Start an evaluation with `dr-evaluate`, or add -f to wait for one."
     kind, _, number = name.partition("-")

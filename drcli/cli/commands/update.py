@@ -37,13 +37,10 @@ def update(
     Example: dr-update
     """
     loaded = settings()
-    files = {place.file for place in loaded.sources.values()}
-    files = {name for name in files if name not in ("environment", "flag")}
-    report = Checked(sorted(files), len(loaded.sources), list(loaded.warnings))
+    names = {place.file for place in loaded.sources.values()} - {"environment", "flag"}
+    report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
     if not quiet:
         console.warn(*report.warnings)
-        console.say(
-            f"{report.settings} settings of {' and '.join(report.files)} are right; "
-            "every command reads them when it is called."
-        )
+        files = " and ".join(report.files)
+        console.say(f"{report.settings} settings of {files} are right; there is nothing to reload.")
     console.emit(report, None, as_json=as_json)
