@@ -10,7 +10,7 @@ from itertools import groupby
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
 from drcli.cli import completion, console
@@ -70,10 +70,11 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     for command in COMMANDS:
         target = load(command) if command.name == called else _not_called
         if isinstance(target, typer.Typer):
-            app.add_typer(target, name=command.name, short_help=command.help)
+            app.add_typer(target, cls=_Group, name=command.name, short_help=command.help)
         else:
             app.command(
                 command.name,
+                cls=_Command,
                 short_help=command.help,
                 hidden=command.hidden,
                 context_settings=TAKES_ANY if command.takes_any else None,
@@ -92,18 +93,29 @@ def load(command: Command) -> Any:
             # Typer would cut a sentence after 45 letters.
             single.short_help = (inspect.getdoc(single.callback) or "").partition("\n\n")[0]
             single.callback = _with_quiet(single.callback)
+            single.cls = _Command
     return target
 
 
-class _Sections(TyperGroup):
-    """The group of all commands, whose help lists them by section."""
+def _with_default(option: Any) -> Any:
+    """The option --help, False when it is not given. For None, Typer would load pydantic."""
+    if option is not None:
+        option.default = False
+    return option
 
+
+class _Command(TyperCommand):
     def get_help_option(self, ctx: Any) -> Any:
-        """The option --help. False when it is not given: for None, Typer would load pydantic."""
-        option = super().get_help_option(ctx)
-        if option is not None:
-            option.default = False
-        return option
+        return _with_default(super().get_help_option(ctx))
+
+
+class _Group(TyperGroup):
+    def get_help_option(self, ctx: Any) -> Any:
+        return _with_default(super().get_help_option(ctx))
+
+
+class _Sections(_Group):
+    """The group of all commands, whose help lists them by section."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands for `dr --help`."""
