@@ -1,4 +1,4 @@
-"""Runs the command line; the only place where failures become exit codes."""
+"""Runs the command line, and turns errors into exit codes."""
 
 import gc
 import io
@@ -15,37 +15,32 @@ from drcli.cli import ascii_only, completion, console
 from drcli.cli.command_line import application
 from drcli.cli.working_folder import working_folder
 
-GC_THRESHOLD = 50_000
-"""New objects after which Python looks for garbage; its own 700 are reached at every import."""
-
 PROGRAM = "dr"
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the command line, under whichever name it was called.
+    """Run the command line.
 
     Args:
-        args: What follows `dr`; taken from the process if left out, where `dr-start-training` is
-            `dr start-training`.
+        args: What follows `dr`; by default from the process, where `dr-status` is `dr status`.
 
     Raises:
         SystemExit: Always, with the exit code.
     """
-    # Loading modules makes many objects and no garbage; looking for some takes a tenth of the time.
-    gc.set_threshold(GC_THRESHOLD)
+    # Imports make many objects and no garbage; by default, Python would look for it every 700.
+    gc.set_threshold(50_000)
     console.quiet = False
     notices.show = console.say
-    notices.warn = cache(console.warn)  # once: whoever reads a damaged object again says so again
+    notices.warn = cache(console.warn)  # once for each object
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             ascii_only.use(stream)  # a terminal that knows no braille gets no traceback
     arguments = _arguments(sys.argv) if args is None else args
-    completes = completion.QUESTION in os.environ
-    if completes:
+    if completion.QUESTION in os.environ:
         arguments = _asked_about()
     try:
-        application(arguments, completes=completes)(arguments, prog_name=PROGRAM)
+        application(arguments)(arguments, prog_name=PROGRAM)
     except DrError as error:  # ours to explain; anything else is a bug
         console.fail(str(error), error.remedy)
         raise SystemExit(error.code) from None
@@ -61,7 +56,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Whether Ctrl-C caused a failure: libraries that are being loaded wrap it in their own."""
+    """Whether Ctrl-C caused an error. Libraries that are being loaded wrap it in their own."""
     return (
         isinstance(error, KeyboardInterrupt)
         or any(_is_interrupt(behind) for behind in (error.__cause__, error.__context__) if behind)
@@ -71,9 +66,8 @@ def _is_interrupt(error: BaseException) -> bool:
 
 def _open_closed_streams() -> None:
     """Replace streams that the caller closed, as in `dr status <&-`, by the null device."""
-    for name in ("stdin", "stdout", "stderr"):
+    for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
         if getattr(sys, name) is None:
-            mode = "r" if name == "stdin" else "w"
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
@@ -94,7 +88,7 @@ def _asked_about() -> list[str]:
 
 
 def _report_bug(error: Exception) -> None:
-    """Write the traceback to a file for whoever repairs the bug, and print one sentence."""
+    """Write the traceback to a file, and print one sentence."""
     try:
         path = working_folder() / "data" / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,9 +12,6 @@ from pathlib import Path
 from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
 from drcli.config import activation
-from drcli.config.settings import catalogue
-from drcli.config.shell import shell_change
-from drcli.config.worlds import built_in, own
 
 MOST_FOLDERS = 2000
 """Folders of a bucket that are looked into; a look costs some 20 microseconds."""
@@ -27,6 +24,8 @@ _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
 def worlds() -> list[str]:
     """Tracks that are built in, and the racer's own."""
+    from drcli.config.worlds import built_in, own
+
     return [*built_in(), *own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks"))]
 
 
@@ -61,21 +60,18 @@ def workers() -> list[str]:
 
 def race_types() -> list[str]:
     """Values of DR_RACE_TYPE."""
-    return list(catalogue()["DR_RACE_TYPE"].choices)
+    return _choices("DR_RACE_TYPE")
 
 
 def clouds() -> list[str]:
     """Values of DR_CLOUD."""
-    return list(catalogue()["DR_CLOUD"].choices)
-
-
-def settings_files() -> list[str]:
-    """Files that hold settings."""
-    return ["run.env", "system.env"]
+    return _choices("DR_CLOUD")
 
 
 def setting_names() -> list[str]:
     """Every DR_ name."""
+    from drcli.config.settings import catalogue
+
     return sorted(catalogue())
 
 
@@ -90,13 +86,21 @@ def assignments(incomplete: str) -> list[str]:
         "DR_LOCAL_S3_MODEL_PREFIX": model_prefixes,
         "DR_LOCAL_S3_PRETRAINED_PREFIX": model_prefixes,
     }
+    return [f"{name}={value}" for value in (known[name]() if name in known else _choices(name))]
+
+
+def _choices(name: str) -> list[str]:
+    """The values that a setting can have; none if there are too many, or no such setting."""
+    from drcli.config.settings import catalogue
+
     setting = catalogue().get(name)
-    values = known[name]() if name in known else setting.choices if setting is not None else ()
-    return [f"{name}={value}" for value in values]
+    return [] if setting is None else list(setting.choices)
 
 
 def _settings() -> Mapping[str, str]:
     """Texts of the settings by DR_ name, unchecked; none where a file is broken."""
+    from drcli.config.shell import shell_change
+
     try:
         change = shell_change(working_folder(), os.environ)
     except DrError:

@@ -1,6 +1,7 @@
 """The Typer application: every command of the table, of which only the called one is loaded."""
 
 import inspect
+import os
 import shutil
 from collections.abc import Callable, Sequence
 from functools import wraps
@@ -9,10 +10,10 @@ from itertools import groupby
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
-from drcli.cli import console
+from drcli.cli import completion, console
 from drcli.cli.table import COMMANDS, Command
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
@@ -34,7 +35,7 @@ Exit codes:
 """
 
 NARROWEST, HELP_COLUMNS = 40, 80
-"""Help is folded to terminals between these widths; Typer's own minimum is 50 columns."""
+"""Help is folded at the edge of terminals of these widths; Typer's own minimum is 50 columns."""
 
 TAKES_ANY = {
     "ignore_unknown_options": True,
@@ -45,13 +46,11 @@ TAKES_ANY = {
 """Lets a command pass on, or ignore, options that it does not know."""
 
 
-def application(arguments: Sequence[str], *, completes: bool = False) -> typer.Typer:
-    """The application for one call.
+def application(arguments: Sequence[str]) -> typer.Typer:
+    """The application for one call with these words after `dr`.
 
-    Args:
-        arguments: What follows `dr`. The first word that is not an option names the command; all
-            others are only listed, so that no call waits for modules that it does not need.
-        completes: Whether the call is a question of a shell's Tab key.
+    The first word that is not an option names the command. The modules of all others are not
+    loaded.
     """
     columns = shutil.get_terminal_size().columns
     folded = {"terminal_width": columns - 1} if NARROWEST <= columns < HELP_COLUMNS else {}
@@ -61,7 +60,7 @@ def application(arguments: Sequence[str], *, completes: bool = False) -> typer.T
         help="Train, watch and race DeepRacer models on this machine.",
         epilog=EPILOG,
         no_args_is_help=True,
-        add_completion=completes,
+        add_completion=completion.QUESTION in os.environ,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"], **folded},
@@ -71,10 +70,11 @@ def application(arguments: Sequence[str], *, completes: bool = False) -> typer.T
     for command in COMMANDS:
         target = load(command) if command.name == called else _not_called
         if isinstance(target, typer.Typer):
-            app.add_typer(target, name=command.name, short_help=command.help)
+            app.add_typer(target, cls=_Group, name=command.name, short_help=command.help)
         else:
             app.command(
                 command.name,
+                cls=_Command,
                 short_help=command.help,
                 hidden=command.hidden,
                 context_settings=TAKES_ANY if command.takes_any else None,
@@ -83,20 +83,38 @@ def application(arguments: Sequence[str], *, completes: bool = False) -> typer.T
 
 
 def load(command: Command) -> Any:
-    """The function or Typer application behind a command; all of ours take -q."""
-    module, _, name = command.target.partition(":")
+    """The function or Typer application behind a command, with -q unless it takes any option."""
+    module, name = command.place
     target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
-    if isinstance(target, typer.Typer):
-        for single in target.registered_commands:
-            if single.callback is not None:
-                # Typer would cut a sentence after 45 letters.
-                single.short_help = (inspect.getdoc(single.callback) or "").partition("\n\n")[0]
-                single.callback = _with_quiet(single.callback)
-        return target
-    return target if command.takes_any else _with_quiet(target)
+    if not isinstance(target, typer.Typer):
+        return target if command.takes_any else _with_quiet(target)
+    for single in target.registered_commands:
+        if single.callback is not None:
+            # Typer would cut a sentence after 45 letters.
+            single.short_help = (inspect.getdoc(single.callback) or "").partition("\n\n")[0]
+            single.callback = _with_quiet(single.callback)
+            single.cls = _Command
+    return target
 
 
-class _Sections(TyperGroup):
+def _with_default(option: Any) -> Any:
+    """The option --help, False when it is not given. For None, Typer would load pydantic."""
+    if option is not None:
+        option.default = False
+    return option
+
+
+class _Command(TyperCommand):
+    def get_help_option(self, ctx: Any) -> Any:
+        return _with_default(super().get_help_option(ctx))
+
+
+class _Group(TyperGroup):
+    def get_help_option(self, ctx: Any) -> Any:
+        return _with_default(super().get_help_option(ctx))
+
+
+class _Sections(_Group):
     """The group of all commands, whose help lists them by section."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -140,7 +158,7 @@ def _global_options(
 
 
 def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
-    """The function of a command with the option -q, unless it has a `quiet` of its own."""
+    """The function of a command with the option -q, unless it has a parameter `quiet`."""
     signature = inspect.signature(function)
     if "quiet" in signature.parameters:
         return function
@@ -149,9 +167,8 @@ def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
     def command(*args: Any, quiet: bool = False, **named: Any) -> None:
         function(*args, **named)
 
-    quiet = inspect.Parameter(
-        "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=_Quiet
-    )
+    kind = inspect.Parameter.KEYWORD_ONLY
+    quiet = inspect.Parameter("quiet", kind, default=False, annotation=_Quiet)
     parameters = [*signature.parameters.values(), quiet]
     vars(command)["__signature__"] = signature.replace(parameters=parameters)
     return command

@@ -1,4 +1,4 @@
-"""The one place that prints: results to stdout, everything else to stderr."""
+"""Prints: results to stdout, everything else to stderr."""
 
 import dataclasses
 import json
@@ -8,7 +8,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import takewhile, zip_longest
 from typing import IO, Any, Literal
 
@@ -29,7 +29,7 @@ class _Console(Console):
     """A console that survives a closed pipe: `dr-status | head -1` ends as without `head`."""
 
     def on_broken_pipe(self) -> None:
-        _lose_reader(self.file)
+        _discard(self.file)
 
 
 NARROWEST = 40
@@ -66,28 +66,31 @@ quiet = False
 _reader_has_left = False
 
 
-def emit(report: Any, rendered: RenderableType, *, as_json: bool, folded: bool = True) -> None:
+def emit(
+    report: Any, rendered: RenderableType | None, *, as_json: bool, folded: bool = True
+) -> None:
     """Print a result: for people, or as one JSON object on the last line of stdout.
 
     Args:
         report: A dataclass. Its fields and properties become keys.
-        rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe.
+        rendered: The same for people: folded at the edge of a terminal, whole lines in a pipe. With
+            None, people see nothing.
         as_json: Whether to print JSON.
         folded: Whether to fold it on a terminal; an address in two pieces cannot be pasted.
     """
     if as_json:
-        write(json.dumps(_plain(_with_properties(report)), allow_nan=False) + "\n")
-    else:
+        names = [field.name for field in dataclasses.fields(report)]
+        names += [name for name, it in vars(type(report)).items() if isinstance(it, property)]
+        keys = {name: _plain(getattr(report, name)) for name in names}
+        write(json.dumps(keys, allow_nan=False) + "\n")
+    elif rendered is not None:
         with _printing():
             out.print(_fitted(rendered, columns() if folded else BOUNDLESS), soft_wrap=True, end="")
             out.file.flush()
 
 
 def columns() -> int:
-    """Width for results: that of the terminal, or unlimited in a pipe.
-
-    Does not ask Rich, which gives every dumb terminal 80 columns.
-    """
+    """Width of the terminal, or unlimited in a pipe. Rich gives every dumb terminal 80 columns."""
     if not out.file.isatty():
         return BOUNDLESS
     known = shutil.get_terminal_size().columns
@@ -95,11 +98,9 @@ def columns() -> int:
 
 
 def write(text: str, *, followed: bool = False) -> None:
-    """Print text that is itself the result, such as a log, unchanged.
+    """Print a result unchanged, such as a log.
 
-    Args:
-        text: The text.
-        followed: Whether the command ends, without a failure, when the pipe is closed.
+    A command that is `followed` ends with code 0 when the pipe is closed.
     """
     with _printing():
         print(text, end="", flush=True)
@@ -118,23 +119,15 @@ def say(text: str) -> None:
         err.print(text, markup=False, soft_wrap=True)
 
 
-def warn(text: str) -> None:
-    """Print a warning: something that is allowed but may surprise."""
-    err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
+def warn(*texts: str) -> None:
+    """Print warnings: what is allowed but may surprise."""
+    for text in texts:
+        err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
 
 
 @contextmanager
 def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator[Advance]:
-    """Show a progress bar on a terminal, nothing elsewhere.
-
-    Args:
-        what: What is being done, such as `Uploading model`.
-        total: Amount of work.
-        unit: Unit of the amount.
-
-    Yields:
-        A function that takes the amount done since its last call.
-    """
+    """Show a progress bar on a terminal, nothing elsewhere, for work such as "Uploading model"."""
     if not is_live():
         yield lambda amount: None
         return
@@ -150,16 +143,11 @@ def progress(what: str, total: int, unit: Literal["bytes", "calls"]) -> Iterator
 def waiting(what: str, *, only_live: bool = False) -> Iterator[None]:
     """Show what the command is waiting for: a spinner on a terminal, one line elsewhere.
 
-    Args:
-        what: Such as "Checking the model ...".
-        only_live: Print nothing elsewhere, for commands whose first line is read by scripts.
+    With `only_live` there is no line, for commands whose first line is read by scripts.
     """
-    if not is_live():
-        if not only_live:
-            say(what)
-        yield
-        return
-    with err.status(escape(what)):
+    if not is_live() and not only_live:
+        say(what)
+    with err.status(escape(what)) if is_live() else nullcontext():
         yield
 
 
@@ -167,11 +155,7 @@ def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None
     """Print commands to paste next, each below its purpose, unless --quiet is given.
 
     A command has its own line, because zsh takes a comment after it for arguments. Our commands get
-    the variables that this one was called with, if they name folders or files.
-
-    Args:
-        commands: Commands and their purposes.
-        elsewhere: Whether they are for another working folder or experiment than this command.
+    the variables that name folders or files in this call, unless they are for a place `elsewhere`.
     """
     if quiet:
         return
@@ -183,12 +167,7 @@ def suggest(commands: list[tuple[str, str]], *, elsewhere: bool = False) -> None
 
 
 def fail(message: str, remedy: str) -> None:
-    """Print an error and what to do about it, or several errors.
-
-    Args:
-        message: A sentence, or several, one per line.
-        remedy: What to do. Several lines belong to the lines of the message, in the same order.
-    """
+    """Print an error and what to do about it. Several of both stand on lines in the same order."""
     pairs = [(message, remedy)]
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))
@@ -199,10 +178,7 @@ def fail(message: str, remedy: str) -> None:
 
 
 def is_live() -> bool:
-    """Whether the output goes to a terminal that can be redrawn.
-
-    Asks the streams, because FORCE_COLOR makes Rich take a pipe for a terminal.
-    """
+    """Whether a terminal can be redrawn. With FORCE_COLOR, Rich takes a pipe for a terminal."""
     attached = sys.stdin.isatty() and sys.stderr.isatty() and not quiet
     return attached and not err.is_dumb_terminal and not os.environ.get("NO_COLOR")
 
@@ -221,17 +197,17 @@ def _fitted(rendered: RenderableType, width: int) -> Segments:
     """A renderable as segments for this width, without spaces at line ends."""
     view = Text(rendered) if isinstance(rendered, str) else rendered
     lines = out.render_lines(view, out.options.update(max_width=width), pad=False)
-    return Segments([segment for line in lines for segment in (*_trimmed(line), Segment.line())])
+    return Segments([segment for line in lines for segment in _trimmed(line)])
 
 
 def _trimmed(line: list[Segment]) -> list[Segment]:
-    """A line without the spaces that tables add at its end."""
+    """A line and its end, without the spaces that tables add."""
     while line and not line[-1].text.strip():
         line = line[:-1]
     if not line:
-        return []
+        return [Segment.line()]
     last = line[-1]
-    return [*line[:-1], Segment(last.text.rstrip(), last.style)]
+    return [*line[:-1], Segment(last.text.rstrip(), last.style), Segment.line()]
 
 
 @contextmanager
@@ -240,19 +216,13 @@ def _printing() -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:
-        _lose_reader(sys.stdout)
+        _discard(sys.stdout)
     except OSError as error:
-        _forget(sys.stdout)
+        _discard(sys.stdout)
         raise OutputLost(
             f"The result cannot be written to standard output: {error.strerror or error}.",
             remedy="Free some disk space, or send the output elsewhere.",
         ) from None
-
-
-def _with_properties(report: Any) -> dict[str, Any]:
-    names = [field.name for field in dataclasses.fields(report)]
-    names += [name for name, value in vars(type(report)).items() if isinstance(value, property)]
-    return {name: getattr(report, name) for name in names}
 
 
 def _plain(value: Any) -> Any:
@@ -271,13 +241,8 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _lose_reader(stream: IO[str]) -> None:
-    """Continue without a message when the pipe is closed; the exit code is kept."""
+def _discard(stream: IO[str]) -> None:
+    """Discard further output; otherwise Python would try again to write it at its end."""
     global _reader_has_left
     _reader_has_left = True
-    _forget(stream)
-
-
-def _forget(stream: IO[str]) -> None:
-    """Discard further output; otherwise Python would try again to write it at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,35 +1,36 @@
 """Downloads community tracks that a start needs and that are missing."""
 
+from typing import TYPE_CHECKING
+
 from drcli.cli import console, prompts
-from drcli.config.settings import Settings
-from drcli.config.worlds import to_fetch
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
 
 
-def bring_tracks(settings: Settings) -> None:
+def bring_tracks(settings: "Settings") -> None:
     """Download missing tracks, as DR_TRACKS_FETCH says: always, or after asking.
 
     Tracks that stay missing are reported later, with all other problems.
 
     Raises:
-        Aborted: Somebody said no.
-        SettingsError: DR_TRACKS_URL is not an address, or what was fetched is not a track.
+        Aborted: The answer is no.
+        SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
+    from drcli.config.worlds import to_fetch
+
     names = to_fetch(settings.races)
     if not names or settings.tracks_fetch == "never":
         return
-    asks = settings.tracks_fetch == "ask"
-    if asks and not prompts.may_ask():
+    allowed = settings.tracks_fetch == "always"
+    if not allowed and not prompts.may_ask():
         return
     from drcli.tracks.community import fetch_track
 
     for name in names:
-        if asks:
-            question = f"{name} is a community track that is not installed. Download it now?"
-            prompts.agree(
-                question,
-                yes=False,
-                remedy="Set DR_TRACKS_FETCH to always or never to skip this question.",
-            )
+        question = f"{name} is a community track that is not installed. Download it now?"
+        remedy = "Set DR_TRACKS_FETCH to always or never to skip this question."
+        prompts.agree(question, yes=allowed, remedy=remedy)
         facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
         console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")

@@ -1,8 +1,10 @@
 """Options that several commands share."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from drcli.cli import candidates
 
 
 def _not_a_digit(delimiter: str | None) -> str | None:
@@ -20,9 +22,18 @@ DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what w
 Delimiter = Annotated[
     str | None,
     typer.Option(
-        "-d",
-        "--delimiter",
-        help="Text before the number, such as - or _.",
-        callback=_not_a_digit,
+        "-d", "--delimiter", callback=_not_a_digit, help="Text before the number, such as - or _."
     ),
 ]
+
+
+def wipe_option(text: str) -> Any:
+    """The option -w with this help."""
+    return typer.Option("-w", "--wipe", help=text)
+
+
+def prefix_option(text: str, *names: str) -> Any:
+    """An option, -p if not named otherwise, that takes the prefix of a model."""
+    names = names or ("-p", "--prefix")
+    complete = candidates.model_prefixes
+    return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)

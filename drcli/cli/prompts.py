@@ -1,4 +1,4 @@
-"""The one place that asks: questions go to stderr, answers come from stdin."""
+"""Asks questions on stderr and reads the answers from stdin."""
 
 import sys
 import threading
@@ -7,23 +7,15 @@ from collections.abc import Sequence
 from drcli.base.errors import Aborted
 from drcli.cli import console
 
-_ANSWER_PATIENCE_S = 1.0
+_PIPE_WAIT_S = 1.0
 """Longest time to wait for an answer in a pipe."""
 
 
-ASKS_NOTHING = "Add -f (or --yes) to answer yes."
-
-
-def agree(question: str, *, yes: bool, remedy: str = ASKS_NOTHING) -> None:
-    """Ask before something is lost or replaced, unless the user has said yes already.
+def agree(question: str, *, yes: bool, remedy: str = "Add -f (or --yes) to answer yes.") -> None:
+    """Ask before something is lost or replaced, unless an option has said yes already.
 
     Waits for an answer on a terminal only. Elsewhere it takes the answer from standard input, as
-    in `echo y | dr-...`; without one, the answer is no.
-
-    Args:
-        question: Ends with a question mark.
-        yes: Whether the user said yes with a flag.
-        remedy: How to avoid the question.
+    in `echo y | dr-...`; without one, the answer is no. The remedy says how to avoid the question.
 
     Raises:
         Aborted: The answer is no.
@@ -35,19 +27,13 @@ def agree(question: str, *, yes: bool, remedy: str = ASKS_NOTHING) -> None:
         answer = sys.stdin.readline()
     else:
         console.say(f"{question} [y/N]")
-        answer = _waiting_line()
+        answer = _line_in_pipe()
     if answer.strip().casefold() not in ("y", "yes"):
         raise Aborted("Aborting. Nothing was changed.", remedy=remedy)
 
 
 def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
-    """Ask for a word, on a terminal only; Enter takes the default.
-
-    Args:
-        question: The question, without a question mark.
-        default: The answer when only Enter is pressed; may be empty.
-        choices: The allowed words, in any letter case; any word when left out.
-    """
+    """Ask for one of these words, or for any; Enter takes the default. For terminals only."""
     offer = f" ({', '.join(choices)})" if choices else ""
     spelt = {choice.casefold(): choice for choice in choices}
     while True:
@@ -62,14 +48,14 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
 
 
 def may_ask() -> bool:
-    """Whether somebody is there to answer."""
+    """Whether the command runs on a terminal, where somebody can answer."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def _waiting_line() -> str:
+def _line_in_pipe() -> str:
     """A line from standard input; empty when none comes, as from a pipe that stays silent."""
     lines: list[str] = []
     reader = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
     reader.start()
-    reader.join(_ANSWER_PATIENCE_S)
+    reader.join(_PIPE_WAIT_S)
     return lines[0] if lines else ""

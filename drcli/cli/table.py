@@ -3,7 +3,7 @@
 All names of DeepRacer-for-Cloud are here, so that scripts written for it find each of them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Section = Literal[
@@ -19,142 +19,128 @@ Section = Literal[
 
 @dataclass(frozen=True)
 class Command:
-    """One command.
+    """One command: `dr NAME` or `dr-NAME`.
 
     Attributes:
-        name: As in `dr NAME` and `dr-NAME`.
-        section: Heading in `dr --help`.
-        help: One line there.
-        place: `module:object` below `drcli.cli.commands`: a function, or a Typer application.
-            Where it is empty, module and function are called like the command.
+        help: Its line in `dr --help`.
+        module: Module below `drcli.cli.commands`; called like the command if empty.
+        function: Function or Typer application there; called like the command if empty.
         takes_any: Whether the command accepts any option: those of DeepRacer-for-Cloud for what
             is not available, or those of another program.
         hidden: Whether only our own scripts use it: no line in `dr --help`, no program.
+        section: Heading in `dr --help`.
     """
 
     name: str
-    section: Section
     help: str
-    place: str = ""
+    module: str = ""
+    function: str = ""
     takes_any: bool = False
     hidden: bool = False
+    section: Section = "Train"
 
     @property
-    def target(self) -> str:
-        """The place, also where it follows from the name."""
+    def place(self) -> tuple[str, str]:
+        """Module and function, also where they follow from the name."""
         name = self.name.replace("-", "_")
-        return self.place or f"{name}:{name}"
+        return self.module or name, self.function or name
 
 
-def _unavailable(name: str, what: str) -> Command:
-    place = f"not_built:{name.replace('-', '_')}"
-    return Command(name, "Not available yet", what, place, takes_any=True)
+def _section(section: Section, *commands: Command) -> tuple[Command, ...]:
+    return tuple(replace(command, section=section) for command in commands)
+
+
+def _unavailable(what: str, *names: str) -> tuple[Command, ...]:
+    commands = (Command(name, what, "not_built", takes_any=True) for name in names)
+    return _section("Not available yet", *commands)
 
 
 COMMANDS: tuple[Command, ...] = (
-    Command("start-training", "Train", "Train the model that run.env describes."),
-    Command("stop-training", "Train", "Stop the training; what was learned is kept."),
-    Command("increment-training", "Train", "Start a new model from this one's weights."),
-    Command("stop-all", "Train", "Stop everything that was started in this folder."),
-    Command("evaluate", "Evaluate", "Drive evaluation laps and report the result."),
-    Command(
-        "start-evaluation",
+    *_section(
+        "Train",
+        Command("start-training", "Train the model that run.env describes."),
+        Command("stop-training", "Stop the training; what was learned is kept.", "stop"),
+        Command("increment-training", "Start a new model from this one's weights.", "increments"),
+        Command("stop-all", "Stop everything that was started in this folder.", "stop"),
+    ),
+    *_section(
         "Evaluate",
-        "Same as evaluate (name in DeepRacer-for-Cloud).",
-        "evaluate:evaluate",
+        Command("evaluate", "Drive evaluation laps and report the result."),
+        Command(
+            "start-evaluation",
+            "Same as evaluate (name in DeepRacer-for-Cloud).",
+            "evaluate",
+            "evaluate",
+        ),
+        Command("stop-evaluation", "Stop a running evaluation.", "stop"),
     ),
-    Command("stop-evaluation", "Evaluate", "Stop a running evaluation."),
-    Command("status", "Monitor", "Show the training: state, curves, checkpoints."),
-    Command("summary", "Monitor", "Show settings, bucket and runs on one page."),
-    Command("logs", "Monitor", "Show a worker's log."),
-    Command(
-        "logs-sagemaker", "Monitor", "Follow the trainer's log.", "reference_logs:logs_sagemaker"
-    ),
-    Command(
-        "logs-robomaker",
+    *_section(
         "Monitor",
-        "Follow the log of a simulation worker.",
-        "reference_logs:logs_robomaker",
+        Command("status", "Show the training: state, curves, checkpoints."),
+        Command("summary", "Show settings, bucket and runs on one page."),
+        Command("logs", "Show a worker's log."),
+        Command("logs-sagemaker", "Follow the trainer's log.", "reference_logs"),
+        Command("logs-robomaker", "Follow a simulation worker's log.", "reference_logs"),
+        Command("find-sagemaker", "Print the trainer's process number.", "reference_logs"),
+        Command("find-robomaker", "Print the simulation workers' numbers.", "reference_logs"),
+        Command("get-robomaker-stats", "Show a simulation worker's speed.", "reference_logs"),
     ),
-    Command(
-        "find-sagemaker",
-        "Monitor",
-        "Print the process number of the trainer.",
-        "reference_logs:find_sagemaker",
-    ),
-    Command(
-        "find-robomaker",
-        "Monitor",
-        "Print those of the simulation workers.",
-        "reference_logs:find_robomaker",
-    ),
-    Command(
-        "get-robomaker-stats",
-        "Monitor",
-        "Show how fast a simulation worker drives.",
-        "reference_logs:get_robomaker_stats",
-    ),
-    Command("upload-model", "Models", "Copy a model to another bucket."),
-    Command("increment-upload-model", "Models", "Raise the number in the next upload's name."),
-    Command("download-model", "Models", "Copy a model from another bucket."),
-    Command("list-models", "Models", "List the models in the bucket."),
-    Command(
-        "list-aws-models",
+    *_section(
         "Models",
-        "List the models in the upload bucket.",
-        "list_models:list_aws_models",
+        Command("upload-model", "Copy a model to another bucket."),
+        Command(
+            "increment-upload-model", "Raise the number in the next upload's name.", "increments"
+        ),
+        Command("download-model", "Copy a model from another bucket."),
+        Command("list-models", "List the models in the bucket."),
+        Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
+        Command("set-upload-model", "Choose the name of the next upload.", "increments"),
     ),
-    Command("set-upload-model", "Models", "Choose the name of the next upload."),
-    Command("init", "Settings and files", "Create a working folder."),
-    Command("config", "Settings and files", "Show, check and change settings.", "config:app"),
-    Command("validate", "Settings and files", "Check everything that a training needs."),
-    Command(
-        "upload-custom-files",
+    *_section(
         "Settings and files",
-        "Copy custom_files/ to the bucket.",
-        "custom_files:upload_custom_files",
+        Command("init", "Create a working folder."),
+        Command("config", "Show, check and change settings.", function="app"),
+        Command("validate", "Check everything that a training needs."),
+        Command("upload-custom-files", "Copy custom_files/ to the bucket.", "custom_files"),
+        Command("download-custom-files", "Copy custom_files/ from the bucket.", "custom_files"),
+        Command("update", "Check whether the settings are right."),
+        Command("update-env", "Same as update.", "update", "update"),
+        Command("reload", "Same as update.", "update", "update"),
+        Command("url", "Show the addresses of bucket and model."),
+        Command("local-aws", "Run the aws command on the bucket.", takes_any=True),
+        Command("completion", "Install shell completion (Tab).", function="app"),
+        Command("shell-env", "Print the settings for activate.sh.", hidden=True),
     ),
-    Command(
-        "download-custom-files",
-        "Settings and files",
-        "Copy custom_files/ from the bucket.",
-        "custom_files:download_custom_files",
+    *_section(
+        "Tracks and rewards",
+        Command("tracks", "List, show, add and fetch tracks.", function="app"),
+        Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),
-    Command("update", "Settings and files", "Check whether the settings are right."),
-    Command("update-env", "Settings and files", "Same as update.", "update:update"),
-    Command("reload", "Settings and files", "Same as update.", "update:update"),
-    Command("url", "Settings and files", "Show the addresses of bucket and model."),
-    Command(
-        "local-aws",
-        "Settings and files",
-        "Run the aws command on the bucket.",
-        takes_any=True,
+    *_unavailable("Archives for the physical car.", "upload-car-zip"),
+    *_unavailable(
+        "Live pictures of the cars.",
+        "start-viewer",
+        "stop-viewer",
+        "update-viewer",
+        "view-stream",
     ),
-    Command(
-        "completion", "Settings and files", "Install shell completion (Tab).", "completion:app"
+    *_unavailable("Curves in Grafana.", "start-metrics", "stop-metrics"),
+    *_unavailable(
+        "Notebooks for log analysis.",
+        "start-loganalysis",
+        "stop-loganalysis",
+        "logs-loganalysis",
+        "url-loganalysis",
     ),
-    Command("shell-env", "Settings and files", "Print the settings for activate.sh.", hidden=True),
-    Command("tracks", "Tracks and rewards", "List, show, add and fetch tracks.", "tracks:app"),
-    Command(
-        "reward", "Tracks and rewards", "Check, plot and compare reward functions.", "reward:app"
+    *_unavailable("Tournaments; dr evaluate races two models.", "start-tournament"),
+    *_unavailable(
+        "DeepRacer on AWS.",
+        "droa-list-models",
+        "droa-get-model",
+        "droa-download-logs",
+        "droa-delete-model",
+        "droa-import-model",
     ),
-    _unavailable("upload-car-zip", "Archives for the physical car."),
-    _unavailable("start-viewer", "Live pictures of the cars."),
-    _unavailable("stop-viewer", "Live pictures of the cars."),
-    _unavailable("update-viewer", "Live pictures of the cars."),
-    _unavailable("view-stream", "Live pictures of the cars."),
-    _unavailable("start-metrics", "Curves in Grafana."),
-    _unavailable("stop-metrics", "Curves in Grafana."),
-    _unavailable("start-loganalysis", "Notebooks for log analysis."),
-    _unavailable("stop-loganalysis", "Notebooks for log analysis."),
-    _unavailable("logs-loganalysis", "Notebooks for log analysis."),
-    _unavailable("url-loganalysis", "Notebooks for log analysis."),
-    _unavailable("start-tournament", "Tournaments; dr evaluate races two models."),
-    _unavailable("droa-list-models", "DeepRacer on AWS."),
-    _unavailable("droa-get-model", "DeepRacer on AWS."),
-    _unavailable("droa-download-logs", "DeepRacer on AWS."),
-    _unavailable("droa-delete-model", "DeepRacer on AWS."),
-    _unavailable("droa-import-model", "DeepRacer on AWS."),
 )
 
 

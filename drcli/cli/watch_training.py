@@ -1,4 +1,4 @@
-"""Shows a running training: a live display on a terminal, lines elsewhere, or logs."""
+"""Shows a running training: as a live display, as lines, or by its logs."""
 
 import threading
 import time
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from drcli.runs.status import RunReport
 
 POLL_S = 1.0
-"""Time between two looks at a run; each look takes processor time from the training."""
+"""Time between two reports; each takes processor time from the training."""
 
 NEXT = [
     ("dr-logs trainer -f", "follow the trainer's log"),
     ("dr-status", "show the progress"),
     ("dr-stop-training", "stop; what was learned is kept"),
 ]
-"""What to do after a start."""
 
 Show = Callable[["RunReport"], None]
 """Shows one report of a run."""
@@ -41,32 +40,26 @@ def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
     """
     try:
         with display as show:
-
-            def show_to_reader(report: "RunReport") -> None:
+            for report in _reports(config):
                 show(report)
                 if console.reader_has_left():
-                    raise _ReaderLeft
-
-            return _watch(config, show_to_reader)
-    except (KeyboardInterrupt, _ReaderLeft):
+                    return None
+        return report
+    except KeyboardInterrupt:
         return None
-
-
-class _ReaderLeft(Exception):
-    """The pipe that the output goes to was closed."""
 
 
 @contextmanager
 def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
     """Watch from a thread while the training runs in this process."""
     stop = threading.Event()
+
+    def watch() -> None:
+        for report in _reports(config, stop):
+            show(report)
+
     with display as show:
-        watcher = threading.Thread(
-            target=_watch,
-            args=(config, show, stop),
-            name="watcher",
-            daemon=True,
-        )
+        watcher = threading.Thread(target=watch, name="watcher", daemon=True)
         watcher.start()
         try:
             yield
@@ -87,12 +80,7 @@ def live(*, verbose: bool) -> Iterator[Show]:
 
 
 def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
-    """A line for every iteration.
-
-    Args:
-        before: Iterations of earlier starts, which are not printed again.
-        verbose: Whether to print long lines.
-    """
+    """A line for every iteration, except those `before`, of earlier starts."""
     # An iteration that is repeated has the same number and another time.
     printed = {(record.iteration, record.elapsed_s) for record in before}
     warned = False
@@ -113,11 +101,7 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
 
 
 def logs(paths: Mapping[str, Path]) -> Display:
-    """Lines that are added to log files from now on.
-
-    Args:
-        paths: Log files by worker; with several, each line begins with the worker's name.
-    """
+    """Lines that are added to the workers' logs from now on; with several, after their names."""
     tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
     for tail in tails.values():
         tail.read()
@@ -140,8 +124,8 @@ def is_over(report: "RunReport") -> bool:
     return report.state not in ("starting", "running")
 
 
-def _watch(config: "RunConfig", show: Show, stop: threading.Event | None = None) -> "RunReport":
-    """Look and show until the training ends or, with a `stop`, once after that is set."""
+def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
+    """Reports until the training ends or, with a `stop`, one more after that is set."""
     from drcli.runs.status import inspect
 
     clock = stop or threading.Event()
@@ -151,8 +135,8 @@ def _watch(config: "RunConfig", show: Show, stop: threading.Event | None = None)
         report = inspect(config)
         if last is not None and not report.history:  # the bucket did not answer this time
             report = replace(report, history=last.history, best=last.best, last=last.last)
-        show(report)
+        yield report
         if stopped or (stop is None and is_over(report)):
-            return report
+            return
         last = report
         clock.wait(POLL_S)

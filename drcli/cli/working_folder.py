@@ -1,12 +1,15 @@
-"""The racer's working folder and its settings, as every command needs them."""
+"""Finds the racer's working folder and reads its settings."""
 
 import os
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drcli.base.errors import SettingsError
 from drcli.cli import console
-from drcli.config.settings import Settings, load_settings
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
 
 
 def working_folder() -> Path:
@@ -43,12 +46,14 @@ def current_folder() -> Path:
         ) from None
 
 
-def settings() -> Settings:
+def settings() -> "Settings":
     """The settings of the working folder.
 
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
+    from drcli.config.settings import load_settings  # takes a while, and help does not need it
+
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():
         raise SettingsError(

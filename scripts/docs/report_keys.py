@@ -28,7 +28,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),
     "models.model_list:ModelList": ("list-models", "list-aws-models"),
-    "cli.commands.set_upload_model:UploadName": ("set-upload-model",),
+    "cli.commands.increments:UploadName": ("set-upload-model",),
     "models.copy_custom_files:CustomFilesReport": ("upload-custom-files", "download-custom-files"),
     "config.folder_files:FolderReport": ("init",),
     "config.inspection:Values": ("config show",),

@@ -22,7 +22,7 @@ def test_the_files_of_the_reference_train_and_evaluate(workspace):
     evaluated = workspace.run("evaluate", "--json")
 
     assert checked.returncode == 0
-    assert "Settings: no errors, no warnings.\n" in checked.stdout
+    assert "Settings: 0 errors, 0 warnings.\n" in checked.stdout
     assert "A training can start." in checked.stdout
     assert trained.returncode == 0, trained.stderr
     assert trained.stderr.count("24 of the settings are for containers") == 1

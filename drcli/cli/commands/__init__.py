@@ -1,1 +1,1 @@
-"""The commands, one file each: parse, call, show."""
+"""The commands: parse, call, show. They import what only a run needs in their functions."""

@@ -41,7 +41,5 @@ def install(shell: _Shell = None, as_json: AsJson = False) -> None:
     Example: dr-completion install
     """
     done = completion.install(shell or completion.shell_of(os.environ), os.environ)
-    if as_json:
-        console.emit(done, "", as_json=True)
-        return
+    console.emit(done, None, as_json=as_json)
     console.say(f"New {done.shell} shells now complete the dr commands ({done.script}).")

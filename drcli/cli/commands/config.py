@@ -1,6 +1,6 @@
 """`dr config`: show, check and change the settings."""
 
-from typing import Annotated, get_args
+from typing import Annotated, Literal
 
 import typer
 
@@ -9,8 +9,6 @@ from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
-from drcli.config import editing, inspection
-from drcli.config.fields import FileName
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
 
@@ -39,9 +37,11 @@ def show(
 
     Example: dr-config show --changed
     """
+    from drcli.config.inspection import inspect_values
+
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
-    report = inspection.inspect_values(loaded, wanted, changed=changed)
+    report = inspect_values(loaded, wanted, changed=changed)
     rendered = settings_view.explained(report) if wanted else settings_view.values(report)
     console.emit(report, rendered, as_json=as_json)
 
@@ -86,12 +86,11 @@ def change(
         ),
     ],
     file: Annotated[
-        str | None,
+        Literal["run.env", "system.env"] | None,
         typer.Option(
             "--file",
             metavar="FILE",
             help="run.env or system.env; chosen for you when left out.",
-            autocompletion=candidates.settings_files,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -104,10 +103,11 @@ def change(
 
     Example: dr-config set DR_WORKERS=2 'DR_LOCAL_S3_MODEL_PREFIX=$DR_WORLD_NAME-1'
     """
-    edit = editing.set_values(working_folder(), _wanted(values), file=_file(file))
+    from drcli.config.editing import set_values
+
+    edit = set_values(working_folder(), _wanted(values), file=file)
     console.emit(edit, settings_view.edit(edit), as_json=as_json)
-    for warning in edit.warnings:
-        console.warn(warning)
+    console.warn(*edit.warnings)
     console.say(f"Written in {edit.directory}.")
 
 
@@ -138,6 +138,8 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
+    from drcli.config import inspection
+
     name = inspection.find_name(written, others)
     if name is None:
         from drcli.modelfiles.hyperparameters import KEYS
@@ -145,13 +147,3 @@ def _known(written: str, others: tuple[str, ...]) -> str:
         hint = _HYPERPARAMETER if written.lower() in KEYS else inspection.suggestion(written)
         raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name
-
-
-def _file(name: str | None) -> FileName | None:
-    if name is None:
-        return None
-    known: FileName
-    for known in get_args(FileName):
-        if name == known:
-            return known
-    raise typer.BadParameter(f"--file takes run.env or system.env, not '{name}'.")

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, prefix_option, wipe_option
 from drcli.cli.views import models_view
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
 
 
@@ -18,20 +19,10 @@ def download_model(
             "-s", "--source", metavar="URL", help="The model to copy: s3://bucket/prefix."
         ),
     ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            "-t",
-            "--target",
-            metavar="PREFIX",
-            help="Its name here.",
-            autocompletion=candidates.model_prefixes,
-        ),
-    ] = None,
+    target: Annotated[str | None, prefix_option("Its name here.", "-t", "--target")] = None,
     force: Force = False,
     wipe: Annotated[
-        bool,
-        typer.Option("-w", "--wipe", help="Delete files at the target that are not part of it."),
+        bool, wipe_option("Delete files at the target that are not part of it.")
     ] = False,
     dry_run: DryRun = False,
     custom_files: Annotated[
@@ -64,7 +55,7 @@ def download_model(
     planned = plan_download(loaded, options)
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
-        there = models_view.files(planned.used)
+        there = counted(planned.used, "file")
         console.warn(f"{planned.target_url} is not empty: {there}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)

@@ -10,7 +10,6 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import evaluation_view
 from drcli.cli.working_folder import settings
-from drcli.config.settings import Settings
 
 STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
@@ -61,17 +60,18 @@ def evaluate(
     Example: dr-evaluate --json
     """
     from drcli.runs import evaluation
+    from drcli.runs.evaluation_plan import prepare_evaluation
 
     loaded = settings()
     bring_tracks(loaded)
     if quiet and context.info_name == STARTER:
-        _start(loaded, clone=clone, as_json=as_json)
+        plan = prepare_evaluation(loaded, clone=clone, on_progress=console.say)
+        record = evaluation.launch_evaluation(plan)
+        started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
+        console.emit(started, None, as_json=as_json)
         return
-    report = evaluation.evaluate(
-        loaded,
-        clone=clone,
-        on_progress=(lambda text: None) if quiet else console.say,
-    )
+    say = (lambda text: None) if quiet else console.say
+    report = evaluation.evaluate(loaded, clone=clone, on_progress=say)
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         console.suggest(
@@ -81,15 +81,3 @@ def evaluate(
                 ("dr-status", "show how the training went"),
             ]
         )
-
-
-def _start(loaded: Settings, *, clone: bool, as_json: bool) -> None:
-    """Start it in the background, with the messages of DeepRacer-for-Cloud."""
-    from drcli.runs.evaluation import launch_evaluation
-    from drcli.runs.evaluation_plan import prepare_evaluation
-
-    plan = prepare_evaluation(loaded, clone=clone, on_progress=console.say)
-    record = launch_evaluation(plan)
-    if as_json:
-        started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
-        console.emit(started, "", as_json=True)

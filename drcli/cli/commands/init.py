@@ -3,19 +3,16 @@
 import os
 import re
 import shlex
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drcli.base.problems import ProblemsError
+from drcli.base.problems import BadValue, ProblemsError, shown
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson
-from drcli.cli.setup_questions import with_answers
 from drcli.cli.working_folder import current_folder, working_folder
-from drcli.config.folder_files import write
-from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -28,7 +25,7 @@ OPTIONS = {
     "DR_LOCAL_S3_PROFILE": "--profile",
     "DR_EXPERIMENT_NAME": "--experiment",
 }
-"""The option for each setting that can be given here."""
+"""The option for each setting that can be given here, in the order of `init`."""
 
 
 def init(
@@ -104,23 +101,18 @@ def init(
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
+    from drcli.config.folder_files import write
+    from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
+
     if folder == "":
         raise typer.BadParameter(
             "The name of the folder is empty. Leave it out for the current one."
         )
     if processor or style or mount:
         console.say("-a, -s and -m have no effect: they choose docker images and containers.")
-    given = {
-        "DR_WORLD_NAME": world,
-        "DR_RACE_TYPE": race_type,
-        "DR_LOCAL_S3_MODEL_PREFIX": prefix,
-        "DR_WORKERS": None if workers is None else str(workers),
-        "DR_CLOUD": cloud,
-        "DR_LOCAL_S3_BUCKET": bucket,
-        "DR_REMOTE_MINIO_URL": endpoint,
-        "DR_LOCAL_S3_PROFILE": profile,
-    }
-    values = {name: value for name, value in given.items() if value is not None}
+    given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
+    pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
+    values = {name: str(value) for name, value in pairs if value is not None}
     try:
         if experiment is not None:
             plan = plan_experiment(Path(folder or working_folder()), experiment, values)
@@ -136,56 +128,73 @@ def init(
             raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     report = write(plan)
-    for warning in report.warnings:
-        console.warn(warning)
+    console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
-    if as_json:
-        console.emit(report, "", as_json=True)
-    else:
-        console.say(f"{len(report.written)} files written to {report.folder}.")
+    console.emit(report, None, as_json=as_json)
+    console.say(f"{len(report.written)} files written to {report.folder}.")
     sourced = has_activate_script(plan.folder)
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     console.suggest(steps, elsewhere=True)
 
 
-def _in_options(error: ProblemsError, names: Collection[str]) -> Exception:
-    """A failure in the words of the command line, where that is what is wrong.
+def with_answers(
+    given: Mapping[str, str],
+    ask: Callable[[str, str, Sequence[str]], str],
+    warn: Callable[[str], None],
+) -> dict[str, str]:
+    """The settings that were given, and the answers to all other questions.
 
     Args:
-        error: In the words of the settings files, which do not exist yet.
-        names: Settings that were given here.
+        given: Texts by DR_ name; these questions are not asked.
+        ask: Takes a question, a default and the allowed words, and returns the answer.
+        warn: Prints what is wrong with an answer, before the question is asked again.
     """
-    ours = [item for item in error.errors if item.key in names]
-    if not ours:
-        return error
-    return typer.BadParameter(
-        "\n".join(f"{_spelt(item.message)} {_spelt(item.remedy)}" for item in ours)
-    )
+    from drcli.config.settings import catalogue
+
+    values = dict(given)
+
+    def ask_for(name: str, question: str, default: str, choices: Sequence[str] = ()) -> None:
+        while name not in values:
+            answer = ask(question, default, choices)
+            try:
+                catalogue()[name].read(answer)
+            except BadValue as bad:
+                warn(f"{shown(answer)} {bad.reason}. {bad.remedy}")
+            else:
+                values[name] = answer
+
+    clouds = candidates.clouds()
+    trainable = [kind for kind in candidates.race_types() if kind != "HEAD_TO_MODEL"]
+    ask_for("DR_WORLD_NAME", "Track (`dr-tracks list` shows them)", "reinvent_base")
+    ask_for("DR_RACE_TYPE", "Race", trainable[0], trainable)
+    ask_for("DR_LOCAL_S3_MODEL_PREFIX", "Name of the model", "rl-deepracer-sagemaker")
+    ask_for("DR_CLOUD", "Where the bucket is", clouds[0], clouds)
+    if values["DR_CLOUD"] != "local":
+        if values["DR_CLOUD"] in ("remote", "azure"):
+            ask_for("DR_REMOTE_MINIO_URL", "S3 address", "http://localhost:9000")
+        ask_for("DR_LOCAL_S3_BUCKET", "Name of the bucket", "bucket")
+        ask_for("DR_LOCAL_S3_PROFILE", "AWS profile that holds the keys", "default")
+    return values
 
 
-def _spelt(text: str) -> str:
-    """A sentence with options for the settings in it, except in commands that it quotes."""
+def _in_options(error: ProblemsError, names: Collection[str]) -> Exception:
+    """The error with options instead of settings, if one of these settings caused it."""
 
     def option(match: "re.Match[str]") -> str:
-        if match[1] is None:
+        if match[1] is None:  # a command
             return match[0]
         return OPTIONS[match[1]] + (" " if match[2] else "")
 
-    return re.sub(rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)", option, text)
+    ours = [f"{item.message} {item.remedy}" for item in error.errors if item.key in names]
+    pattern = rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)"
+    return typer.BadParameter(re.sub(pattern, option, "\n".join(ours))) if ours else error
 
 
 def _next(
     folder: Path, experiment: str | None, missing_track: str | None, *, sourced: bool
 ) -> list[tuple[str, str]]:
-    """What to type next, from the current folder.
-
-    Args:
-        folder: The working folder.
-        experiment: The experiment in it that was written.
-        missing_track: The track to be fetched first.
-        sourced: Whether the folder has a bin/activate.sh of ours.
-    """
+    """The next commands and their purposes; `sourced` if the folder has our bin/activate.sh."""
     steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
     active = os.environ.get("DR_DIR")
     if experiment is not None and sourced:

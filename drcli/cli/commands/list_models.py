@@ -8,7 +8,6 @@ from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
-from drcli.models import model_list, transfer_buckets
 
 _Pattern = Annotated[
     str,
@@ -45,9 +44,10 @@ def list_aws_models(pattern: _Pattern = "", as_json: AsJson = False) -> None:
 
 
 def _list(pattern: str, *, upload: bool, as_json: bool) -> None:
+    from drcli.models import model_list, transfer_buckets
+
     bucket = transfer_buckets.bucket_to_look_at(settings().transfer, upload=upload)
     with console.waiting(f"Reading s3://{bucket.name} ..."):
         found = model_list.list_models(bucket, pattern)
-    for sentence in (sentence for model in found.models for sentence in model.damaged):
-        console.warn(sentence)
+    console.warn(*(sentence for model in found.models for sentence in model.damaged))
     console.emit(found, models_view.models(found), as_json=as_json)

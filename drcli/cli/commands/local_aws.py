@@ -7,7 +7,6 @@ import typer
 
 from drcli.base.errors import NotAvailable
 from drcli.cli.working_folder import settings
-from drcli.runs.aws_command import aws_command
 
 
 def local_aws(context: typer.Context) -> None:
@@ -18,6 +17,8 @@ def local_aws(context: typer.Context) -> None:
 
     Example: dr-local-aws s3 ls s3://bucket/
     """
+    from drcli.runs.aws_command import aws_command
+
     program = shutil.which("aws")
     if program is None:
         raise NotAvailable(

@@ -9,7 +9,6 @@ from drcli.base.errors import Absent
 from drcli.cli import candidates, console
 from drcli.cli.log_tail import show_log
 from drcli.cli.working_folder import settings, working_folder
-from drcli.runs.run_logs import log_file
 
 TAIL_LINES = 20
 
@@ -42,6 +41,8 @@ def logs(
 
     Example: dr-logs trainer -f
     """
+    from drcli.runs.run_logs import log_file
+
     loaded, name = settings(), _name(worker, number)
     path = log_file(working_folder(), loaded.model_prefix, name)
     if not path.exists():
@@ -52,7 +53,6 @@ def logs(
 
 
 def _name(worker: str, number: int) -> str:
-    """The name of the log that is meant."""
     if worker == "sim":
         return f"sim-{number}"
     if worker in candidates.LOGS or re.fullmatch(r"sim-\d+", worker):
@@ -61,7 +61,6 @@ def _name(worker: str, number: int) -> str:
 
 
 def _remedy(name: str, workers: int) -> str:
-    """What to do about the log of that name, in a training on so many simulation workers."""
     if name == "evaluation":
         return "Start an evaluation with `dr-evaluate`, or add -f to wait for one."
     kind, _, number = name.partition("-")

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from drcli.base.errors import NotAvailable
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.runs.stopping import StopReport
 
 _DROA = "DeepRacer on AWS is not supported yet: models, logs and imports stay there."
 _DROA_REMEDY = (
@@ -37,6 +36,8 @@ def _nothing(command: str, message: str) -> Callable[[], None]:
     def answer(as_json: AsJson = False) -> None:
         console.say(message)
         if as_json:
+            from drcli.runs.stopping import StopReport
+
             console.emit(StopReport(), "", as_json=True)
 
     answer.__doc__ = f"{message}\n\nExits 0.\n\nExample: {command}"

@@ -1,10 +1,9 @@
-"""Names of DeepRacer-for-Cloud for logs, processes and speed of trainer and simulation."""
+"""Commands of DeepRacer-for-Cloud for the trainer's and simulation workers' logs and processes."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,8 +13,9 @@ from drcli.cli.log_tail import POLL_S, show_log
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
-from drcli.runs import status
-from drcli.runs.status import Process, ProcessReport
+
+if TYPE_CHECKING:
+    from drcli.runs.status import Process
 
 TAIL_LINES = 100
 """Lines of an existing log that are shown; the reference shows the last five minutes."""
@@ -43,7 +43,7 @@ def logs_sagemaker(wait_s: _Wait = 0.0, whole: _Whole = False) -> None:
 
     Example: dr-logs-sagemaker -w 15
     """
-    _follow(_trainers, _TRAINER, wait_s, whole=whole)
+    _follow(_TRAINER, wait_s, whole=whole)
 
 
 def logs_robomaker(
@@ -58,11 +58,7 @@ def logs_robomaker(
 
     Example: dr-logs-robomaker -n 2
     """
-
-    def look() -> list[Process]:
-        return _robomakers(evaluation)[replica - 1 : replica]
-
-    _follow(look, _Wanted.of(replica, evaluation=evaluation), wait_s, whole=whole)
+    _follow(_robomaker(replica, evaluation), wait_s, whole=whole)
 
 
 def find_sagemaker(as_json: AsJson = False) -> None:
@@ -70,7 +66,7 @@ def find_sagemaker(as_json: AsJson = False) -> None:
 
     Example: dr-find-sagemaker
     """
-    _print(_trainers(), _TRAINER, as_json=as_json)
+    _print(_TRAINER, as_json=as_json)
 
 
 def find_robomaker(
@@ -89,10 +85,7 @@ def find_robomaker(
 
     Example: dr-find-robomaker -n 1
     """
-    found = _robomakers(evaluation)
-    if replica is not None:
-        found = found[replica - 1 : replica]
-    _print(found, _Wanted.of(replica, evaluation=evaluation), as_json=as_json)
+    _print(_robomaker(replica, evaluation), as_json=as_json)
 
 
 def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
@@ -102,83 +95,83 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
 
     Example: dr-get-robomaker-stats -n 2 --json
     """
-    found = _robomakers(False)[replica - 1 : replica]
+    from drcli.runs.status import speed_of
+
+    wanted = _robomaker(replica)
+    found = wanted.find()
     if not found:
-        raise _absent(_Wanted.of(replica))
-    report = status.speed_of(found[0], settings().run)
+        raise wanted.absent()
+    report = speed_of(found[0], settings().run)
     console.emit(report, summary_view.speed(report), as_json=as_json)
 
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What is looked for.
+    """The processes that a command asks for.
 
     Attributes:
-        title: What the reference calls it.
-        starter: The command that starts it.
-        log: The command that shows its log, also after its end.
+        title: What the reference calls them.
+        starter: The command that starts them.
+        log: The command that shows their log, also after their end.
+        replica: Only this simulation worker, from 1.
+        evaluation: Whether to look for evaluations.
     """
 
     title: str
     starter: str
     log: str
+    replica: int | None = None
+    evaluation: bool = False
 
-    @classmethod
-    def of(cls, replica: int | None, *, evaluation: bool = False) -> "_Wanted":
-        """A simulation worker from 1 on, or any of them where no number is given."""
-        title = "Robomaker" if replica is None else f"Robomaker #{replica}"
-        if evaluation:
-            return cls(title, "dr-start-evaluation -q", "dr-logs evaluation")
-        return cls(title, "dr-start-training", f"dr-logs sim -n {(replica or 1) - 1}")
+    def find(self) -> "list[Process]":
+        """Those that run now."""
+        from drcli.runs import status
+
+        look = status.evaluations if self.evaluation else status.simulations
+        if self is _TRAINER:
+            look = status.trainers
+        found = look(working_folder(), settings().run_id)
+        return found if self.replica is None else found[self.replica - 1 : self.replica]
+
+    def absent(self) -> Absent:
+        """The error when none of them runs."""
+        remedy = f"Start it with `{self.starter}`; `{self.log}` shows the log of the last one."
+        return Absent(f"{self.title} is not running.", remedy=remedy)
 
 
 _TRAINER = _Wanted("Sagemaker", "dr-start-training", "dr-logs trainer")
 
 
-def _trainers() -> list[Process]:
-    return status.trainers(working_folder(), settings().run_id)
+def _robomaker(replica: int | None, evaluation: bool = False) -> _Wanted:
+    title = "Robomaker" if replica is None else f"Robomaker #{replica}"
+    if evaluation:
+        commands = "dr-start-evaluation -q", "dr-logs evaluation"
+    else:
+        commands = "dr-start-training", f"dr-logs sim -n {(replica or 1) - 1}"
+    return _Wanted(title, *commands, replica, evaluation)
 
 
-def _robomakers(evaluation: bool) -> list[Process]:
-    look = status.evaluations if evaluation else status.simulations
-    return look(working_folder(), settings().run_id)
-
-
-def _follow(
-    look: Callable[[], list[Process]], wanted: "_Wanted", wait_s: float, *, whole: bool
-) -> None:
-    """Show a worker's log until its run ends, or until Ctrl-C.
-
-    Args:
-        look: Finds the worker.
-        wanted: What is looked for.
-        wait_s: Longest time to wait for its start.
-        whole: Whether to show the whole log first.
-    """
+def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
+    """Show a worker's log until its run ends, or until Ctrl-C."""
     deadline = time.monotonic() + wait_s
-    found = look()
+    found = wanted.find()
     if not found and wait_s:
         console.say(f"Waiting for {wanted.title} to start ...")
     while not found and time.monotonic() < deadline:
         time.sleep(POLL_S)
-        found = look()
+        found = wanted.find()
     if not found:
-        raise _absent(wanted)
-    show_log(Path(found[0].log), None if whole else TAIL_LINES, lambda: bool(look()))
+        raise wanted.absent()
+    show_log(Path(found[0].log), None if whole else TAIL_LINES, lambda: bool(wanted.find()))
 
 
-def _print(found: list[Process], wanted: "_Wanted", *, as_json: bool) -> None:
-    """Print the process numbers of the workers that are alive; fail if there are none."""
-    report = ProcessReport([process for process in found if process.alive])
+def _print(wanted: _Wanted, *, as_json: bool) -> None:
+    """Print the numbers of the processes that are alive; fail if there are none."""
+    from drcli.runs.status import ProcessReport
+
+    report = ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)
     if as_json or lines:
         console.emit(report, lines, as_json=as_json)
     if not lines:
-        raise _absent(wanted)
-
-
-def _absent(wanted: "_Wanted") -> Absent:
-    return Absent(
-        f"{wanted.title} is not running.",
-        remedy=f"Start it with `{wanted.starter}`; `{wanted.log}` shows the log of the last one.",
-    )
+        raise wanted.absent()

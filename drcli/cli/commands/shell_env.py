@@ -6,7 +6,6 @@ import typer
 
 from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
-from drcli.config.shell import shell_change
 
 EXPERIMENT = "_DR_EXPERIMENT"
 """Variable in which the script names an experiment."""
@@ -19,6 +18,8 @@ def shell_env() -> None:
 
     Example: eval "$(dr shell-env)"
     """
+    from drcli.config.shell import shell_change
+
     try:
         change = shell_change(
             working_folder(), os.environ, experiment=os.environ.get(EXPERIMENT, "")

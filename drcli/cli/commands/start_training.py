@@ -7,19 +7,17 @@ import typer
 from drcli.base.errors import WorkerDied
 from drcli.cli import console, watch_training
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, wipe_option
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings, working_folder
-from drcli.config.settings import Settings
 
 if TYPE_CHECKING:
+    from drcli.config.settings import Settings
     from drcli.runs.status import RunReport
 
 
 def start_training(
-    wipe: Annotated[
-        bool, typer.Option("-w", "--wipe", help="Delete everything under the model prefix first.")
-    ] = False,
+    wipe: Annotated[bool, wipe_option("Delete everything under the model prefix first.")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the training of this model.")
     ] = False,
@@ -81,8 +79,7 @@ def start_training(
     with console.waiting("Checking settings, files and reward function ...", only_live=True):
         planned = plan.prepare(loaded, options)
     if not quiet:
-        for warning in planned.warnings:
-            console.warn(warning)
+        console.warn(*planned.warnings)
         console.say(views.start_text(planned))
 
     if quiet:
@@ -110,7 +107,7 @@ def start_training(
         if quiet:
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if as_json:
-                console.emit(inspect(loaded.run), "", as_json=True)
+                console.emit(inspect(loaded.run), None, as_json=True)
             return
         console.suggest(watch_training.NEXT)
         report = watch_training.until_the_end(loaded.run, display)
@@ -123,7 +120,7 @@ def start_training(
 
 
 def _followed(
-    loaded: Settings, trainer: bool, sim: bool, everything: bool, worker: int | None
+    loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
     """Names of the logs that -s, -r [N] and -a select."""
     if worker is not None and not sim:
@@ -142,8 +139,7 @@ def _end(report: "RunReport", *, as_json: bool) -> int:
     Returns:
         Its exit code; a training that left without one counts as a dead worker.
     """
-    if as_json:
-        console.emit(report, "", as_json=True)
+    console.emit(report, None, as_json=as_json)
     if report.state in ("finished", "stopped"):
         console.say(views.end_text(report))
     else:

@@ -5,7 +5,6 @@ from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import training_view
 from drcli.cli.working_folder import settings
-from drcli.runs import status as run_status
 
 
 def status(as_json: AsJson = False) -> None:
@@ -15,9 +14,10 @@ def status(as_json: AsJson = False) -> None:
 
     Example: dr-status --json
     """
-    report = run_status.inspect(settings().run)
-    for sentence in report.damaged:
-        console.warn(sentence)
+    from drcli.runs.status import inspect
+
+    report = inspect(settings().run)
+    console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
     if report.state == "lost" or report.dead:
         raise WorkerDied(

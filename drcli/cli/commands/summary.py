@@ -4,7 +4,6 @@ from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings
-from drcli.runs.summary import summarize
 
 
 def summary(as_json: AsJson = False) -> None:
@@ -15,5 +14,7 @@ def summary(as_json: AsJson = False) -> None:
 
     Example: dr-summary
     """
+    from drcli.runs.summary import summarize
+
     report = summarize(settings())
     console.emit(report, summary_view.summary(report), as_json=as_json)

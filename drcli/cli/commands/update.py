@@ -37,15 +37,10 @@ def update(
     Example: dr-update
     """
     loaded = settings()
-    files = {place.file for place in loaded.sources.values()}
-    files = {name for name in files if name not in ("environment", "flag")}
-    report = Checked(sorted(files), len(loaded.sources), list(loaded.warnings))
+    names = {place.file for place in loaded.sources.values()} - {"environment", "flag"}
+    report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
     if not quiet:
-        for warning in report.warnings:
-            console.warn(warning)
-        console.say(
-            f"{report.settings} settings of {' and '.join(report.files)} are right; "
-            "every command reads them when it is called."
-        )
-    if as_json:
-        console.emit(report, "", as_json=True)
+        console.warn(*report.warnings)
+        files = " and ".join(report.files)
+        console.say(f"{report.settings} settings of {files} are right; there is nothing to reload.")
+    console.emit(report, None, as_json=as_json)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force
+from drcli.cli.options import AsJson, DryRun, Force, prefix_option, wipe_option
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
 
@@ -26,14 +26,7 @@ def upload_model(
         ),
     ] = None,
     prefix: Annotated[
-        str | None,
-        typer.Option(
-            "-p",
-            "--prefix",
-            metavar="PREFIX",
-            help="Copy this model instead, under its own name.",
-            autocompletion=candidates.model_prefixes,
-        ),
+        str | None, prefix_option("Copy this model instead, under its own name.")
     ] = None,
     to: Annotated[
         str | None, typer.Option("--to", metavar="PREFIX", help="Name at the target.")
@@ -42,10 +35,7 @@ def upload_model(
     increment: Annotated[
         bool, typer.Option("-1", "--increment", help="Raise the number in the target's name first.")
     ] = False,
-    wipe: Annotated[
-        bool,
-        typer.Option("-w", "--wipe", help="Delete earlier uploads at the target."),
-    ] = False,
+    wipe: Annotated[bool, wipe_option("Delete earlier uploads at the target.")] = False,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:

@@ -1,7 +1,6 @@
 """`dr url`."""
 
-from enum import StrEnum
-from typing import Annotated, get_args
+from typing import Annotated, Literal, get_args
 
 import typer
 
@@ -9,23 +8,14 @@ from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings
-from drcli.runs import addresses
 
-
-class What(StrEnum):
-    """Whose address is wanted."""
-
-    bucket = "bucket"
-    model = "model"
-    custom_files = "custom-files"
-    metrics = "metrics"
-    all = "all"
+What = Literal["bucket", "model", "custom-files", "metrics", "all"]
 
 
 def url(
     what: Annotated[
         What, typer.Argument(metavar="WHAT", help="bucket, model, custom-files, metrics or all.")
-    ] = What.all,
+    ] = "all",
     as_json: AsJson = False,
 ) -> None:
     """Show the addresses of bucket, model, custom files and metrics, ready to paste.
@@ -35,9 +25,11 @@ def url(
 
     Example: dr-url model
     """
-    names = [name for name in get_args(addresses.PlaceName) if what in (What.all, name)]
+    from drcli.runs.addresses import PlaceName, addresses
+
     loaded = settings()
-    report = addresses.addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
+    names = [name for name in get_args(PlaceName) if what in ("all", name)]
+    report = addresses(loaded.storage, loaded.model, loaded.custom_files_prefix, names)
     console.emit(report, summary_view.addresses(report), as_json=as_json, folded=False)
     if report.running is False:
         where = "" if report.endpoint is None else ", at the same address as last time"

@@ -7,7 +7,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.cli import console
 from drcli.cli.options import AsJson
-from drcli.cli.views import problems_view
+from drcli.cli.views import settings_view
 from drcli.cli.working_folder import working_folder
 
 
@@ -34,6 +34,6 @@ def validate(
     folder = working_folder()
     with console.waiting(f"Checking {folder} ..."):
         report = everything.validate(folder, console_compatible=console_compatible)
-    console.emit(report, problems_view.report(report), as_json=as_json)
+    console.emit(report, settings_view.problems(report), as_json=as_json)
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)

@@ -1,4 +1,4 @@
-"""How iterations of a training look: in a line, as a table, as curves."""
+"""Shows iterations of a training: in a line, as a table, as curves."""
 
 import math
 from typing import TYPE_CHECKING
@@ -33,7 +33,7 @@ GAP = 2
 """Space between the columns of a table."""
 
 OPTIONAL = ("losses", "entropy", "steps", "laps")
-"""What a narrow terminal leaves out, in this order; `dr-status --json` has every number."""
+"""Columns that a narrow terminal leaves out, in this order; `dr-status --json` has all numbers."""
 
 
 def line(record: "IterationRecord", *, verbose: bool = False) -> str:
@@ -53,13 +53,7 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
 
 
 def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
-    """Iterations as a table.
-
-    Args:
-        records: Oldest first.
-        rows: How many rows to show at least; missing ones are empty.
-        columns: Width of the terminal; see `OPTIONAL`.
-    """
+    """Iterations, oldest first, as a table with at least so many rows, for a terminal that wide."""
     lines = [_cells(record) for record in records]
     widths = {
         name: max(least, *(len(cells[name]) for cells in lines), 0)
@@ -71,7 +65,7 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
     shown = Table(box=None, pad_edge=False, header_style="dim")
     sac = any(record.actor_loss is not None for record in records)
     for name, width in widths.items():
-        header = name if name != "losses" else "loss a/c" if sac else "loss p/v"
+        header = {"losses": "loss a/c" if sac else "loss p/v"}.get(name, name)
         shown.add_column(header, min_width=width, justify="right", no_wrap=True)
     for cells in lines:
         shown.add_row(*(cells[name] for name in widths))
@@ -83,37 +77,28 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
     """Mean progress, evaluations and mean reward, each in a line, for a terminal that wide."""
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
-    progress = [record.mean_progress for record in records]
-    reward = [record.mean_reward for record in records]
+    progress = sparkline.curve([record.mean_progress for record in records], width, top=100.0)
+    reward = sparkline.curve([record.mean_reward for record in records], width)
     completed = [_completed(record) for record in records]
-
-    def curve(name: str, drawn: str, style: str, newest: str) -> Text:
-        return Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), newest)
-
-    return [
-        curve(
-            "progress",
-            sparkline.curve(progress, width, top=100.0),
-            "green",
-            f"  {progress[-1]:.1f} %" if progress else "",
-        ),
-        curve(
+    last = records[-1] if records else None
+    lines = (
+        ("progress", progress, "green", f"{last.mean_progress:.1f} %" if last else ""),
+        (
             "eval",
             sparkline.marks(completed, width),
             "bold",
-            f"  {sparkline.ALL} all laps" if any(completed) else "",
+            f"{sparkline.ALL} all laps" if any(completed) else "",
         ),
-        curve(
-            "reward",
-            sparkline.curve(reward, width),
-            "cyan",
-            f"  {reward[-1]:.1f}" if reward else "",
-        ),
+        ("reward", reward, "cyan", f"{last.mean_reward:.1f}" if last else ""),
+    )
+    return [
+        Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), "  ", newest)
+        for name, drawn, style, newest in lines
     ]
 
 
 def time_split(record: "IterationRecord") -> str:
-    """Where the time of an iteration went."""
+    """How long each step of an iteration took."""
     return (
         f"drive {record.drive_s:.1f} s  learn {record.learn_s:.1f} s  "
         f"exchange {record.exchange_s:.1f} s"
@@ -129,14 +114,12 @@ def last_step(record: "IterationRecord") -> str:
 
 def clock(elapsed_s: float) -> str:
     """A time as m:ss or h:mm:ss."""
-    whole = max(0, int(elapsed_s))
-    hours, rest = divmod(whole, 3600)
-    minutes, left = divmod(rest, 60)
-    return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
+    minutes, seconds = divmod(max(0, int(elapsed_s)), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
 def _cells(record: "IterationRecord") -> dict[str, str]:
-    """An iteration's numbers by column."""
     return {
         "iter": str(record.iteration),
         "steps": f"{record.total_steps:,}",
@@ -160,8 +143,8 @@ def _named_losses(record: "IterationRecord") -> str:
     if record.actor_loss is not None and record.critic_loss is not None:
         losses = f"actor loss {record.actor_loss:.4f}  critic loss {record.critic_loss:.4f}"
     else:
-        losses = f"policy loss {_known(record.surrogate_loss, 4)}  "
-        losses += f"value loss {_known(record.value_loss, 4)}"
+        policy, value = _known(record.surrogate_loss, 4), _known(record.value_loss, 4)
+        losses = f"policy loss {policy}  value loss {value}"
     return f"{losses}  {last_step(record)}"
 
 

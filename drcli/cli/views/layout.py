@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from typing import Concatenate, ParamSpec
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.measure import Measurement
@@ -19,13 +21,11 @@ _LEAST_NAME = 24
 
 Cell = str | Text
 
+P = ParamSpec("P")
+
 
 class Fitted:
-    """A view that is drawn for the width of the terminal.
-
-    Args:
-        draw: Draws it for a number of columns.
-    """
+    """A view that `draw` draws for the number of columns of the terminal."""
 
     def __init__(self, draw: Callable[[int], RenderableType]) -> None:
         self._draw = draw
@@ -33,6 +33,16 @@ class Fitted:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Draw it."""
         yield self._draw(options.max_width)
+
+
+def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, Fitted]:
+    """Let a view whose first parameter is the number of columns get the terminal's width."""
+
+    @wraps(draw)
+    def view(*args: P.args, **named: P.kwargs) -> Fitted:
+        return Fitted(lambda columns: draw(columns, *args, **named))
+
+    return view
 
 
 @dataclass(frozen=True)
@@ -64,10 +74,11 @@ class Rows:
             yield self._table(first - excess)
             return
         for row in self.cells:
-            yield self._head(row[0])
+            name = Text(f"{self.names[0]} " if self.names[0] not in self.left else "")
+            yield name.append_text(Text.assemble(row[0]))
             pairs = zip(self.names[1:], row[1:], strict=True)
-            told = [Text.assemble((name, "dim"), " ", cell) for name, cell in pairs if cell]
-            yield indented(Text(", ").join(told))
+            cells = [Text.assemble((name, "dim"), " ", cell) for name, cell in pairs if cell]
+            yield indented(Text(", ").join(cells))
 
     def _table(self, first: int | None = None) -> Table:
         """The rows as a table; `first` is the width of its first column."""
@@ -85,9 +96,10 @@ class Rows:
             table.add_row(*map(Text.assemble, row))
         return table
 
-    def _head(self, cell: Cell) -> Text:
-        name = self.names[0]
-        return Text.assemble(cell) if name in self.left else Text.assemble(f"{name} ", cell)
+
+def counted(number: int, word: str) -> str:
+    """A number with its word, such as `1 file` and `2 files`."""
+    return f"{number:,} {word}" + ("" if number == 1 else "s")
 
 
 def indented(text: Cell, columns: int = INDENT) -> RenderableType:

@@ -1,4 +1,4 @@
-"""How copied models and files look, and a list of models."""
+"""Shows models, and what copying them and the custom files did."""
 
 from typing import TYPE_CHECKING
 
@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.filesize import decimal
 from rich.text import Text
 
-from drcli.cli.views.layout import Fitted, Rows
+from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
     from drcli.models.copy_custom_files import CustomFilesReport
@@ -22,89 +22,77 @@ _DAY, _MINUTE = 10, 16
 """Characters of a time in ISO 8601 up to its day and its minute."""
 
 
-def upload(report: "UploadReport") -> RenderableType:
+def upload(report: "UploadReport") -> str:
     """The result of an upload."""
     would = "Would upload" if report.dry_run else "Uploaded"
-    lines = [
-        f"{would} {report.checkpoint} of {report.source} to {report.target}: "
-        f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
-    ]
+    lines = [f"{would} {report.checkpoint} of {_copied(report)}"]
     if report.deleted:
         verb = "would be deleted" if report.dry_run else "deleted"
-        lines.append(f"{files(len(report.deleted))} of earlier uploads {verb}.")
+        lines.append(f"{counted(len(report.deleted), 'file')} of earlier uploads {verb}.")
     if report.older:
         lines.append(
             f"Older checkpoints are kept: {len(report.older)}, {decimal(report.older_bytes)}; "
             "-w deletes them."
         )
-    return Text("\n".join(lines))
+    return "\n".join(lines)
 
 
-def download(report: "DownloadReport") -> RenderableType:
+def download(report: "DownloadReport") -> str:
     """The result of a download."""
-    would = "Would download" if report.dry_run else "Downloaded"
-    lines = [
-        f"{would} {report.source} to {report.target}: "
-        f"{_counted(report.copied, report.copied_bytes, report.unchanged)}."
-    ]
+    lines = [f"{'Would download' if report.dry_run else 'Downloaded'} {_copied(report)}"]
     if not report.checkpoint:
         lines.append("It has no checkpoint yet, so it cannot drive.")
     if report.deleted:
         verb = "would be deleted" if report.dry_run else "deleted"
-        lines.append(f"Not part of it and {verb}: {files(len(report.deleted))}.")
+        lines.append(f"Not part of it and {verb}: {counted(len(report.deleted), 'file')}.")
     if report.strays:
-        lines.append(f"Not part of it: {files(len(report.strays))} at the target; -w deletes them.")
-    lines += [f"Wrote {path}" for path in report.custom_files]
-    return Text("\n".join(lines))
+        strays = counted(len(report.strays), "file")
+        lines.append(f"Not part of it: {strays} at the target; -w deletes them.")
+    return "\n".join([*lines, *(f"Wrote {path}" for path in report.custom_files)])
 
 
-def upload_increment(step: "UploadIncrement") -> RenderableType:
+def _copied(report: "UploadReport | DownloadReport") -> str:
+    same = f", {len(report.unchanged)} already there" if report.unchanged else ""
+    new = f"{counted(len(report.copied), 'file')}, {decimal(report.copied_bytes)}"
+    return f"{report.source} to {report.target}: {new}{same}."
+
+
+def upload_increment(step: "UploadIncrement") -> str:
     """The name of the next upload."""
-    wiped = f" {files(step.wiped)} deleted there." if step.wiped else ""
-    return Text(f"The next upload goes to {step.after}.{wiped}")
+    wiped = f" {counted(step.wiped, 'file')} deleted there." if step.wiped else ""
+    return f"The next upload goes to {step.after}.{wiped}"
 
 
-def custom_files(report: "CustomFilesReport", *, up: bool) -> RenderableType:
+def custom_files(report: "CustomFilesReport", *, up: bool) -> str:
     """Which of the racer's files were copied, and where to."""
     place = report.place if up else report.folder
-    lines = [*report.copied, f"{files(len(report.copied))} copied to {place}"]
-    lines[-1] += f", {len(report.unchanged)} unchanged." if report.unchanged else "."
-    return Text("\n".join(lines))
+    unchanged = f", {len(report.unchanged)} unchanged" if report.unchanged else ""
+    return "\n".join(
+        [*report.copied, f"{counted(len(report.copied), 'file')} copied to {place}{unchanged}."]
+    )
 
 
-def files(count: int) -> str:
-    """So many files."""
-    return "1 file" if count == 1 else f"{count:,} files"
-
-
-def models(found: "ModelList") -> RenderableType:
+@fitted
+def models(columns: int, found: "ModelList") -> RenderableType:
     """The models of a bucket."""
     if not found.models:
         matching = f" that matches {found.pattern}" if found.pattern else ""
-        return Text(f"There is no model in s3://{found.bucket}{matching}.")
-    return Group(
-        Text(f"s3://{found.bucket}", style="bold"),
-        Fitted(lambda columns: _table(found, columns)),
-    )
-
-
-def _table(found: "ModelList", columns: int) -> Rows:
+        return f"There is no model in s3://{found.bucket}{matching}."
     digits = _MINUTE if columns >= _WITH_TIME else _DAY
-    return Rows(
-        ("model", "ckpts", "best", "last", "size", "modified"),
-        [
-            (
-                Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
-                str(model.checkpoints),
-                _checkpoint(model.best),
-                _checkpoint(model.last),
-                decimal(model.size_bytes),
-                model.modified[:digits].replace("T", " "),
-            )
-            for model in found.models
-        ],
-        left=("model", "modified"),
-    )
+    rows = [
+        (
+            Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
+            str(model.checkpoints),
+            _checkpoint(model.best),
+            _checkpoint(model.last),
+            decimal(model.size_bytes),
+            model.modified[:digits].replace("T", " "),
+        )
+        for model in found.models
+    ]
+    names = ("model", "ckpts", "best", "last", "size", "modified")
+    title = Text(f"s3://{found.bucket}", style="bold")
+    return Group(title, Rows(names, rows, left=("model", "modified")))
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
@@ -112,8 +100,3 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
         return "-"
     number = entry.name.partition("_")[0]
     return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
-
-
-def _counted(copied: list[str], size_bytes: int, unchanged: list[str]) -> str:
-    same = f", {len(unchanged)} already there" if unchanged else ""
-    return f"{files(len(copied))}, {decimal(size_bytes)}{same}"

@@ -1,4 +1,4 @@
-"""How settings look: values with their places, problems, edits."""
+"""Shows settings: values and where they come from, problems, edits."""
 
 import re
 from collections.abc import Iterable
@@ -9,13 +9,17 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.base.problems import MOST_SHOWN, shown
-from drcli.cli.views import problems_view
-from drcli.cli.views.layout import INDENT, Fitted, indented
+from drcli.cli.views.layout import INDENT, counted, fitted, indented
 
 if TYPE_CHECKING:
+    from drcli.base.problems import Problem
+    from drcli.checks.check_report import Report
     from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
     from drcli.config.inspection import Value, Values
+
+BELOW_RULE = 8
+"""Indent of the message below its rule."""
 
 PLACE_COLUMN = 46
 """Column of a value's place, unless the value is longer or the terminal is narrow."""
@@ -27,22 +31,12 @@ PLACE_INDENT = 4
 """Indent of a place on a line of its own, where the value's line has no room."""
 
 
-def values(report: "Values") -> RenderableType:
-    """All values, as lines of a settings file with their places behind."""
-    return Fitted(lambda columns: _values(report, columns))
-
-
-def explained(report: "Values") -> RenderableType:
-    """Some values, each with what it means and what may be written."""
-    return Fitted(lambda columns: _explained(report, columns))
-
-
 def check(report: "FullCheck") -> RenderableType:
     """All problems of the settings, and what the other rules found."""
     lines: list[RenderableType] = []
-    for finding in report.errors[:MOST_SHOWN]:
-        lines.append(Text.assemble(("Error: ", "bold red"), str(finding)))
-        lines.append(indented(Text(f"Try: {finding.remedy}", style="dim")))
+    for problem in report.errors[:MOST_SHOWN]:
+        lines.append(Text.assemble(("Error: ", "bold red"), str(problem)))
+        lines.append(indented(Text(f"Try: {problem.remedy}", style="dim")))
     if len(report.errors) > MOST_SHOWN:
         lines.append(Text(f"And {len(report.errors) - MOST_SHOWN:,} more like these."))
     lines += [Text.assemble(("Warning: ", "yellow"), text) for text in report.warnings]
@@ -52,15 +46,15 @@ def check(report: "FullCheck") -> RenderableType:
         lines.append(indented(f"{group.reason}:"))
         lines.append(indented(Text(", ".join(group.names), style="dim"), 2 * INDENT))
     style = "bold red" if report.errors else "green"
-    counts = f"{_count(report.errors, 'error')}, {_count(report.warnings, 'warning')}."
+    counts = f"{counted(len(report.errors), 'error')}, {counted(len(report.warnings), 'warning')}."
     lines.append(Text(f"Settings: {counts}", style=style))
     if report.rules is not None:
-        lines.append(problems_view.report(report.rules))
+        lines.append(problems(report.rules))
     return Group(*lines)
 
 
 def edit(report: "Edit") -> RenderableType:
-    """What was changed, a line each."""
+    """A line for each change."""
     lines = []
     for change in report.changes:
         before = "" if change.before is None else f"  (was {shown(change.before) or 'empty'})"
@@ -68,7 +62,9 @@ def edit(report: "Edit") -> RenderableType:
     return Group(*lines)
 
 
-def _values(report: "Values", columns: int) -> RenderableType:
+@fitted
+def values(columns: int, report: "Values") -> RenderableType:
+    """All values, as lines of a settings file, each with the place it comes from."""
     lines: list[RenderableType] = []
     for title, group in groupby(report.settings, lambda value: value.group):
         lines += [Text(f"# {title}", style="bold"), *_lines(group, columns), Text("")]
@@ -80,7 +76,9 @@ def _values(report: "Values", columns: int) -> RenderableType:
     return Group(*lines[:-1])
 
 
-def _explained(report: "Values", columns: int) -> RenderableType:
+@fitted
+def explained(columns: int, report: "Values") -> RenderableType:
+    """Some values, each with its meaning and the values that are allowed."""
     lines: list[RenderableType] = []
     for value in report.settings:
         lines += [*_lines([value], columns), indented(value.meaning)]
@@ -91,6 +89,42 @@ def _explained(report: "Values", columns: int) -> RenderableType:
     for worker in report.workers:
         lines += _lines(worker.settings, columns)
     return Group(*lines)
+
+
+def problems(found: "Report") -> RenderableType:
+    """The report of the rules: errors, warnings, notes, and what was not tried."""
+    parts: list[RenderableType] = []
+    for title, style, group in (
+        ("Errors", "bold red", found.errors),
+        ("Warnings", "yellow", found.warnings),
+        ("Notes", "bold", found.notes),
+    ):
+        if group:
+            parts.append(Text(title, style=style))
+            parts += [part for item in group for part in _problem(item)]
+    if found.skipped:
+        parts.append(Text("Not tried", style="bold"))
+        parts += [indented(f"{', '.join(item.rules)}: {item.reason}") for item in found.skipped]
+    parts.append(Text(_sum(found), style="bold green" if found.ok else "bold red"))
+    return Group(*parts)
+
+
+def _problem(item: "Problem") -> list[RenderableType]:
+    lines = [indented(f"{item.rule}  {item.where}"), indented(item.message, BELOW_RULE)]
+    if item.remedy:
+        lines.append(indented(Text(f"Try: {item.remedy}", style="dim"), BELOW_RULE))
+    return lines
+
+
+def _sum(found: "Report") -> str:
+    counts = f"{counted(len(found.errors), 'error')}, {counted(len(found.warnings), 'warning')}."
+    if not found.ok:
+        return f"{counts} A training would not start."
+    if any(item.rule == "V-13" for item in found.warnings):
+        return f"{counts} A training can start when the present one has ended."
+    if found.notes:
+        return f"{counts} A training can start with what the notes say."
+    return f"{counts} A training can start."
 
 
 def _lines(values: "Iterable[Value]", columns: int) -> list[RenderableType]:
@@ -109,8 +143,3 @@ def _lines(values: "Iterable[Value]", columns: int) -> list[RenderableType]:
         else:
             lines += [Text(written, style), indented(Text(place, "dim"), PLACE_INDENT)]
     return lines
-
-
-def _count(things: "tuple[object, ...]", word: str) -> str:
-    number = len(things) or "no"
-    return f"{number} {word}" if len(things) == 1 else f"{number} {word}s"

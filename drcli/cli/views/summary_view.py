@@ -1,4 +1,4 @@
-"""How a summary looks, and addresses, stopped runs and speed."""
+"""Shows a summary, addresses, stopped runs and speed."""
 
 import time
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.cli.console import BOUNDLESS
-from drcli.cli.views.layout import Fitted
+from drcli.cli.views.layout import counted, fitted
 
 if TYPE_CHECKING:
     from drcli.runs.addresses import Addresses
@@ -25,45 +25,9 @@ _LABEL_WIDTH = 12
 Rows = list[tuple[str, RenderableType]]
 
 
-def summary(report: "Summary") -> RenderableType:
+@fitted
+def summary(columns: int, report: "Summary") -> RenderableType:
     """The page of `dr summary`."""
-    return Fitted(lambda columns: _summary(report, columns))
-
-
-def addresses(report: "Addresses") -> RenderableType:
-    """The addresses, none of them folded, so that each can be pasted."""
-    lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
-    for place in report.places:
-        lines.append(Text(f"{place.name}:", style="bold"))
-        ways = (place.s3, place.http, place.folder)
-        lines += [Text(f"  {way}") for way in ways if way is not None]
-    return Group(*lines)
-
-
-def stopped(report: "StopReport") -> RenderableType:
-    """What `dr stop-all` ended."""
-    lines = _ended(report)
-    if report.server:
-        lines.append("Stopped the local S3 server; objects stay.")
-    return Text("\n".join(lines) or "Nothing is running.")
-
-
-def stopped_evaluations(report: "StopReport") -> RenderableType:
-    """What `dr stop-evaluation` ended."""
-    return Text("\n".join(_ended(report)) or "No evaluation is running.")
-
-
-def speed(report: "SpeedReport") -> RenderableType:
-    """How fast a simulation worker drives, in one line."""
-    if report.steps_per_s is None or report.real_time_factor is None:
-        return Text(f"{report.worker} has not finished an iteration yet.")
-    return Text(
-        f"{report.worker}: {report.steps_per_s:.0f} steps/s, {report.real_time_factor:.0f} x real "
-        f"time, in the {report.steps:,} steps of iteration {report.iteration}."
-    )
-
-
-def _summary(report: "Summary", columns: int) -> RenderableType:
     left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
     right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
     head: list[RenderableType] = [Text(report.folder, style="bold")]
@@ -79,6 +43,39 @@ def _summary(report: "Summary", columns: int) -> RenderableType:
     both.add_column(ratio=1)
     both.add_row(_column(left), _column(right))
     return Group(*head, both, *warnings)
+
+
+def addresses(report: "Addresses") -> RenderableType:
+    """The addresses, none of them folded, so that each can be pasted."""
+    lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
+    for place in report.places:
+        lines.append(Text(f"{place.name}:", style="bold"))
+        ways = (place.s3, place.http, place.folder)
+        lines += [Text(f"  {way}") for way in ways if way is not None]
+    return Group(*lines)
+
+
+def stopped(report: "StopReport") -> str:
+    """What `dr stop-all` ended."""
+    lines = _ended(report)
+    if report.server:
+        lines.append("Stopped the local S3 server; objects stay.")
+    return "\n".join(lines) or "Nothing is running."
+
+
+def stopped_evaluations(report: "StopReport") -> str:
+    """What `dr stop-evaluation` ended."""
+    return "\n".join(_ended(report)) or "No evaluation is running."
+
+
+def speed(report: "SpeedReport") -> str:
+    """How fast a simulation worker drives, in one line."""
+    if report.steps_per_s is None or report.real_time_factor is None:
+        return f"{report.worker} has not finished an iteration yet."
+    return (
+        f"{report.worker}: {report.steps_per_s:.0f} steps/s, {report.real_time_factor:.0f} x real "
+        f"time, in the {report.steps:,} steps of iteration {report.iteration}."
+    )
 
 
 def _ended(report: "StopReport") -> list[str]:
@@ -101,13 +98,12 @@ def _column(groups: "list[tuple[str, Rows]]") -> RenderableType:
 
 
 def _model_rows(report: "Summary") -> Rows:
-    workers = "1 worker" if report.workers == 1 else f"{report.workers} workers"
     return [
         ("prefix", Text(report.prefix)),
         ("world", Text(report.world)),
         ("race", Text(report.race_type)),
         ("car", Text(report.car)),
-        ("run", Text(f"DR_RUN_ID {report.run_id}, {workers}")),
+        ("run", Text(f"DR_RUN_ID {report.run_id}, {counted(report.workers, 'worker')}")),
     ]
 
 
@@ -122,29 +118,23 @@ def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
         False: Text(f"{prefix} has no checkpoint yet"),
         True: Text(f"{prefix} is trained up to {bucket.checkpoint}"),
     }
-    rows: Rows = [
+    return [
         ("cloud", Text(f"{bucket.cloud}, s3://{bucket.name}")),
         ("server", Text(bucket.endpoint or "not started yet")),
         ("state", states[bucket.state]),
         ("model", model[bucket.model]),
     ]
-    return rows
 
 
 def _running_rows(running: "list[Running]") -> Rows:
     if not running:
         return [("nothing", Text(""))]
-    return [
-        (
-            run.kind,
-            Text(
-                f"run {run.run_id}, {run.model} on {run.world}, since "
-                f"{time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(run.since))}, "
-                f"process {run.pid}"
-            ),
-        )
-        for run in running
-    ]
+    rows: Rows = []
+    for run in running:
+        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(run.since))
+        where = f"run {run.run_id}, {run.model} on {run.world}"
+        rows.append((run.kind, Text(f"{where}, since {since}, process {run.pid}")))
+    return rows
 
 
 def _machine_rows(report: "Summary") -> Rows:

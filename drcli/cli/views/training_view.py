@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli.views import iterations
-from drcli.cli.views.layout import Fitted, indented
+from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
@@ -32,60 +32,15 @@ STATE_STYLES = {
 }
 
 
-def live(report: "RunReport", now_s: float, *, verbose: bool = False) -> RenderableType:
-    """The display that follows a training.
+@fitted
+def live(
+    columns: int, report: "RunReport", now_s: float, *, verbose: bool = False
+) -> RenderableType:
+    """The display that follows a training; `now_s` is the time in Unix seconds.
 
-    Every line is cut at the edge of the terminal and every missing one is left empty, so that its
-    height depends on nothing but the number of workers, and that only where `verbose` is chosen.
-
-    Args:
-        report: The run as it is.
-        now_s: Unix seconds, for the clock.
-        verbose: A line for each worker, and where the time of the newest iteration went.
+    Lines are cut at the edge of the terminal, and missing ones are left empty: the height never
+    changes. `verbose` adds a line for each worker, and the time that each step took.
     """
-    return Fitted(lambda columns: _live(report, now_s, columns, verbose=verbose))
-
-
-def run(report: "RunReport") -> RenderableType:
-    """Everything `dr status` has to say."""
-    return Fitted(lambda columns: _run(report, columns))
-
-
-def start_text(plan: "RunPlan") -> str:
-    """What is going to be trained, from what."""
-    config, inputs = plan.job.config, plan.inputs
-    count = config.train.workers
-    workers = "1 worker" if count == 1 else f"{count} workers"
-    begin = f", resuming from {plan.resumes}" if plan.resumes else ""
-    if plan.pretrained is not None:
-        begin = f", with the weights of {_source(plan.pretrained)}"
-    files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
-    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
-    return "\n".join(
-        [
-            *([f"Wiping path {model}"] if plan.wiped else []),
-            f"Training of model {model} starting{begin}.",
-            f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
-            "Using configuration files:",
-            *(f"   {file.origin}" for file in files),
-            plan.ends,
-        ]
-    )
-
-
-def increment(step: "Increment") -> RenderableType:
-    """From which weights the new model will start."""
-    return Text(f"{step.after} starts with the weights of {_source(step.pretrained)}.")
-
-
-def end_text(report: "RunReport") -> str:
-    """How a training ended."""
-    best = f" Best checkpoint: {report.best.name}." if report.best else ""
-    return f"{report.message}{best} {report.remedy}".strip()
-
-
-def _live(report: "RunReport", now_s: float, columns: int, *, verbose: bool) -> RenderableType:
-    ended = report.state not in ("starting", "running")
     parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
     if verbose:
         parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
@@ -97,35 +52,30 @@ def _live(report: "RunReport", now_s: float, columns: int, *, verbose: bool) -> 
         iterations.table(report.history[-LIVE_ROWS:], LIVE_ROWS, columns),
         *iterations.curves(report.history, columns),
     ]
-    # A warning names the best checkpoint too, so it takes the place of the line about them.
-    parts.append(
-        Text(f"Warning: {report.warning}", style="bold yellow")
-        if report.warning
-        else Text(_checkpoints(report))
-    )
-    parts.append(Text("" if ended else FOOTER, style="dim"))
+    # A warning names the best checkpoint too, so it replaces the line about checkpoints.
+    parts.append(_warning(report) if report.warning else Text(_checkpoints(report)))
+    parts.append(Text(FOOTER if report.state in ("starting", "running") else "", style="dim"))
     for part in parts:
         if isinstance(part, Text):
             part.no_wrap, part.overflow = True, "ellipsis"
     return Group(*parts)
 
 
-def _run(report: "RunReport", columns: int) -> RenderableType:
+@fitted
+def run(columns: int, report: "RunReport") -> RenderableType:
+    """The page of `dr status`."""
     if report.state == "none":
         return Text("Nothing was started here yet. Start with `dr-start-training`.")
-    head = _head(report)
-    parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", head)]
+    parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))
     if report.state == "failed" and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         for worker in report.workers:
-            alive = "alive" if worker.alive else "DEAD"
-            again = f", restarted {worker.restarts} x" if worker.restarts else ""
-            parts.append(
-                indented(f"{worker.name} ({alive}, process {worker.pid}{again}): {worker.activity}")
-            )
+            state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
+            state += f", restarted {worker.restarts} x" if worker.restarts else ""
+            parts.append(indented(f"{worker.name} ({state}): {worker.activity}"))
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
@@ -140,16 +90,49 @@ def _run(report: "RunReport", columns: int) -> RenderableType:
             Text(_checkpoints(report)),
         ]
         if report.warning:
-            parts.append(Text(f"Warning: {report.warning}", style="bold yellow"))
+            parts.append(_warning(report))
     return Group(*parts)
+
+
+def start_text(plan: "RunPlan") -> str:
+    """What will be trained, and from which files and weights."""
+    config, inputs = plan.job.config, plan.inputs
+    workers = counted(config.train.workers, "worker")
+    begin = f", resuming from {plan.resumes}" if plan.resumes else ""
+    if plan.pretrained is not None:
+        begin = f", with the weights of {_source(plan.pretrained)}"
+    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
+    lines = [f"Wiping path {model}"] if plan.wiped else []
+    lines += [
+        f"Training of model {model} starting{begin}.",
+        f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
+        "Using configuration files:",
+        *(f"   {f.origin}" for f in (inputs.reward, inputs.hyperparameters, inputs.metadata)),
+        plan.ends,
+    ]
+    return "\n".join(lines)
+
+
+def increment(step: "Increment") -> RenderableType:
+    """From which weights the new model will start."""
+    return Text(f"{step.after} starts with the weights of {_source(step.pretrained)}.")
+
+
+def end_text(report: "RunReport") -> str:
+    """How a training ended."""
+    best = f" Best checkpoint: {report.best.name}." if report.best else ""
+    return f"{report.message}{best} {report.remedy}".strip()
 
 
 def _source(pretrained: "Pretrained") -> str:
     return f"{pretrained.prefix} ({pretrained.checkpoint} checkpoint {pretrained.name})"
 
 
+def _warning(report: "RunReport") -> Text:
+    return Text(f"Warning: {report.warning}", style="bold yellow")
+
+
 def _head(report: "RunReport") -> Text:
-    """Which run, and in what state."""
     return Text.assemble(
         (report.state, STATE_STYLES.get(report.state, "")),
         f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
@@ -157,7 +140,7 @@ def _head(report: "RunReport") -> Text:
 
 
 def _pace(report: "RunReport", now_s: float) -> str:
-    """How long it has trained and how fast it is."""
+    """How long and how fast it trains."""
     clock = iterations.clock(now_s - report.started_at) if report.started_at else "0:00"
     if not report.history:
         return f"{clock}   the first iteration is being driven"

@@ -150,7 +150,7 @@ def test_a_width_that_nobody_can_read_is_not_believed(working_folder, columns):
         text=True,
     )
 
-    assert "Settings: no errors" in done.stdout
+    assert "Settings: 0 errors" in done.stdout
 
 
 def test_help_lists_all_exit_codes(dr, capsys):
@@ -311,7 +311,7 @@ def test_a_bug_in_a_folder_that_is_gone_is_one_sentence(dr, failing, gone, monke
     def fail(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("drcli.cli.commands.stop_training.working_folder", fail)
+    monkeypatch.setattr("drcli.cli.commands.stop.working_folder", fail)
 
     code = dr("stop-training")
 

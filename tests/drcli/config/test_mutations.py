@@ -170,7 +170,7 @@ def test_line_ends_and_marks_change_nothing(seed, damage, working_folder, capsys
         main(["config", "check", "--settings"])
 
     assert end.value.code == 0
-    assert capsys.readouterr().out.endswith("Settings: no errors, no warnings.\n")
+    assert capsys.readouterr().out.endswith("Settings: 0 errors, 0 warnings.\n")
 
 
 def folder(path: Path) -> None:

@@ -88,7 +88,7 @@ def test_right_settings_pass_the_check(dr, working_folder, capsys):
     code = dr("config", "check", "--settings")
 
     printed = capsys.readouterr()
-    assert (code, printed.out, printed.err) == (0, "Settings: no errors, no warnings.\n", "")
+    assert (code, printed.out, printed.err) == (0, "Settings: 0 errors, 0 warnings.\n", "")
 
 
 @pytest.fixture
@@ -179,7 +179,7 @@ def test_what_has_no_effect_is_listed_by_reason(dr, working_folder, capsys):
         "DR_DOCKER_STYLE",
         "  drcli opens no window and needs no X server:",
         "    DR_HOST_X",
-        "Settings: no errors, no warnings.",
+        "Settings: 0 errors, 0 warnings.",
     ]
 
 

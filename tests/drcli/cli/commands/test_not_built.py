@@ -6,7 +6,7 @@ import pytest
 
 from drcli.cli.table import COMMANDS
 
-NAMES = [c.name for c in COMMANDS if c.target.startswith("not_built:")]
+NAMES = [c.name for c in COMMANDS if c.module == "not_built"]
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith("stop-")])

@@ -38,7 +38,7 @@ CALLS = {
     "init elsewhere": "",
     "config show": "DR_WORLD_NAME=reinvent_base",
     "config show DR_WORLD_NAME DR_HOST_X": "Allowed: ",
-    "config check --settings": "Settings: no errors",
+    "config check --settings": "Settings: 0 errors",
     "config set DR_WORKERS=1": "DR_WORKERS=1",
     "validate": "V-21",
     "upload-custom-files": "copied to",

@@ -12,9 +12,9 @@ def test_right_settings_are_said_to_be_right_in_one_line(dr, working_folder, cap
     printed = capsys.readouterr()
     assert code == 0
     assert printed.out == ""
-    assert printed.err == (
-        "5 settings of run.env and system.env are right; every command reads them when it is "
-        "called.\n"
+    assert (
+        printed.err
+        == "5 settings of run.env and system.env are right; there is nothing to reload.\n"
     )
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.cli.setup_questions import with_answers
+from drcli.cli.commands.init import with_answers
 
 
 def never(sentence: str) -> None:

@@ -1,0 +1,118 @@
+"""Commands that give the next model or upload a new name, in run.env."""
+
+import shlex
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, Delimiter, Force, prefix_option, wipe_option
+from drcli.cli.views import models_view, training_view
+from drcli.cli.views.layout import counted
+from drcli.cli.working_folder import settings, working_folder
+
+
+def increment_training(
+    force: Force = False,
+    wipe: Annotated[bool, wipe_option("Delete everything under the new model prefix.")] = False,
+    prefix: Annotated[str | None, prefix_option("Name of the new model.")] = None,
+    delimiter: Delimiter = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make the next training start a new model from this model's weights.
+
+    Changes run.env and keeps a copy as run.env.bak: the current model becomes the pretrained one,
+    and the number at the end of its name goes up by one. A name without a number gets -1.
+
+    Example: dr-increment-training -f
+    """
+    from drcli.runs.increment import make_increment, plan_increment
+
+    loaded = settings()
+    planned = plan_increment(loaded, prefix=prefix, delimiter=delimiter, wiping=wipe)
+    step = planned.step
+    _announce(step.file, step.before, step.after)
+    prompts.agree("Are you sure?", yes=force)
+    if step.wipes:
+        prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
+    make_increment(planned, loaded.storage)
+    console.emit(step, training_view.increment(step), as_json=as_json)
+    _done(step.file, step.backup, "dr-start-training", "train the new model")
+
+
+def increment_upload_model(
+    force: Force = False,
+    wipe: Annotated[bool, wipe_option("Delete everything under the new name first.")] = False,
+    prefix: Annotated[str | None, prefix_option("Use this name for the next upload.")] = None,
+    delimiter: Delimiter = None,
+    as_json: AsJson = False,
+) -> None:
+    """Give the next upload a new name: raise the number at the end of DR_UPLOAD_S3_PREFIX.
+
+    Changes run.env and keeps a copy as run.env.bak. A name without a number gets -1.
+
+    Example: dr-increment-upload-model -f
+    """
+    from drcli.models import upload_prefix
+
+    planned = upload_prefix.plan_upload_increment(
+        settings(), prefix=prefix, delimiter=delimiter, wiping=wipe
+    )
+    step = planned.step
+    _announce(step.file, step.before, step.after)
+    if step.wiped:
+        place = f"s3://{planned.settings.upload_s3_bucket}/{step.after}"
+        console.warn(f"{counted(step.wiped, 'file')} at {place} will be deleted.")
+    prompts.agree("Are you sure?", yes=force)
+    upload_prefix.make_upload_increment(planned)
+    console.emit(step, models_view.upload_increment(step), as_json=as_json)
+    _done(step.file, step.backup, "dr-upload-model", "upload the model there")
+
+
+@dataclass(frozen=True)
+class UploadName:
+    """The name of the next upload.
+
+    Attributes:
+        file: The file that was edited.
+        before: The prefix until now.
+        after: The prefix from now on.
+        target: The whole address.
+    """
+
+    file: str
+    before: str
+    after: str
+    target: str
+
+
+def set_upload_model(
+    prefix: Annotated[str, typer.Argument(metavar="PREFIX", help="Name of the next upload.")],
+    as_json: AsJson = False,
+) -> None:
+    """Choose the name of the next upload: writes DR_UPLOAD_S3_PREFIX to run.env.
+
+    Example: dr-set-upload-model team/fast-car-1
+    """
+    from drcli.config.editing import set_values
+
+    folder, before = working_folder(), settings().upload_s3_prefix
+    edit = set_values(folder, {"DR_UPLOAD_S3_PREFIX": prefix}, file="run.env")
+    console.warn(*edit.warnings)
+    after = settings()
+    place = f"s3://{after.upload_s3_bucket}/{after.upload_s3_prefix}"
+    file = str(folder / edit.changes[0].file)
+    report = UploadName(file, before, after.upload_s3_prefix, place)
+    console.emit(report, f"The next upload goes to {place} (written to {file}).", as_json=as_json)
+
+
+def _announce(file: str, before: str, after: str) -> None:
+    console.say(f"Configuration file {file} will be updated.")
+    console.say(f"Incrementing model from {before} to {after}")
+
+
+def _done(file: str, backup: str, command: str, purpose: str) -> None:
+    console.say("Done.")
+    undo = shlex.join(["cp", backup, file])
+    console.suggest([(command, purpose), (undo, "undo this change")])

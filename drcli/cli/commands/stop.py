@@ -1,0 +1,84 @@
+"""`dr stop-training`, `dr stop-evaluation` and `dr stop-all`."""
+
+from drcli.base.errors import SettingsError, WorkerDied
+from drcli.cli import console
+from drcli.cli.options import AsJson
+from drcli.cli.views import summary_view
+from drcli.cli.working_folder import settings, working_folder
+
+AFTERWARDS = [
+    ("dr-start-training --resume", "continue training"),
+    ("dr-evaluate", "drive laps with the best checkpoint"),
+    ("dr-status", "show how the training went"),
+]
+AFTER_NOTHING = [("dr-start-training -w", "start again")]
+"""What to do after a stop; the second list is for a stop before the first checkpoint."""
+
+
+def stop_training(as_json: AsJson = False) -> None:
+    """Stop the running training.
+
+    What was learned so far stays in the bucket; dr-start-training --resume continues it. Does
+    nothing when no training is running.
+
+    Example: dr-stop-training
+    """
+    from drcli.runs import stopping
+
+    folder = working_folder()
+    try:
+        loaded = settings()
+    except SettingsError:
+        # Settings that broke after the start must not keep the training from being stopped.
+        stopped = stopping.stop_the_only_training(folder)
+        if stopped is None:
+            raise
+        said = f"Stopped the training of {stopped.model}; the settings are broken now."
+        console.emit(stopping.StopReport([stopped]), said, as_json=as_json)
+        return
+    if not stopping.is_running(loaded.run):
+        console.emit(stopping.StopReport(), "No training is running.", as_json=as_json)
+        return
+    with console.waiting("Stopping the training; waiting for its workers to exit ..."):
+        report = stopping.stop(loaded.run)
+    model = f"s3://{report.bucket}/{report.prefix}"
+    if stopping.is_running(loaded.run):
+        raise WorkerDied(
+            f"The training of {model} (process {report.pid}) is still stopping.",
+            remedy="Run `dr-stop-training` again to stop it at once.",
+        )
+    stopped = stopping.Stopped("training", report.run_id, model, report.pid or 0)
+    last = report.last
+    newest = f"its last checkpoint is {last.name}" if last else "it has no checkpoint yet"
+    said = f"Stopped the training of {model}; {newest}."
+    console.emit(stopping.StopReport([stopped]), said, as_json=as_json)
+    console.suggest(AFTERWARDS if last else AFTER_NOTHING)
+
+
+def stop_evaluation(as_json: AsJson = False) -> None:
+    """Stop the running evaluations of this DR_RUN_ID, whichever shell started them.
+
+    They end within a second with exit code 143 and without results. Does nothing when none is
+    running.
+
+    Example: dr-stop-evaluation
+    """
+    from drcli.runs import stopping
+
+    report = stopping.StopReport(stopping.stop_evaluations(working_folder(), settings().run_id))
+    console.emit(report, summary_view.stopped_evaluations(report), as_json=as_json)
+
+
+def stop_all(as_json: AsJson = False) -> None:
+    """Stop everything that was started in this folder.
+
+    Stops the trainings and evaluations of every DR_RUN_ID, then the folder's local S3 server. What
+    was learned so far stays in the bucket. Does nothing when nothing is running.
+
+    Example: dr-stop-all
+    """
+    from drcli.runs import stopping
+
+    with console.waiting("Stopping everything that was started in this folder ..."):
+        report = stopping.stop_all(working_folder(), lambda: settings().storage)
+    console.emit(report, summary_view.stopped(report), as_json=as_json)
