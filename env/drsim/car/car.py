@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -139,11 +139,11 @@ def motor_commands(
 
     Requests (left positive, shape (n,)) are clipped to the limits of the car.
     """
-    steering_rad = np.radians(np.clip(steering_deg, -MAX_STEERING_DEG, MAX_STEERING_DEG))
-    wheel_rad_s = np.clip(speed_mps, MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
-    return steering_rad, np.minimum(
-        wheel_rad_s * parameters.speed_scale, parameters.max_wheel_rad_s
-    )
+    # Not np.clip, which takes three times as long for a few cars.
+    angle_deg = np.minimum(np.maximum(steering_deg, -MAX_STEERING_DEG), MAX_STEERING_DEG)
+    speed_mps = np.minimum(np.maximum(speed_mps, MIN_SPEED_MPS), MAX_SPEED_MPS)
+    wheel_rad_s = speed_mps / COMMAND_RADIUS_M * parameters.speed_scale
+    return np.radians(angle_deg), np.minimum(wheel_rad_s, parameters.max_wheel_rad_s)
 
 
 class CarBatch:
@@ -187,7 +187,7 @@ class CarBatch:
         self.lens_pos: Floats = np.zeros((num_cars, 3))
         self.lens_mat: Floats = np.zeros((num_cars, 3, 3))
         self.speed: Floats = np.zeros(num_cars)
-        self._motion = _Motion(
+        self._motion = (
             self.origin_xy,
             self.front_xy,
             self.yaw_rad,
@@ -286,7 +286,7 @@ class CarBatch:
 
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
-        _poses_of(self._qpos, self._qvel, _MOUNT, self._motion)
+        _poses_of(self._qpos, self._qvel, FRONT.mount_m, FRONT.pitch_rad, self._motion)
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
@@ -297,34 +297,18 @@ def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
     return float(data.qpos[2]), 2.0 * math.atan2(float(data.qpos[5]), float(data.qpos[3]))
 
 
-class _Mount(NamedTuple):
-    """Where the camera is built in, in the car's base frame."""
-
-    forward_m: float
-    up_m: float
-    pitch_rad: float
-
-
-class _Motion(NamedTuple):
-    """The attributes of a `CarBatch` that `_poses_of` writes."""
-
-    origin_xy: Floats
-    front_xy: Floats
-    yaw_rad: Floats
-    wheel_xy: Floats
-    lens_pos: Floats
-    lens_mat: Floats
-    speed: Floats
-
-
-_MOUNT = _Mount(forward_m=FRONT.mount_m[0], up_m=FRONT.mount_m[2], pitch_rad=FRONT.pitch_rad)
-
-
 @kernel
-def _poses_of(qpos: Floats, qvel: Floats, mount: _Mount, out: _Motion) -> None:
-    """Write where cars are, from MuJoCo's state: position, then a unit quaternion."""
-    cos_pitch = math.cos(mount.pitch_rad)
-    sin_pitch = math.sin(mount.pitch_rad)
+def _poses_of(
+    qpos: Floats,
+    qvel: Floats,
+    mount_m: tuple[float, float, float],
+    pitch_rad: float,
+    motion: tuple[Floats, ...],
+) -> None:
+    """Write `CarBatch._motion` from MuJoCo's state: position, then a unit quaternion."""
+    origin_xy, front_xy, yaw_rad, wheel_xy, lens_pos, lens_mat, speed = motion
+    forward_m, _, up_m = mount_m
+    cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)
     for i in range(qpos.shape[0]):
         x, y, z = qpos[i, 0], qpos[i, 1], qpos[i, 2]
         w, a, b, c = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
@@ -332,26 +316,26 @@ def _poses_of(qpos: Floats, qvel: Floats, mount: _Mount, out: _Motion) -> None:
         fx, fy, fz = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c), 2 * (a * c - w * b)
         lx, ly, lz = 2 * (a * b - w * c), 1 - 2 * (a * a + c * c), 2 * (b * c + w * a)
         ux, uy, uz = 2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)
-        out.origin_xy[i, 0] = x
-        out.origin_xy[i, 1] = y
+        origin_xy[i, 0] = x
+        origin_xy[i, 1] = y
         # The body's own x axis, pitch and all, as the reference rotates that point.
-        out.front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
-        out.front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
-        out.yaw_rad[i] = math.atan2(fy, fx)
+        front_xy[i, 0] = x + fx * REFERENCE_POINT_AHEAD_M
+        front_xy[i, 1] = y + fy * REFERENCE_POINT_AHEAD_M
+        yaw_rad[i] = math.atan2(fy, fx)
         for k in range(4):
             wx, wy, wz = WHEELS_M[k, 0], WHEELS_M[k, 1], WHEELS_M[k, 2]
-            out.wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
-            out.wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
-        out.lens_pos[i, 0] = x + fx * mount.forward_m + ux * mount.up_m
-        out.lens_pos[i, 1] = y + fy * mount.forward_m + uy * mount.up_m
-        out.lens_pos[i, 2] = z + fz * mount.forward_m + uz * mount.up_m
-        out.lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
-        out.lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
-        out.lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
-        out.lens_mat[i, 0, 1] = lx
-        out.lens_mat[i, 1, 1] = ly
-        out.lens_mat[i, 2, 1] = lz
-        out.lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
-        out.lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
-        out.lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
-        out.speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])
+            wheel_xy[i, k, 0] = x + fx * wx + lx * wy + ux * wz
+            wheel_xy[i, k, 1] = y + fy * wx + ly * wy + uy * wz
+        lens_pos[i, 0] = x + fx * forward_m + ux * up_m
+        lens_pos[i, 1] = y + fy * forward_m + uy * up_m
+        lens_pos[i, 2] = z + fz * forward_m + uz * up_m
+        lens_mat[i, 0, 0] = fx * cos_pitch - ux * sin_pitch
+        lens_mat[i, 1, 0] = fy * cos_pitch - uy * sin_pitch
+        lens_mat[i, 2, 0] = fz * cos_pitch - uz * sin_pitch
+        lens_mat[i, 0, 1] = lx
+        lens_mat[i, 1, 1] = ly
+        lens_mat[i, 2, 1] = lz
+        lens_mat[i, 0, 2] = fx * sin_pitch + ux * cos_pitch
+        lens_mat[i, 1, 2] = fy * sin_pitch + uy * cos_pitch
+        lens_mat[i, 2, 2] = fz * sin_pitch + uz * cos_pitch
+        speed[i] = math.hypot(qvel[i, 0], qvel[i, 1])

@@ -71,7 +71,8 @@ class Objects(NamedTuple):
             front_xy: The cars' points 0.14 m ahead of their origins. Shape (c, 2).
             heading_rad: Their yaws. Shape (c,).
         """
-        return _in_camera(self, cars, which, front_xy, heading_rad)
+        there = self.xy, self.yaw_rad, self.footprint_m
+        return _in_camera(there, cars, which, front_xy, heading_rad)
 
 
 @kernel
@@ -97,18 +98,23 @@ def _closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Int
 
 @kernel
 def _in_camera(
-    objects: Objects, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats
+    objects: tuple[Floats, Floats, Floats],
+    cars: Ints,
+    which: Ints,
+    front_xy: Floats,
+    heading_rad: Floats,
 ) -> Bools:
     """Turn each point into the frame of the lens and compare it with the edges of the frame."""
+    xy, yaw_rad, footprint_m = objects
     seen = np.zeros(len(cars), np.bool_)
     for i in range(len(cars)):
         k = which[i]
         cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
-        x = objects.xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
-        y = objects.xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
-        turn = objects.yaw_rad[cars[i], k] - heading_rad[i]
+        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
+        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        turn = yaw_rad[cars[i], k] - heading_rad[i]
         turn_cos, turn_sin = math.cos(turn), math.sin(turn)
-        half_m, across_m = 0.5 * objects.footprint_m[k, 0], 0.5 * objects.footprint_m[k, 1]
+        half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
         for along, aside in ((0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
             u, v = along * half_m, aside * across_m
             ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v

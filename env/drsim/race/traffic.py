@@ -9,7 +9,7 @@ from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.race.bots import Bots
 from drsim.race.objects import Objects
 from drsim.race.race import ObstacleRules, Race
-from drsim.race.rectangles import Rectangles, overlaps
+from drsim.race.rectangles import overlaps
 from drsim.race.solids import SHAPES, Shape
 from drsim.race.spacing import check_room, drawn_places, even_places
 from drsim.track.lanes import LanePaths
@@ -187,8 +187,8 @@ class Traffic:
             along_m: Where the points 0.14 m ahead of them are along the lap. Shape (n,).
         """
         touching = overlaps(
-            Rectangles(origin_xy, yaw_rad, size_m=np.array(SHAPES["race_car"].footprint_m)),
-            Rectangles(self.xy, self.yaw_rad, self._footprint_m),
+            (origin_xy, yaw_rad, np.array(SHAPES["race_car"].footprint_m)),
+            (self.xy, self.yaw_rad, self._footprint_m),
         )
         touching &= active[:, None]
         if self._opponents:

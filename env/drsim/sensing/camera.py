@@ -100,12 +100,11 @@ def render(
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     if light is not None and len(light.palettes) != cars:
         raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
-    lenses = raycast.Lenses(lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE)
+    lenses = lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
     backdrop = scene.backdrop
     if light is not None:
-        backdrop = raycast.Backdrop(
-            scene.walls_m, scene.wall_height_m, light.wall_greys, light.sky_greys, light.palettes
-        )
+        greys = light.wall_greys, light.sky_greys, light.palettes
+        backdrop = scene.walls_m, scene.wall_height_m, *greys
     raycast.draw(scene.picture, backdrop, lenses, out)
     if boxes is not None:
         cuboids.draw(boxes, _on_solids(light, cars), lenses, out)

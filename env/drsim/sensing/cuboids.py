@@ -57,12 +57,13 @@ class _Images(NamedTuple):
 
 
 @kernel
-def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
+def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
     """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
 
     `light` holds the weights of red, green and blue in a grey, first on every side, then on one
     that faces the sun. Shape (n, 6).
     """
+    lenses = Lenses(*lens_parts)
     cars, rows, columns = out.shape
     count = boxes.shape[1]
     images = _Images(

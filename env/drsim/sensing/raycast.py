@@ -10,7 +10,7 @@ not notice that a loop of another file has changed. What stands on the ground co
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,8 +107,18 @@ class Lens(NamedTuple):
 
 
 @kernel
-def draw(ground: Ground, backdrop: Backdrop, lenses: Lenses, out: Pixels) -> None:
-    """Draw one frame for each lens. Shape of the frames: (n, rows, columns)."""
+def draw(
+    ground_parts: tuple[Any, ...],
+    backdrop_parts: tuple[Any, ...],
+    lens_parts: tuple[Any, ...],
+    out: Pixels,
+) -> None:
+    """Draw one frame for each lens. Shape of the frames: (n, rows, columns).
+
+    The first three are the parts of a `Ground`, a `Backdrop` and `Lenses`.
+    """
+    ground, backdrop = Ground(*ground_parts), Backdrop(*backdrop_parts)
+    lenses = Lenses(*lens_parts)
     cars, rows, columns = out.shape
     behind = np.empty((rows, columns), np.float32)
     share = np.empty((rows, columns), np.float32)

@@ -74,20 +74,21 @@ class Scene:
         self.__dict__.update({**state, "texels": _words(state["texels"])})
 
     @cached_property
-    def picture(self) -> Ground:
+    def picture(self) -> tuple[Any, ...]:
         """The ground picture as `raycast.draw` needs it."""
-        return Ground(self.texels, self.levels, self.x_m, self.y_m, self.texel_m)
+        return tuple(Ground(self.texels, self.levels, self.x_m, self.y_m, self.texel_m))
 
     @cached_property
-    def backdrop(self) -> Backdrop:
+    def backdrop(self) -> tuple[Any, ...]:
         """Walls and sky in the usual light, likewise."""
-        return Backdrop(
+        backdrop = Backdrop(
             self.walls_m,
             self.wall_height_m,
             wall_greys=self.wall_greys[None],
             sky_greys=np.array([self.sky_grey], np.float32),
             palettes=np.empty((0, 256), np.uint8),
         )
+        return tuple(backdrop)
 
     @cached_property
     def ground(self) -> Bytes:

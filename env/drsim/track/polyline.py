@@ -1,7 +1,7 @@
 """Compiled geometry of polylines: the nearest point on one, and whether rings contain a point."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,16 +136,17 @@ def segments(points: Floats) -> Floats:
 
 
 @kernel
-def locate(xy: Floats, road: Road) -> Location:
-    """Where points lie relative to a track.
+def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The parts of the `Location` of points relative to a track.
 
     The driving direction only decides how the result is expressed, never what is measured: a width
     or a distance is the same number for a car that has turned round.
 
     Args:
         xy: Points in metres. Shape (m, 2).
-        road: The track.
+        road_parts: The parts of the track, a `Road`.
     """
+    road = Road(*road_parts)
     center, first, last = road.center, road.first, road.last
     m, end = xy.shape[0], center.shape[1]
     distance_m, center_xy, from_center_m = np.empty(m), np.empty((m, 2)), np.empty(m)
@@ -184,9 +185,7 @@ def locate(xy: Floats, road: Road) -> Location:
             previous[i], following[i] = last[end] - first[behind], last[end] - last[ahead]
         behind_is_nearer = _square_to(center, behind, x, y) <= _square_to(center, ahead, x, y)
         nearest[i] = previous[i] if behind_is_nearer else following[i]
-    return Location(
-        distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
-    )
+    return distance_m, center_xy, from_center_m, previous, following, nearest, width_m, left
 
 
 @kernel

@@ -108,7 +108,8 @@ class Track:
         Args:
             xy: Points in metres. Shape (m, 2).
         """
-        return polyline.locate(np.ascontiguousarray(xy, dtype=np.float64), self._road)
+        points = np.ascontiguousarray(xy, dtype=np.float64)
+        return Location(*polyline.locate(points, self._road))
 
     def on_road(self, xy: Floats) -> Bools:
         """Whether points lie strictly between the borders; a point exactly on one does not.
@@ -149,10 +150,10 @@ class Track:
         return self if self.turned is None else self.turned
 
     @cached_property
-    def _road(self) -> polyline.Road:
+    def _road(self) -> tuple[Any, ...]:
         given = self._as_given
         first, last = polyline.vertices(given.center)
-        return polyline.Road(
+        road = polyline.Road(
             center=given._center_segments,
             inner=polyline.segments(given.inner),
             outer=polyline.segments(given.outer),
@@ -162,6 +163,7 @@ class Track:
             is_ccw=self.is_ccw,
             backward=self.turned is not None,
         )
+        return tuple(road)
 
     @cached_property
     def _center_segments(self) -> Floats:
