@@ -1,11 +1,9 @@
 """Places on the lap, and how a car keeps its own where two stretches of the track are near."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
 
 JUMP_M = 1.0
 """No car drives this far in one step (the fastest drives 0.24 m)."""
@@ -24,14 +22,8 @@ def without_jump(track: Track, xy: Floats, found_m: float, before_m: float) -> f
     The nearest point of the whole line may lie on another stretch that passes nearby. If a car
     seems to have jumped there in one step, its place is searched again near where it was.
 
-    Args:
-        track: The track.
-        xy: The point in the world, metres. Shape (2,).
-        found_m: Distance of the nearest point of the whole line.
-        before_m: Distance one step before.
-
     Returns:
-        `found_m`, or the nearest distance within `JUMP_M` of `before_m`, to 2.5 cm.
+        `found_m`, or the distance nearest to `xy` within `JUMP_M` of `before_m`, to 2.5 cm.
     """
     gap_m = found_m - before_m
     if track.closed:

@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints, Singles
 from drsim.jit import kernel
 from drsim.race.solids import Cuboids
 from drsim.sensing.raycast import Lens, Lenses, Vector
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 Pixels = NDArray[np.uint8]
 Single = np.float32
 
