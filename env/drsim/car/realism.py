@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints, Seeds, Singles
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Frames = NDArray[np.uint8]
 
 _WIDEST_BLUR = 12
@@ -94,7 +93,7 @@ class Disturbances:
         self._blur_px: Floats = np.zeros(num_cars)
         self._turn: Floats = np.tile(np.eye(3), (num_cars, 1, 1))
         self._shift_m: Floats = np.zeros((num_cars, 3))
-        self._noise_key: NDArray[np.uint64] = np.zeros(num_cars, np.uint64)
+        self._noise_key: Seeds = np.zeros(num_cars, np.uint64)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
         """Draw for a new episode of a car; the same count of random numbers each time."""
@@ -156,7 +155,7 @@ def _spoil(
     brightness: Floats,
     blur_px: Floats,
     noise: float,
-    noise_key: NDArray[np.uint64],
+    noise_key: Seeds,
 ) -> None:
     cars, eyes, rows, columns = frames.shape
     picture = np.empty((rows, columns), np.float32)
@@ -191,7 +190,7 @@ def _normal(state: int) -> float:
 
 
 @kernel
-def _blur(picture: NDArray[np.float32], sigma_px: float) -> None:
+def _blur(picture: Singles, sigma_px: float) -> None:
     """Gaussian blur, rows first, then columns; the edge is repeated outwards."""
     rows, columns = picture.shape
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)

@@ -2,18 +2,13 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.car.car import CONTROL_HZ
-from drsim.episode.progress import advance_progress
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 IMMOBILIZED_M = 0.0003
 """A car that moves no further than this in a step stands still. Source: the reference simulator."""
@@ -187,23 +182,21 @@ class Episodes:
             backward_steps=count(),
             over=np.ones(num_cars, np.bool_),
         )
-        self._limits = _Limits(
-            laps=rules.laps,
-            max_resets=rules.max_resets,
-            patience_steps=rules.patience_steps,
-            max_steps=rules.max_steps,
-            pause_steps=np.array(
-                [round(rules.penalty_s(status) * CONTROL_HZ) for status in Status], np.int64
-            ),
+        self._parts = tuple(self.state)
+        pauses = [round(rules.penalty_s(status) * CONTROL_HZ) for status in Status]
+        self._limits = (
+            rules.laps,
+            rules.max_resets,
+            rules.patience_steps,
+            rules.max_steps,
+            np.array(pauses, np.int64),
         )
 
     def begin(self, cars: Ints, start_fraction: Floats, fraction: Floats) -> None:
-        """Start episodes with their `prepare` step.
+        """Start episodes of some cars with their `prepare` step. All of shape (k,).
 
-        Args:
-            cars: Which cars. Shape (k,).
-            start_fraction: Where the car origin stands on the lap, 0 .. 1. Shape (k,).
-            fraction: Where the point ahead of the car stands, 0 .. 1. Shape (k,).
+        The origin of a car is at `start_fraction` of the lap, 0 .. 1, the point ahead of it at
+        `fraction`.
         """
         state = self.state
         for values in state:
@@ -219,12 +212,7 @@ class Episodes:
         self.state.lap_steps[cars] += 1
 
     def put_back(self, cars: Ints, fraction: Floats) -> None:
-        """Take over where cars stand after a forgiven violation.
-
-        Args:
-            cars: Which cars. Shape (k,).
-            fraction: Where the point ahead of each is now, 0 .. 1 of the lap. Shape (k,).
-        """
+        """Take over where cars stand after a forgiven violation, 0 .. 1 of the lap. Shape (k,)."""
         start, before = self.state.start_fraction[cars], self.state.progress[cars]
         # A car can be put back with its nose across the finish line. It has not driven there: the
         # lap counts with the next step that it drives.
@@ -233,21 +221,7 @@ class Episodes:
 
     def judge(self, observed: Observed) -> Verdict:
         """Count one driven step and decide what it led to."""
-        state = self.state
-        fresh = observed.driven & (state.progress >= 100.0)
-        before = np.where(fresh, 0.0, state.progress)
-        now = advance_progress(before, observed.fraction, state.start_fraction)
-        return _judge(observed, before, now, self._limits, state)
-
-
-class _Limits(NamedTuple):
-    """`EpisodeRules` for the compiler. `pause_steps` are the steps to wait, by `Status` number."""
-
-    laps: int
-    max_resets: int
-    patience_steps: int
-    max_steps: int
-    pause_steps: Ints
+        return Verdict(*_judge(tuple(observed), self._limits, self._parts))
 
 
 _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
@@ -265,49 +239,79 @@ _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
 
 
 @kernel
+def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats) -> Floats:
+    """Progress after a step, in percent of a lap counted from the start of the episode.
+
+    Crossing the finish line forwards ends at exactly 100, backing over the start line gives
+    negative values, and a car that has just finished a lap begins again from 0. Source: the
+    reference simulator's rules, in their order.
+
+    All of shape (n,): `previous` is the progress of the step before, 0 at the start and after a
+    finished lap; a car is at `fraction` of the centre line, 0 .. 1 from waypoint 0.
+    """
+    progress = 100.0 * (fraction - start_fraction)
+    for car in range(len(progress)):
+        if progress[car] <= 0:
+            progress[car] += 100
+        if previous[car] > progress[car] + 50:
+            progress[car] += 100
+        if progress[car] > previous[car] + 50:
+            progress[car] -= 100
+        progress[car] = min(progress[car], 100.0)
+    return progress
+
+
+@kernel
 def _judge(
-    observed: Observed, before: Floats, now: Floats, limits: _Limits, state: EpisodeState
-) -> Verdict:
-    """Count one step of each driven car in `state` and judge it; progress goes `before` -> `now`.
+    observed: tuple[Any, ...], limits: tuple[Any, ...], state: tuple[Any, ...]
+) -> tuple[Ints, Bools, Bools, Bools]:
+    """Count one step of each driven car in `state` and judge it; the parts of a `Verdict`.
+
+    `observed` and `state` are the parts of `Observed` and `EpisodeState`; `limits` of the rules.
 
     A car that is not driven has patience again: only consecutive driven steps count.
     """
-    s, count = state, len(observed.driven)
+    driven, fraction, moved_m, off_track, crashed = observed
+    laps, max_resets, patience_steps, max_steps, pause_steps = limits
+    s, count = EpisodeState(*state), len(driven)
+    # After a completed lap progress begins again from 0.
+    before = np.where(driven & (s.progress >= 100.0), 0.0, s.progress)
+    now = advance_progress(before, fraction, s.start_fraction)
     status = np.full(count, _IN_PROGRESS)
     terminated, truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     put_back = np.zeros(count, np.bool_)
     for car in range(count):
-        if not observed.driven[car]:
+        if not driven[car]:
             s.still_steps[car] = s.backward_steps[car] = 0
             continue
         s.steps[car] += 1
         s.lap_steps[car] = 1 if s.progress[car] >= 100.0 else s.lap_steps[car] + 1
         s.previous_progress[car], s.progress[car] = before[car], now[car]
-        still = observed.moved_m[car] <= IMMOBILIZED_M
+        still = moved_m[car] <= IMMOBILIZED_M
         s.still_steps[car] = s.still_steps[car] + 1 if still else 0
         s.backward_steps[car] = s.backward_steps[car] + 1 if now[car] < before[car] else 0
 
         lap_done = now[car] >= 100.0
         s.laps[car] += lap_done
-        finished = lap_done and s.laps[car] >= limits.laps
+        finished = lap_done and s.laps[car] >= laps
         # The first that applies wins, in the reference's order.
         if finished:
             status[car] = _LAP_COMPLETE
         elif lap_done:
             status[car] = _IN_PROGRESS
-        elif observed.crashed[car]:
+        elif crashed[car]:
             status[car] = _CRASHED
-        elif observed.off_track[car]:
+        elif off_track[car]:
             status[car] = _OFF_TRACK
-        elif s.still_steps[car] >= limits.patience_steps:
+        elif s.still_steps[car] >= patience_steps:
             status[car] = _IMMOBILIZED
-        elif s.backward_steps[car] >= limits.patience_steps:
+        elif s.backward_steps[car] >= patience_steps:
             status[car] = _REVERSED
 
         violated = status[car] != _IN_PROGRESS and not finished
         s.crashes[car] += status[car] == _CRASHED
-        terminated[car] = finished or (violated and s.resets[car] >= limits.max_resets)
-        truncated[car] = not terminated[car] and s.steps[car] >= limits.max_steps
+        terminated[car] = finished or (violated and s.resets[car] >= max_resets)
+        truncated[car] = not terminated[car] and s.steps[car] >= max_steps
         s.over[car] |= terminated[car] or truncated[car]
         if truncated[car]:
             # Traces have no word for a step limit; readers count these as cars that got nowhere.
@@ -315,6 +319,6 @@ def _judge(
         elif violated and not terminated[car]:
             put_back[car] = True
             s.resets[car] += 1
-            s.pause_steps[car] = limits.pause_steps[status[car]]
+            s.pause_steps[car] = pause_steps[status[car]]
             s.still_steps[car] = s.backward_steps[car] = 0
-    return Verdict(status, terminated, truncated, put_back)
+    return status, terminated, truncated, put_back

@@ -3,12 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints
 from drsim.track.track import Lane, Track
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
 """Lanes by their index."""
@@ -33,13 +30,8 @@ class Placing:
     def on(self, cars: Ints, fraction: Floats, lane: Lane = "center") -> Floats:
         """Poses on one lane, each in the driving direction of its car.
 
-        Args:
-            cars: Which cars. Shape (k,).
-            fraction: Where on the lap of its own direction, 0 .. 1. Shape (k,).
-            lane: The lane.
-
-        Returns:
-            x and y in metres and yaw in radians. Shape (k, 3).
+        `fraction` is where on the lap of its own direction each car is, 0 .. 1. Shape (k,). Poses
+        are x and y in metres and yaw in radians. Shape (k, 3).
         """
         backward = self.backward[cars]
         if not backward.any():
@@ -61,12 +53,9 @@ class Placing:
         return poses
 
     def nearer_lane(self, cars: Ints, fraction: Floats, xy: Floats) -> Ints:
-        """Which of inner and outer lane is nearer to a point, by index.
+        """Which of inner and outer lane, by index, is nearer to a point. Shape (k,).
 
-        Args:
-            cars: Which cars. Shape (k,).
-            fraction: Where on the lap, 0 .. 1. Shape (k,).
-            xy: The points, metres. Shape (k, 2).
+        `xy` are the points, metres. Shape (k, 2). The rest is as in `on`.
         """
         to_inner_m, to_outer_m = (
             np.hypot(*(self.on(cars, fraction, lane)[:, :2] - xy).T) for lane in LANES[1:]

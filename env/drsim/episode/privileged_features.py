@@ -1,14 +1,10 @@
 """Privileged information: what a simulation knows and no camera shows. For a critic only."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints, Singles
 from drsim.race.traffic import Traffic
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Singles = NDArray[np.float32]
 
 _AHEAD_M = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
 """The direction of the centre line is given this far ahead."""

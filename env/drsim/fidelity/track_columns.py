@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.car.car import REFERENCE_POINT_AHEAD_M, CarBatch
-from drsim.episode.progress import advance_progress
+from drsim.episode.episode import advance_progress
 from drsim.fidelity.recordings import Recording
 from drsim.track.polyline import Location
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PROGRESS_TOLERANCE = 0.02
 """Percent of a lap, 3 mm of a short one."""

@@ -6,6 +6,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats
+
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
     """Raise ValueError for a value that is not one of the choices; the message lists them."""
@@ -53,7 +55,7 @@ def start_of(
     start: float | None,
     reverse: bool,
     options: dict[str, Any] | None,
-) -> tuple[NDArray[np.float64], bool]:
+) -> tuple[Floats, bool]:
     """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether they drive in reverse.
 
     Options win over the arguments; ValueError for an unknown one or a start that is not 0 .. 1.

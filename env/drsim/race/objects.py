@@ -4,15 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.car.camera_mount import FRONT
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _NEAR_M = 0.2
 """Least depth at which an object counts as seen. Source: the reference simulator."""
@@ -49,29 +45,20 @@ class Objects(NamedTuple):
     tells_heading: Bools
 
     def closest(self, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
-        """Indices of the objects before and after some cars, along the lap and round its end.
+        """Indices of the objects before and after c cars, along the lap and round its end.
 
-        Args:
-            cars: Which cars. Shape (c,).
-            along_m: Where they are along the centre line. Shape (c,).
-
-        Returns:
-            Previous and next object. Each of shape (c,).
+        `along_m` is where the cars are along the centre line. Shape (c,).
         """
         return _closest(self.distance_m, cars, along_m)
 
     def in_camera(self, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats) -> Bools:
         """Whether a car's camera sees the centre or a floor corner of one of its objects.
 
-        The camera is taken at its nominal place, as the reference does.
-
-        Args:
-            cars: Which cars. Shape (c,).
-            which: An object of each. Shape (c,).
-            front_xy: The cars' points 0.14 m ahead of their origins. Shape (c, 2).
-            heading_rad: Their yaws. Shape (c,).
+        `which` is an object of each car, shape (c,), `front_xy` the car's point 0.14 m ahead of its
+        origin. The camera is taken at its nominal place, as the reference does.
         """
-        return _in_camera(self, cars, which, front_xy, heading_rad)
+        there = self.xy, self.yaw_rad, self.footprint_m
+        return _in_camera(there, cars, which, front_xy, heading_rad)
 
 
 @kernel
@@ -97,18 +84,23 @@ def _closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Int
 
 @kernel
 def _in_camera(
-    objects: Objects, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats
+    objects: tuple[Floats, Floats, Floats],
+    cars: Ints,
+    which: Ints,
+    front_xy: Floats,
+    heading_rad: Floats,
 ) -> Bools:
     """Turn each point into the frame of the lens and compare it with the edges of the frame."""
+    xy, yaw_rad, footprint_m = objects
     seen = np.zeros(len(cars), np.bool_)
     for i in range(len(cars)):
         k = which[i]
         cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
-        x = objects.xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
-        y = objects.xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
-        turn = objects.yaw_rad[cars[i], k] - heading_rad[i]
+        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
+        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        turn = yaw_rad[cars[i], k] - heading_rad[i]
         turn_cos, turn_sin = math.cos(turn), math.sin(turn)
-        half_m, across_m = 0.5 * objects.footprint_m[k, 0], 0.5 * objects.footprint_m[k, 1]
+        half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
         for along, aside in ((0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
             u, v = along * half_m, aside * across_m
             ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v

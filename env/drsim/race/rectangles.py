@@ -1,29 +1,16 @@
 """Whether rectangles on the floor overlap."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-
-class Rectangles(NamedTuple):
-    """Rectangles, n of one size, or k of different sizes around each of n.
-
-    Attributes:
-        xy: Centres in metres. Shape (n, 2) or (n, k, 2).
-        yaw_rad: Directions of their lengths. Shape (n,) or (n, k).
-        size_m: Lengths and widths. Shape (2,) or (k, 2).
-    """
-
-    xy: Floats
-    yaw_rad: Floats
-    size_m: Floats
+Rectangles = tuple[Floats, Floats, Floats]
+"""Rectangles, n of one size, or k of different sizes around each of n: centres in metres, shape
+(n, 2) or (n, k, 2); directions of their lengths, (n,) or (n, k); lengths and widths, (2,) or
+(k, 2)."""
 
 
 @kernel
@@ -32,27 +19,25 @@ def overlaps(one: Rectangles, others: Rectangles) -> Bools:
 
     Two rectangles are apart when one of their four axes separates their shadows on it.
 
-    Args:
-        one: n rectangles of one size.
-        others: k around each of them.
-
     Returns:
         Whether they overlap. Shape (n, k).
     """
-    out: Bools = np.empty(others.yaw_rad.shape, np.bool_)
-    length_m, width_m = 0.5 * one.size_m[0], 0.5 * one.size_m[1]
+    one_xy, one_yaw_rad, one_size_m = one
+    other_xy, other_yaw_rad, other_size_m = others
+    out: Bools = np.empty(other_yaw_rad.shape, np.bool_)
+    length_m, width_m = 0.5 * one_size_m[0], 0.5 * one_size_m[1]
     for i in range(out.shape[0]):
-        yaw_rad = one.yaw_rad[i]
+        yaw_rad = one_yaw_rad[i]
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         for k in range(out.shape[1]):
-            half_m, across_m = 0.5 * others.size_m[k, 0], 0.5 * others.size_m[k, 1]
-            dx, dy = others.xy[i, k, 0] - one.xy[i, 0], others.xy[i, k, 1] - one.xy[i, 1]
+            half_m, across_m = 0.5 * other_size_m[k, 0], 0.5 * other_size_m[k, 1]
+            dx, dy = other_xy[i, k, 0] - one_xy[i, 0], other_xy[i, k, 1] - one_xy[i, 1]
             reach_m = math.hypot(length_m, width_m) + math.hypot(half_m, across_m)
             # Written so that a distance that is NaN overlaps nothing.
             if not dx * dx + dy * dy < reach_m * reach_m:
                 out[i, k] = False
                 continue
-            other_rad = others.yaw_rad[i, k]
+            other_rad = other_yaw_rad[i, k]
             c, s = abs(math.cos(other_rad - yaw_rad)), abs(math.sin(other_rad - yaw_rad))
             other_cos, other_sin = math.cos(other_rad), math.sin(other_rad)
             out[i, k] = (

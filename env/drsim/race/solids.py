@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 RGB = tuple[float, float, float]
 
 CUBOID = np.dtype(
@@ -103,10 +101,8 @@ class Solids:
     def __init__(self, num_cars: int, shapes: Sequence[Shape]) -> None:
         """Put everything at the origin of the world."""
         parts = [(index, box) for index, shape in enumerate(shapes) for box in shape.boxes]
-        self._parts = _Parts(
-            shape_of=np.array([index for index, _ in parts], np.int64),
-            center_m=np.array([box.center_m for _, box in parts]).reshape(-1, 2),
-        )
+        self._shape_of = np.array([index for index, _ in parts], np.int64)
+        self._center_m = np.array([box.center_m for _, box in parts]).reshape(-1, 2)
         self._keeps_color = np.array([box.color == _TYRE for _, box in parts], np.bool_)
         self.boxes: Cuboids = np.zeros((num_cars, len(parts)), CUBOID)
         for row, (_, box) in enumerate(parts):
@@ -118,41 +114,29 @@ class Solids:
         self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
 
     def move(self, cars: Ints, xy: Floats, yaw_rad: Floats) -> None:
-        """Place the solids of some cars.
-
-        Args:
-            cars: Which cars. Shape (c,).
-            xy: Where each solid stands, metres. Shape (c, k, 2).
-            yaw_rad: Where it looks. Shape (c, k).
-        """
-        _move(self.boxes, cars, xy, yaw_rad, self._parts)
+        """Place the solids of c cars: `xy`, shape (c, k, 2), and `yaw_rad`, shape (c, k)."""
+        _move(self.boxes, cars, xy, yaw_rad, (self._shape_of, self._center_m))
 
     def paint(self, cars: Ints, colors: Floats) -> None:
-        """Paint whole solids of some cars in one colour each; tyres stay black.
-
-        Args:
-            cars: Which cars. Shape (c,).
-            colors: Texture colours, 0 to 255. Shape (c, k, 3).
-        """
+        """Paint whole solids of c cars in one colour each, 0 to 255, shape (c, k, 3); no tyres."""
         painted = np.flatnonzero(~self._keeps_color)
-        self.boxes["color"][cars[:, None], painted] = colors[:, self._parts.shape_of[painted]]
-
-
-class _Parts(NamedTuple):
-    """Which of the shapes each cuboid belongs to, and where its middle is in that shape's frame."""
-
-    shape_of: Ints
-    center_m: Floats
+        self.boxes["color"][cars[:, None], painted] = colors[:, self._shape_of[painted]]
 
 
 @kernel
-def _move(boxes: Cuboids, cars: Ints, xy: Floats, yaw_rad: Floats, parts: _Parts) -> None:
-    """Turn the middle of each cuboid by the yaw of its shape and shift it to the shape's place."""
+def _move(
+    boxes: Cuboids, cars: Ints, xy: Floats, yaw_rad: Floats, parts: tuple[Ints, Floats]
+) -> None:
+    """Turn the middle of each cuboid by the yaw of its shape and shift it to the shape's place.
+
+    `parts` are the shape that each cuboid belongs to, and its middle in that shape's frame.
+    """
+    shape_of, center_m = parts
     for c in range(len(cars)):
-        for row in range(len(parts.shape_of)):
-            k, box = parts.shape_of[row], boxes[cars[c], row]
+        for row in range(len(shape_of)):
+            k, box = shape_of[row], boxes[cars[c], row]
             cos, sin = np.cos(yaw_rad[c, k]), np.sin(yaw_rad[c, k])
-            x, y = parts.center_m[row, 0], parts.center_m[row, 1]
+            x, y = center_m[row, 0], center_m[row, 1]
             box.x = xy[c, k, 0] + cos * x - sin * y
             box.y = xy[c, k, 1] + sin * x + cos * y
             box.cos = cos

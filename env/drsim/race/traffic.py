@@ -3,21 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints, Seeds
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.race.bots import Bots
 from drsim.race.objects import Objects
 from drsim.race.race import ObstacleRules, Race
-from drsim.race.rectangles import Rectangles, overlaps
+from drsim.race.rectangles import overlaps
 from drsim.race.solids import SHAPES, Shape
 from drsim.race.spacing import check_room, drawn_places, even_places
 from drsim.track.lanes import LanePaths
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 CENTER, INNER, OUTER = 0, 1, 2
 """Lanes as numbers."""
@@ -111,15 +107,12 @@ class Traffic:
         cars: Ints,
         start_fraction: Floats,
         backward: Ints,
-        seeds: NDArray[np.uint64],
+        seeds: Seeds,
     ) -> None:
-        """Place the objects of new episodes.
+        """Place the objects of new episodes of some cars. All of shape (k,).
 
-        Args:
-            cars: Which cars. Shape (k,).
-            start_fraction: Where on the lap they start, 0 .. 1. Shape (k,).
-            backward: 1 for a car that drives against the direction of the track. Shape (k,).
-            seeds: Seeds of all that is drawn in each episode. Shape (k,).
+        `start_fraction` is where on the lap each starts, 0 .. 1; `backward` is 1 for a car that
+        drives against the direction of the track; from `seeds` comes all that is drawn.
         """
         self._backward[cars] = backward
         self._put_back_at[cars] = 0
@@ -159,12 +152,7 @@ class Traffic:
             self._move_bots()
 
     def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
-        """Take over where the racers are; nothing to do where cars do not race each other.
-
-        Args:
-            origin_xy: Origins of all cars, metres. Shape (n, 2).
-            yaw_rad: Their headings. Shape (n,).
-        """
+        """Take over where the racers are; nothing to do where cars do not race each other."""
         if not self._opponents:
             return
         other = np.arange(len(origin_xy)) ^ 1
@@ -180,15 +168,12 @@ class Traffic:
         An obstacle always counts. With a bot or an opponent, the car behind has crashed, by the gap
         along the track. A bot behind its racer makes all bots of that racer wait.
 
-        Args:
-            active: Cars that were driven; the others touch nothing and nobody. Shape (n,).
-            origin_xy: Origins of the cars, metres. Shape (n, 2).
-            yaw_rad: Their headings. Shape (n,).
-            along_m: Where the points 0.14 m ahead of them are along the lap. Shape (n,).
+        `active` cars were driven; the others touch nothing and nobody. `along_m` is where the
+        points 0.14 m ahead of them are along the lap.
         """
         touching = overlaps(
-            Rectangles(origin_xy, yaw_rad, size_m=np.array(SHAPES["race_car"].footprint_m)),
-            Rectangles(self.xy, self.yaw_rad, self._footprint_m),
+            (origin_xy, yaw_rad, np.array(SHAPES["race_car"].footprint_m)),
+            (self.xy, self.yaw_rad, self._footprint_m),
         )
         touching &= active[:, None]
         if self._opponents:

@@ -10,30 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Singles
 from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.race.solids import Cuboids
 from drsim.sensing import cuboids, raycast
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Frames = NDArray[np.uint8]
 
 
 def lens_pose(
     body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
 ) -> tuple[Floats, Floats]:
-    """Where the lenses of cars are and where they look.
+    """Where the lenses of cars are and where they look, given the same of their base frames.
 
-    Args:
-        body_pos: Car origins (base frame) in the world, metres. Shape (n, 3).
-        body_mat: Car axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        camera: The camera's numbers.
-
-    Returns:
-        Lens positions, metres, shape (n, 3), and lens axes in the world, columns forward, left,
-        up, shape (n, 3, 3).
+    Positions are in metres, shape (n, 3), axes are columns forward, left, up, shape (n, 3, 3).
     """
     cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
     tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
@@ -100,12 +92,11 @@ def render(
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     if light is not None and len(light.palettes) != cars:
         raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
-    lenses = raycast.Lenses(lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE)
+    lenses = lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
     backdrop = scene.backdrop
     if light is not None:
-        backdrop = raycast.Backdrop(
-            scene.walls_m, scene.wall_height_m, light.wall_greys, light.sky_greys, light.palettes
-        )
+        greys = light.wall_greys, light.sky_greys, light.palettes
+        backdrop = scene.walls_m, scene.wall_height_m, *greys
     raycast.draw(scene.picture, backdrop, lenses, out)
     if boxes is not None:
         cuboids.draw(boxes, _on_solids(light, cars), lenses, out)

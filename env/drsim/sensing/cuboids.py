@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints, Singles
 from drsim.jit import kernel
 from drsim.race.solids import Cuboids
 from drsim.sensing.raycast import Lens, Lenses, Vector
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 Pixels = NDArray[np.uint8]
 Single = np.float32
 
@@ -57,12 +55,13 @@ class _Images(NamedTuple):
 
 
 @kernel
-def draw(boxes: Cuboids, light: Singles, lenses: Lenses, out: Pixels) -> None:
+def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
     """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
 
     `light` holds the weights of red, green and blue in a grey, first on every side, then on one
     that faces the sun. Shape (n, 6).
     """
+    lenses = Lenses(*lens_parts)
     cars, rows, columns = out.shape
     count = boxes.shape[1]
     images = _Images(

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Singles
 from drsim.jit import kernel
 from drsim.race.solids import Cuboids
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -44,16 +41,6 @@ class LidarModel:
 LIDAR = LidarModel()
 
 
-class _Scanner(NamedTuple):
-    """A `LidarModel` for the compiler."""
-
-    bearings_rad: Floats
-    forward_m: float
-    height_m: float
-    least_m: float
-    most_m: float
-
-
 class _Ray(NamedTuple):
     """Where a ray begins, metres, and its direction, of length 1."""
 
@@ -71,22 +58,14 @@ def scan(
     yaw_rad: Floats,
     lidar: LidarModel = LIDAR,
 ) -> Singles:
-    """Measure all rays of all cars, without noise.
+    """Distances of all rays of n cars in metres; infinite where nothing is in range.
 
-    Args:
-        walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
-        wall_height_m: Their height; walls lower than the scanner are not seen.
-        boxes: Cuboids around each car, of the type `solids.CUBOID`. Shape (n, m).
-        body_xy: Car origins in the world, metres. Shape (n, 2).
-        yaw_rad: Their headings. Shape (n,).
-        lidar: The scanner.
-
-    Returns:
-        Distances in metres; infinite where nothing is in range. Shape (n, samples).
+    Walls, as in `Scene`, that are lower than the scanner are not seen. `boxes` are the cuboids
+    around each car, shape (n, m), `body_xy` the origins of the cars. Shape (n, samples).
     """
     forward_m, height_m = lidar.mount_m
     least_m, most_m = lidar.range_m
-    scanner = _Scanner(lidar.bearings_rad, forward_m, height_m, least_m, most_m)
+    scanner = lidar.bearings_rad, forward_m, height_m, least_m, most_m
     return _scan(walls_m, wall_height_m > height_m, boxes, body_xy, yaw_rad, scanner)
 
 
@@ -97,24 +76,24 @@ def _scan(
     boxes: Cuboids,
     body_xy: Floats,
     yaw_rad: Floats,
-    scanner: _Scanner,
+    scanner: tuple[Floats, float, float, float, float],
 ) -> Singles:
-    out = np.empty((len(body_xy), len(scanner.bearings_rad)), np.float32)
-    least_m = scanner.least_m
+    bearings_rad, forward_m, height_m, least_m, most_m = scanner
+    out = np.empty((len(body_xy), len(bearings_rad)), np.float32)
     for car in range(len(body_xy)):
-        x = body_xy[car, 0] + scanner.forward_m * math.cos(yaw_rad[car])
-        y = body_xy[car, 1] + scanner.forward_m * math.sin(yaw_rad[car])
-        for i in range(len(scanner.bearings_rad)):
-            angle_rad = yaw_rad[car] + scanner.bearings_rad[i]
+        x = body_xy[car, 0] + forward_m * math.cos(yaw_rad[car])
+        y = body_xy[car, 1] + forward_m * math.sin(yaw_rad[car])
+        for i in range(len(bearings_rad)):
+            angle_rad = yaw_rad[car] + bearings_rad[i]
             ray = _Ray(x, y, math.cos(angle_rad), math.sin(angle_rad))
             nearest_m = math.inf
             if sees_walls:
                 nearest_m = _to_walls(walls_m, ray)
             for k in range(boxes.shape[1]):
                 box = boxes[car, k]
-                if box.low <= scanner.height_m <= box.high:
+                if box.low <= height_m <= box.high:
                     nearest_m = min(nearest_m, _to_box(box, ray, least_m))
-            in_range = least_m <= nearest_m <= scanner.most_m
+            in_range = least_m <= nearest_m <= most_m
             out[car, i] = nearest_m if in_range else math.inf
     return out
 

@@ -6,13 +6,11 @@ them, which belong to grain and to the edges of paint, become something in betwe
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bytes, Floats
 from drsim.sensing.camera import Light
 from drsim.sensing.cuboids import TO_SUN
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint
-
-Floats = NDArray[np.float64]
 
 _USUAL_SUN = np.array([1.0, 1.0, 0.8])
 """Colour of the sun. Source: the reference simulator's worlds, as for the lamp."""
@@ -121,7 +119,7 @@ def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) 
     return colors
 
 
-def _palette(paints: list[Paint], greys: Floats) -> NDArray[np.uint8]:
+def _palette(paints: list[Paint], greys: Floats) -> Bytes:
     """What becomes of the greys 0..255 when materials get other greys. Shape (256,)."""
     olds = [paint.grey for paint in paints]
     contrasts = [new / max(old, 1.0) for old, new in zip(olds, greys, strict=True)]
@@ -139,5 +137,5 @@ def _palette(paints: list[Paint], greys: Floats) -> NDArray[np.uint8]:
     anchors.append(256.0)
     values.append(256.0 * contrasts[-1])
     palette = np.interp(np.arange(256), anchors, values)
-    whole: NDArray[np.uint8] = np.clip(np.round(palette), 0, 255).astype(np.uint8)
+    whole: Bytes = np.clip(np.round(palette), 0, 255).astype(np.uint8)
     return whole

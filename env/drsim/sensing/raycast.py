@@ -10,16 +10,15 @@ not notice that a loop of another file has changed. What stands on the ground co
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Singles
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
+Ints32 = NDArray[np.int32]
 Words = NDArray[np.uint32]
 Pixels = NDArray[np.uint8]
 Single = np.float32
@@ -55,7 +54,7 @@ class Ground(NamedTuple):
     """
 
     texels: Words
-    levels: Ints
+    levels: Ints32
     x_m: float
     y_m: float
     texel_m: float
@@ -107,8 +106,18 @@ class Lens(NamedTuple):
 
 
 @kernel
-def draw(ground: Ground, backdrop: Backdrop, lenses: Lenses, out: Pixels) -> None:
-    """Draw one frame for each lens. Shape of the frames: (n, rows, columns)."""
+def draw(
+    ground_parts: tuple[Any, ...],
+    backdrop_parts: tuple[Any, ...],
+    lens_parts: tuple[Any, ...],
+    out: Pixels,
+) -> None:
+    """Draw one frame for each lens. Shape of the frames: (n, rows, columns).
+
+    The first three are the parts of a `Ground`, a `Backdrop` and `Lenses`.
+    """
+    ground, backdrop = Ground(*ground_parts), Backdrop(*backdrop_parts)
+    lenses = Lenses(*lens_parts)
     cars, rows, columns = out.shape
     behind = np.empty((rows, columns), np.float32)
     share = np.empty((rows, columns), np.float32)
@@ -338,7 +347,7 @@ def _floor(
 
 @kernel
 def _sampling(
-    lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, levels: Ints
+    lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, levels: Ints32
 ) -> tuple[int, int]:
     """Copy of the ground picture and number of sample lines that suit the middle of a pixel row."""
     forward, to_up = lens.forward, lens.up
@@ -361,9 +370,9 @@ def _aim(
     to_texels: Single,
     ahead: Vector,
     step: Vector,
-    level: Ints,
-    at: Ints,
-    between: Ints,
+    level: Ints32,
+    at: Ints32,
+    between: Ints32,
 ) -> None:
     """Find the word that each pixel of a sample line meets, and the place between its texels.
 
@@ -387,7 +396,7 @@ def _aim(
 
 
 @kernel
-def _fetch(texels: Words, at: Ints, words: Words) -> None:
+def _fetch(texels: Words, at: Ints32, words: Words) -> None:
     for column in range(len(at)):
         words[column] = texels[np.uint32(at[column])]
 
@@ -409,7 +418,7 @@ def _recolour(words: Words, palette: Pixels) -> None:
 @kernel
 def _blend(
     words: Words,
-    between: Ints,
+    between: Ints32,
     weight_here: Single,
     weight_below: Single,
     here: Singles,

@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Singles
 from drsim.car.camera_mount import FRONT
 from drsim.sensing.lidar import LIDAR, LidarModel
-
-Singles = NDArray[np.float32]
 
 CAMERAS = ("FRONT_FACING_CAMERA", "LEFT_CAMERA", "observation", "STEREO_CAMERAS")
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")

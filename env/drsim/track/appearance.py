@@ -74,13 +74,9 @@ class Walls:
     field_half_m: float | None = None
 
     def around(self, road: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Where the field ends.
+        """Least x, greatest x, least y and greatest y of the field, metres.
 
-        Args:
-            road: Least x, least y, greatest x and greatest y of the road in metres.
-
-        Returns:
-            Least x, greatest x, least y and greatest y of the field in metres.
+        `road` is least x, least y, greatest x and greatest y of the road.
         """
         low_x, low_y, high_x, high_y = road
         half_m = -math.inf if self.field_half_m is None else self.field_half_m
@@ -150,12 +146,7 @@ class Look:
 
         A scene built from it shows that channel as grey; three of them make a coloured picture. The
         sky keeps its grey: it has no hue. Source: measured on a frame of the reference simulator.
-
-        Args:
-            channel: 0 for red, 1 for green, 2 for blue.
-
-        Returns:
-            A look whose greys are the values of that channel, 0..255.
+        `channel` is 0 for red, 1 for green, 2 for blue.
         """
         materials = {f.name: getattr(self, f.name) for f in fields(self)}
         seen: dict[str, Any] = {

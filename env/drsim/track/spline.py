@@ -1,9 +1,8 @@
 """A closed cubic spline through points, and points at given distances along it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from drsim.arrays import Floats, Ints
 
 _STEPS_PER_PIECE = 200
 """Chords that measure the length of one piece of the spline; the error is far below 0.1 mm."""
@@ -47,7 +46,7 @@ class ClosedSpline:
         xy, slope = self._evaluate(piece.astype(np.int64) % len(self._points), share)
         return xy, slope / np.hypot(*slope.T)[:, None]
 
-    def _evaluate(self, piece: NDArray[np.int64], share: Floats) -> tuple[Floats, Floats]:
+    def _evaluate(self, piece: Ints, share: Floats) -> tuple[Floats, Floats]:
         """Hermite form: points, and their change per metre of chord, at shares 0 .. 1 of pieces."""
         following = (piece + 1) % len(self._points)
         p, q = self._points[piece], self._points[following]

@@ -6,12 +6,10 @@ import re
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats
 from drsim.errors import TrackError
 from drsim.track.svg_path import FURTHEST, numbers, path_curves, straight
-
-Floats = NDArray[np.float64]
 
 _SHAPES = {"path", "polyline", "polygon"}
 _NOT_DRAWN = {"defs", "symbol", "clipPath", "mask", "marker", "pattern"}

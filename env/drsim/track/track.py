@@ -5,13 +5,11 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.track import polyline
 from drsim.track.polyline import END_M, END_X, START_M, START_X, YAW_RAD, Location
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Lane = Literal["center", "inner", "outer"]
 
 
@@ -103,21 +101,14 @@ class Track:
         )
 
     def locate(self, xy: Floats) -> Location:
-        """Where points lie along and across the track.
-
-        Args:
-            xy: Points in metres. Shape (m, 2).
-        """
-        return polyline.locate(np.ascontiguousarray(xy, dtype=np.float64), self._road)
+        """Where points, shape (m, 2), lie along and across the track."""
+        points = np.ascontiguousarray(xy, dtype=np.float64)
+        return Location(*polyline.locate(points, self._road))
 
     def on_road(self, xy: Floats) -> Bools:
         """Whether points lie strictly between the borders; a point exactly on one does not.
 
-        Args:
-            xy: Points in metres. Shape (..., 2).
-
-        Returns:
-            One answer a point. Shape (...).
+        Shape (...) for points of shape (..., 2).
         """
         points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
         return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
@@ -149,10 +140,10 @@ class Track:
         return self if self.turned is None else self.turned
 
     @cached_property
-    def _road(self) -> polyline.Road:
+    def _road(self) -> tuple[Any, ...]:
         given = self._as_given
         first, last = polyline.vertices(given.center)
-        return polyline.Road(
+        road = polyline.Road(
             center=given._center_segments,
             inner=polyline.segments(given.inner),
             outer=polyline.segments(given.outer),
@@ -162,6 +153,7 @@ class Track:
             is_ccw=self.is_ccw,
             backward=self.turned is not None,
         )
+        return tuple(road)
 
     @cached_property
     def _center_segments(self) -> Floats:

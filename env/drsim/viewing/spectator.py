@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats
 from drsim.car.camera_mount import CameraModel
 from drsim.car.car import CONTROL_HZ
 from drsim.race.solids import SHAPES, Shape, Solids
@@ -18,7 +19,6 @@ from drsim.sensing.scene import build_scene
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 
-Floats = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 CHASE = CameraModel(

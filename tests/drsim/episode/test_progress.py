@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drsim.episode.progress import advance_progress, fraction_at, without_jump
+from drsim.episode.episode import advance_progress
+from drsim.episode.progress import fraction_at, without_jump
 from drsim.track.track import Track
 
 

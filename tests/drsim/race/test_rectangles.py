@@ -8,7 +8,7 @@ import shapely
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from drsim.race.rectangles import Rectangles, overlaps
+from drsim.race.rectangles import overlaps
 
 CAR_M = (0.32352, 0.1961)
 BOX_M = (0.5, 0.4)
@@ -21,12 +21,12 @@ sizes = st.floats(0.05, 1.0)
 def overlap(pose, size_m, other_pose, other_size_m) -> bool:
     """The kernel's answer for one pair of poses (x, y, yaw)."""
     out = overlaps(
-        Rectangles(
+        (
             np.array([pose[:2]], np.float64),
             np.array([pose[2]], np.float64),
             np.array(size_m, np.float64),
         ),
-        Rectangles(
+        (
             np.array([[other_pose[:2]]], np.float64),
             np.array([[other_pose[2]]], np.float64),
             np.array([other_size_m], np.float64),
@@ -91,8 +91,8 @@ def test_every_car_is_compared_with_its_own_objects() -> None:
     others = np.array([[[0.1, 0.0], [5.0, 0.0], [9.0, 0.0]], [[0.1, 0.0], [5.0, 0.0], [5.2, 0.1]]])
 
     out = overlaps(
-        Rectangles(xy, np.zeros(2), np.array(CAR_M)),
-        Rectangles(others, np.zeros((2, 3)), np.full((3, 2), 0.4)),
+        (xy, np.zeros(2), np.array(CAR_M)),
+        (others, np.zeros((2, 3)), np.full((3, 2), 0.4)),
     )
 
     assert out.tolist() == [[True, False, False], [False, True, True]]
