@@ -1,6 +1,6 @@
 """Checks and repairs the small objects of a model before a command relies on them.
 
-It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
+Besides the objects of `drcli.store.repair`, it repairs the parameter files and the run's metadata.
 """
 
 import re
