@@ -51,7 +51,6 @@ class Chosen:
     choice: Choice
     score: Score
     parts: tuple[str, ...]
-    size_bytes: int
 
     @property
     def name(self) -> str:
@@ -97,9 +96,8 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
             remedy="Run the command again, or choose another checkpoint with -b or -c N.",
         )
     start = keys.checkpoint_part(prefix, score.name, "")
-    files = [info for info in listed if info.key.startswith(start + ".")]
-    parts = tuple(info.key.removeprefix(start) for info in files)
-    return Chosen(choice, score, parts, sum(info.size_bytes for info in files))
+    found = [info.key for info in listed if info.key.startswith(start + ".")]
+    return Chosen(choice, score, tuple(key.removeprefix(start) for key in found))
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:

@@ -74,7 +74,7 @@ class Delivery:
         self._folder = keys.folder(prefix)
         self.prefix = prefix
         self._watch = watch
-        self._checksums: dict[str, Checksums] = {}
+        self._sent: dict[str, Checksums] = {}
         self._there = self._look()
 
     def differs(self, item: Item) -> bool:
@@ -106,7 +106,7 @@ class Delivery:
         """
         batch: list[Item] = []
         for item in items:
-            proof = self._checksums[item.name] = Checksums.of(item.data)
+            proof = self._sent[item.name] = Checksums.of(item.data)
             if proof.matches(self.bucket, self._there.get(item.name)):
                 self.unchanged.append(item.name)
                 self._watch(len(item.data))
@@ -132,9 +132,9 @@ class Delivery:
 
     def delete_strays(self, folder: str, kept: Iterable[str] = ()) -> None:
         """Delete everything in a folder (`model/`, or all if empty) that was not delivered."""
-        doomed = self.strays(folder, [*self._checksums, *kept])
-        self.bucket.delete([self._folder + name for name in doomed])
-        self.deleted += doomed
+        strays = self.strays(folder, [*self._sent, *kept])
+        self.bucket.delete([self._folder + name for name in strays])
+        self.deleted += strays
 
     def strays(self, folder: str, kept: Iterable[str]) -> list[str]:
         """Names of the objects in a folder of the prefix, without these and the pointers."""
@@ -182,7 +182,7 @@ class Delivery:
         Raises:
             StorageError: Another program delivers another model here.
         """
-        if self._altered(name for name in names if name in self._checksums):
+        if self._altered(name for name in names if name in self._sent):
             self.withdraw()
             raise self._crossed()
 
@@ -204,9 +204,7 @@ class Delivery:
         """Those of the sent objects that are not at the target as they were sent."""
         there = self._look()
         return [
-            name
-            for name in names
-            if not self._checksums[name].matches(self.bucket, there.get(name))
+            name for name in names if not self._sent[name].matches(self.bucket, there.get(name))
         ]
 
     def _send(self, items: Sequence[Item], watch: Watch | None = None) -> None:

@@ -67,8 +67,6 @@ class PlannedDownload:
     options: DownloadOptions
     source_url: str
     target_url: str
-    objects: int
-    size_bytes: int
     used: int
 
 
@@ -95,7 +93,7 @@ class Source:
 
     @property
     def folder(self) -> str:
-        """What all keys of the model begin with."""
+        """The common beginning of all keys of the model."""
         return keys.folder(self.prefix)
 
     @property
@@ -112,7 +110,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, options, patience_s=PLAN_PATIENCE_S)
-    listed = _list_whole(source)
+    _list_whole(source)
     here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
@@ -122,8 +120,6 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
         options=options,
         source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
-        objects=len(listed),
-        size_bytes=sum(info.size_bytes for info in listed),
         used=len(here.list(keys.folder(options.prefix))),
     )
 

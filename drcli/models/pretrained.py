@@ -31,12 +31,8 @@ def find(
 ) -> Transfer:
     """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name, and check that they fit.
 
-    Args:
-        config: Names the model that has the weights.
-        bucket: Holds both models.
-        new: Prefix of the new model.
-        wanted: The design of the new model.
-        wiping: Whether everything under the new model's prefix will be deleted.
+    The new model has the prefix `new` and the design `wanted`; with `wiping`, everything under its
+    prefix will be deleted.
 
     Raises:
         ProblemsError: There is no such model, it has no complete checkpoint, or it does not fit.

@@ -1,6 +1,6 @@
 """Checks and repairs the small objects of a model before a command relies on them.
 
-It also repairs what `drcli.store.repair` does not know: the parameter files and the run's metadata.
+Besides the objects of `drcli.store.repair`, it repairs the parameter files and the run's metadata.
 """
 
 import re
@@ -31,18 +31,15 @@ def repair_or_warn(
 ) -> None:
     """Warn of the damaged objects of a model, and repair them while nobody trains it.
 
-    Args:
-        config: The model of the settings, which can have its metrics outside its prefix.
-        bucket: Holds the model.
-        prefix: The model.
-        may_write: Whether the command may change anything.
-        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
+    With `missing`, a pointer to a checkpoint that does not exist counts as damaged.
     """
     held = lease.holder(bucket, prefix)
     trained = held is not None and lease.is_owner_alive(held)
     model = Model.of(config, bucket, prefix)
-    told = repair_all(model, missing=missing) if may_write and not trained else find_damage(model)
-    for sentence in told:
+    sentences = (
+        repair_all(model, missing=missing) if may_write and not trained else find_damage(model)
+    )
+    for sentence in sentences:
         notices.warn(sentence)
 
 
@@ -65,7 +62,7 @@ def _repair_parameters(model: Model) -> list[str]:
         ),
         (keys.model_metadata(model.prefix), keys.MODEL_METADATA_FILE, ModelMetadata.from_bytes),
     ]
-    told = []
+    sentences = []
     for key, name, check in checks:
         try:
             check(model.bucket.get(key), f"{model.bucket.name}/{key}")
@@ -82,11 +79,11 @@ def _repair_parameters(model: Model) -> list[str]:
                 continue  # the command that needs the file says what is wrong with it
             kept = set_aside(model.bucket, model.prefix, key)
             model.bucket.put(key, saved.encode())
-            told.append(
+            sentences.append(
                 f"{error} It was restored from a checkpoint. The damaged one is kept as "
                 f"{model.bucket.name}/{kept}."
             )
-    return told
+    return sentences
 
 
 def _repair_start(model: Model) -> list[str]:

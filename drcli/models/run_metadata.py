@@ -35,12 +35,7 @@ def describe_start(
 ) -> TrainingStart:
     """Record everything that can change the course of a training.
 
-    Args:
-        settings: As the racer wrote them.
-        directory: The racer's working folder.
-        seed: Of this start.
-        pretrained: The weights that a new model begins with.
-        before: The start that this one resumes; None for a new model.
+    `before` is the start that this one resumes, None for a new model.
     """
     return TrainingStart(
         seed=seed,
@@ -60,11 +55,6 @@ def describe_start(
         pretrained=pretrained if before is None else before.pretrained or pretrained,
         earlier=[] if before is None else [*before.earlier, replace(before, earlier=[])],
     )
-
-
-def write_start(bucket: Bucket, prefix: str, start: TrainingStart) -> None:
-    """Put the record below the model prefix."""
-    bucket.put(keys.training_start(prefix), start.encode())
 
 
 def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:

@@ -34,11 +34,7 @@ def target_bucket(
 ) -> Bucket:
     """Open the upload bucket, or our own if `local`.
 
-    Args:
-        ends: Both buckets.
-        local: Whether to open our own.
-        patience_s: How long calls wait for a server that does not answer.
-        otherwise: Another way out if there is no upload bucket, beginning with "or".
+    `otherwise` says what else to do if there is no upload bucket, and begins with "or".
 
     Raises:
         SettingsError: There is no upload bucket.

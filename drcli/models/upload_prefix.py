@@ -56,11 +56,8 @@ def plan_upload_increment(
 ) -> PlannedUploadIncrement:
     """Check everything and prepare the edit; nothing is changed yet.
 
-    Args:
-        settings: As they are before.
-        prefix: The next name; None raises the number of the present one.
-        delimiter: What must stand before that number; None for anything but a digit.
-        wiping: Whether to delete everything at the new prefix.
+    Without a `prefix`, this raises the number at the end of the present one; `delimiter` is what
+    must stand before that number. With `wiping`, everything at the new prefix will be deleted.
 
     Raises:
         DrError: The first thing that is wrong.

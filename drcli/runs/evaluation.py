@@ -189,26 +189,27 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
 
 def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
     config = plan.job.config
-    own = EvaluationReport(
-        prefix=config.model.prefix,
-        world=config.race().world_name,
-        checkpoint=plan.checkpoints[0],
-        trials=_trials(records[0]),
-        simtrace=plan.simtrace,
-        metrics=plan.metrics,
+    reports = [
+        EvaluationReport(
+            prefix=config.model.prefix,
+            world=config.race().world_name,
+            checkpoint=checkpoint,
+            trials=_trials(trials),
+            simtrace=plan.simtrace,
+            metrics=plan.metrics,
+        )
+        for checkpoint, trials in zip(plan.checkpoints, records, strict=True)
+    ]
+    if len(reports) == 1:
+        return reports[0]
+    theirs = config.evaluation
+    opponent = replace(
+        reports[1],
+        prefix=theirs.eval_opp_s3_model_prefix,
+        simtrace=keys.opponent_trace(theirs.eval_opp_s3_model_prefix),
+        metrics=keys.opponent_metrics(theirs.eval_opp_s3_metrics_prefix, plan.stamp),
     )
-    if len(plan.checkpoints) == 1:
-        return own
-    prefix = config.evaluation.eval_opp_s3_model_prefix
-    opponent = EvaluationReport(
-        prefix=prefix,
-        world=own.world,
-        checkpoint=plan.checkpoints[1],
-        trials=_trials(records[1]),
-        simtrace=keys.opponent_trace(prefix),
-        metrics=keys.opponent_metrics(config.evaluation.eval_opp_s3_metrics_prefix, plan.stamp),
-    )
-    return replace(own, opponent=opponent)
+    return replace(reports[0], opponent=opponent)
 
 
 def _trials(records: list[TrialMetrics]) -> list[TrialReport]:

@@ -4,8 +4,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,16 +75,18 @@ def prepare_evaluation(
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = _claim_stamp(settings, bucket, directory)
-    with _removed_on_failure(folder):
-        bucket.put(
-            keys.parameter_file(settings.model_prefix, settings.eval_params_file),
-            evaluation_parameters(
-                settings,
-                keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
-                keys.evaluation_metrics(settings.metrics_prefix, stamp),
-                keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
-            ),
-        )
+    parameters = evaluation_parameters(
+        settings,
+        keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
+        keys.evaluation_metrics(settings.metrics_prefix, stamp),
+        keys.opponent_metrics(settings.eval_opp_s3_metrics_prefix, stamp),
+    )
+    try:
+        key = keys.parameter_file(settings.model_prefix, settings.eval_params_file)
+        bucket.put(key, parameters)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     job = Job(
         config=settings.run,
         session=secrets.token_hex(6),
@@ -145,12 +146,3 @@ def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[s
             if folder is not None:
                 return stamp, folder
         at += 1.0
-
-
-@contextmanager
-def _removed_on_failure(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise

@@ -23,7 +23,7 @@ from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.repair_model import repair_all
-from drcli.models.run_metadata import describe_start, read_start, write_start
+from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
@@ -42,7 +42,7 @@ NOT_SHOWN = ("V-20",)
 
 @dataclass(frozen=True)
 class StartOptions:
-    """Options of the command; `until_laps` is the least number of laps of a perfect evaluation."""
+    """Options of the command; `until_laps` is the least number of laps that must be completed."""
 
     wipe: bool = False
     resume: bool = False
@@ -134,7 +134,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         _freeze(settings, bucket, inputs, design)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before)
-        write_start(bucket, prefix, start)
+        bucket.put(keys.training_start(prefix), start.encode())
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors)
@@ -212,14 +212,14 @@ def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
     if found is None:
         return None, []
     name = found.record.name
-    told = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
+    warnings = [f"Checkpoint {why} The training continues from {name}." for why in found.damaged]
     if found.record.optimizer is not None and found.optimizer is None:
         key = keys.checkpoint_optimizer(prefix, name)
-        told.append(
+        warnings.append(
             f"{bucket.name}/{key} is missing or damaged. The optimizer starts with an empty state, "
             "which costs a few iterations."
         )
-    return name, told
+    return name, warnings
 
 
 def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:

@@ -16,7 +16,7 @@ from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.log import get_logger
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket
 
 _logger = get_logger(__name__)
 
@@ -116,7 +116,10 @@ class LogCopy:
             elif complete or len(data) >= PART_BYTES:
                 self._position = _Position(at.number, at.offset + self._put_part(data))
             else:
-                self._put_newest(data)
+                newest = (at.number, at.offset, len(data))
+                if newest != self._newest:
+                    self._bucket.put(self._key, data)
+                    self._newest = newest
                 return
             with suppress(OSError):  # a full disk: the next start uploads this part again
                 write_json(self._position_file, asdict(self._position))
@@ -132,7 +135,7 @@ class LogCopy:
         return max(0, left)
 
     def _list_parts(self) -> None:
-        """List the parts that an earlier start has uploaded."""
+        """List the parts of an earlier start, and keep the newest lines of another machine."""
         folder = self._key.rpartition("/")[0] + "/"
         start = f"{self._key}.part-"
         for info in self._bucket.list(folder):
@@ -140,17 +143,11 @@ class LogCopy:
             if info.key.startswith(start) and number.isdigit():
                 self._parts.append((info.key, info.size_bytes))
                 self._next = int(number) + 1
-        self._keep_other_machines()
-        self._known = True
-
-    def _keep_other_machines(self) -> None:
-        """Turn the newest lines of another machine into a part, or we would overwrite them."""
-        try:
-            data = self._bucket.get(self._key)
-        except ObjectMissing:
-            return
+        data = self._bucket.get(self._key) if self._bucket.exists(self._key) else b""
         if data and not self._is_ours(data):
+            # The newest lines of another machine: make them a part, or we would overwrite them.
             self._put_part(data, whole=True)
+        self._known = True
 
     def _is_ours(self, data: bytes) -> bool:
         """Whether the newest lines in the bucket come from this log.
@@ -176,7 +173,7 @@ class LogCopy:
                 return part, _read(part, at.offset)
         data = _read(self._log, at.offset)
         current = log_files.current_number(self._log)
-        if current < at.number:  # somebody has deleted the older parts
+        if current < at.number:  # the older files were deleted
             self._position = _Position(current)
         return (self._log if current == at.number else None), data
 
@@ -190,12 +187,6 @@ class LogCopy:
         while len(self._parts) > 1 and sum(size for _, size in self._parts) > self._max_bytes:
             self._bucket.delete([self._parts.pop(0)[0]])
         return end
-
-    def _put_newest(self, data: bytes) -> None:
-        state = (self._position.number, self._position.offset, len(data))
-        if state != self._newest:
-            self._bucket.put(self._key, data)
-            self._newest = state
 
 
 class LogUpload:

@@ -169,10 +169,8 @@ def inspect(config: RunConfig) -> RunReport:
             scores, also = readable_scores(model)
             damaged += also
             if scores is not None:
-                best, last = (
-                    CheckpointEntry.of(scores.best_checkpoint),
-                    CheckpointEntry.of(scores.last_checkpoint),
-                )
+                best = CheckpointEntry.of(scores.best_checkpoint)
+                last = CheckpointEntry.of(scores.last_checkpoint)
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:

@@ -63,12 +63,12 @@ def running_trainings(directory: Path) -> list[RunRecord]:
     return [record for record in records if record is not None and record.alive]
 
 
-def stop(config: RunConfig, *, wait_s: float = 30.0) -> RunReport:
+def stop(config: RunConfig) -> RunReport:
     """Stop a training and wait for its end; a second call meanwhile kills its workers."""
     record = RunRecord.read(run_folder(config.directory, config.run_id))
     if record is not None and record.alive:
         _terminate([record])
-        _wait([record], wait_s)
+        _wait([record], TRAINING_PATIENCE_S)
     return inspect(config)
 
 

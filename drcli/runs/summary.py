@@ -1,6 +1,6 @@
 """A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from platform import python_version
 from typing import Literal
@@ -133,34 +133,37 @@ def summarize(settings: Settings) -> Summary:
 
 def _bucket_state(settings: Settings) -> BucketState:
     """Ask the bucket, in a thread: some libraries wait for an answer for too long."""
-    cloud, name = settings.cloud, settings.bucket
+    late = f"no answer within {BUCKET_PATIENCE_S:.0f} s"
+    state = BucketState(settings.cloud, settings.bucket, None, "silent", late)
     try:
         endpoint = server.last_known(settings.storage)
     except StorageError as error:
-        return BucketState(cloud, name, None, "silent", str(error))
-    address = endpoint.place if endpoint is not None else None
-    if cloud == "local" and (endpoint is None or endpoint.pid is None):
+        return replace(state, reason=str(error))
+    if endpoint is not None:
+        state = replace(state, endpoint=endpoint.place)
+    if settings.cloud == "local" and (endpoint is None or endpoint.pid is None):
         newest = _newest_on_disk(settings)
         known = None if newest is None else newest != ""
-        return BucketState(cloud, name, address, "stopped", "", newest or None, known)
+        return replace(state, state="stopped", reason="", checkpoint=newest or None, model=known)
 
     answer: list[BucketState] = []
 
     def ask() -> None:
         try:
             bucket = open_running_bucket(settings.storage)
-            if bucket is not None:
-                newest = newest_checkpoint(bucket, settings.model_prefix)
-                text = str(newest) if newest is not None else None
-                answer.append(
-                    BucketState(cloud, name, address, "answers", "", text, newest is not None)
-                )
+            if bucket is None:
+                return
+            newest = newest_checkpoint(bucket, settings.model_prefix)
         except StorageError as error:
-            answer.append(BucketState(cloud, name, address, "silent", str(error)))
+            answer.append(replace(state, reason=str(error)))
+        else:
+            found = None if newest is None else str(newest)
+            answer.append(
+                replace(state, state="answers", reason="", checkpoint=found, model=bool(found))
+            )
 
     within(BUCKET_PATIENCE_S, ask)
-    late = f"no answer within {BUCKET_PATIENCE_S:.0f} s"
-    return answer[0] if answer else BucketState(cloud, name, address, "silent", late)
+    return answer[0] if answer else state
 
 
 def _newest_on_disk(settings: Settings) -> str | None:

@@ -240,7 +240,7 @@ class Supervisor:
             lease.release(self._bucket, self._job.config.model.prefix, self._job.session)
 
     def _how_to_continue(self) -> str:
-        """What to do after a stop, now that the workers have saved their work."""
+        """The remedy after a stop, once the workers have saved their work."""
         found: list[bool] = []
 
         def look() -> None:

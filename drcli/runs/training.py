@@ -128,7 +128,7 @@ def _is_ready(job: Job) -> bool:
     return record is not None and record.session == job.session
 
 
-if __name__ == "__main__":  # the supervisor as a process of its own
+if __name__ == "__main__":  # run as the supervisor process
     logger = get_logger(__name__)
     notices.show, notices.warn = logger.info, logger.warning
     try:

@@ -24,7 +24,7 @@ def start_process(
 
     Args:
         job: What it works on; it gets it through standard input.
-        name: The worker that it is, and whose log it writes: "trainer", "sim-0", ...
+        name: The worker, such as "sim-0"; also the name of its log.
         module: Such as "drcli.workers.trainer".
         arguments: Its command line.
         gpus: Its CUDA_VISIBLE_DEVICES; empty for that of this process.
@@ -46,7 +46,7 @@ def start_process(
 
 
 def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
-    """Stop a child process; kill it after `patience_s`. Whether it exited by itself."""
+    """Stop a child process, and kill it after `patience_s`; whether it exited by itself."""
     process.terminate()
     try:
         process.wait(patience_s)

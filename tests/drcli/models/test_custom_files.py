@@ -53,7 +53,7 @@ def test_only_what_changed_is_copied_and_nothing_is_deleted(mover, custom, said)
     assert mover.here.exists("custom_files/reward_function.py")
 
 
-def test_they_come_back_and_what_was_different_stays_beside(mover, custom, said):
+def test_they_come_back_and_a_different_file_is_kept(mover, custom, said):
     upload_custom_files(mover.settings().custom_files, mover.settings().storage, said.append)
     (custom / "run.env").write_text("A=2")
     (custom / "mine.txt").write_text("m")
@@ -128,7 +128,7 @@ def test_links_that_lead_nowhere_and_pipes_are_no_files(mover, custom, said):
     assert report.copied == FILES
 
 
-def test_a_file_whose_name_is_no_text_is_refused_in_printable_words(mover, custom, said):
+def test_a_file_whose_name_is_not_utf_8_is_refused_in_printable_words(mover, custom, said):
     name = os.fsdecode(b"caf\xe9.txt")
     try:
         (custom / name).touch()

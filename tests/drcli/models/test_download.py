@@ -60,7 +60,7 @@ def test_a_model_with_an_empty_file_is_refused(mover, theirs):
         mover.download(URL, "mine")
 
 
-def test_damaged_weights_are_told_where_they_come_from_and_are_no_model_here(mover, theirs):
+def test_damaged_weights_name_their_source_and_do_not_become_a_model_here(mover, theirs):
     theirs.put("theirs/fast/model/8_Step-800.ckpt.safetensors", b"")
 
     with pytest.raises(StorageError, match="s3://uploads/theirs/fast is damaged there"):
@@ -77,7 +77,7 @@ def test_the_parameter_file_names_the_copy(mover, theirs):
     assert values["SAGEMAKER_SHARED_S3_PREFIX"] == "mine"
 
 
-def test_what_lies_there_stays_and_w_deletes_it(mover, theirs, names):
+def test_other_objects_stay_and_w_deletes_them(mover, theirs, names):
     mover.here.put("mine/note.txt", b"?")
 
     beside = mover.download(URL, "mine")
@@ -97,7 +97,7 @@ def test_a_dry_run_writes_nothing(mover, theirs):
     assert "model/8_Step-800.ckpt.safetensors" in report.copied
 
 
-def test_a_dry_run_tells_what_is_there_already_and_what_would_be_deleted(mover):
+def test_a_dry_run_lists_what_exists_already_and_what_would_be_deleted(mover):
     class WithMd5(MemoryBucket):
         """Its listings tell MD5s, as those of most servers do."""
 
@@ -123,7 +123,7 @@ def test_a_dry_run_tells_what_is_there_already_and_what_would_be_deleted(mover):
     assert mover.here.exists("mine/note.txt")
 
 
-def test_a_download_that_was_cut_short_is_no_model_until_it_is_repeated(mover, theirs):
+def test_an_interrupted_download_is_not_a_model_until_it_is_repeated(mover, theirs):
     class CutError(Exception):
         pass
 
@@ -184,7 +184,7 @@ def test_c_fills_the_folder_of_the_experiment(mover, theirs):
 @pytest.mark.parametrize(
     "missing", ["reward_function.py", "ip/hyperparameters.json", "model/model_metadata.json"]
 )
-def test_what_lacks_one_of_its_files_is_no_model(mover, theirs, missing):
+def test_a_model_that_lacks_one_of_its_files_is_refused(mover, theirs, missing):
     theirs.delete([f"theirs/fast/{missing}"])
 
     with pytest.raises(SettingsError) as caught:
@@ -202,7 +202,7 @@ def test_an_address_that_is_none_is_refused(mover, theirs, url):
         mover.download(url, "mine")
 
 
-def test_a_slash_at_the_end_of_address_and_name_is_no_matter(mover, theirs):
+def test_a_slash_at_the_end_of_address_and_name_does_not_matter(mover, theirs):
     mover.download(URL + "/", "mine/")
 
     assert driven(mover.here, "mine") == "weights 2 of design a"
@@ -215,7 +215,7 @@ def test_a_model_that_is_being_trained_is_not_overwritten(mover, theirs):
         mover.download(URL, "mine")
 
 
-def test_a_model_whose_index_names_what_is_not_there_is_given_up(mover, theirs):
+def test_a_model_whose_index_names_a_missing_checkpoint_is_refused(mover, theirs):
     theirs.delete([keys.checkpoint_tensors("theirs/fast", "8_Step-800.ckpt")])
 
     with pytest.raises(StorageError, match=r"8_Step-800\.ckpt\.safetensors is missing"):
@@ -224,7 +224,7 @@ def test_a_model_whose_index_names_what_is_not_there_is_given_up(mover, theirs):
     assert driven(mover.here, "mine") is None
 
 
-def test_a_source_that_is_not_whole_does_not_cost_the_model_that_lies_here(mover, theirs):
+def test_an_incomplete_source_does_not_damage_the_model_at_the_target(mover, theirs):
     put_model(mover.here, "mine", design="b")
     theirs.delete([keys.checkpoint_tensors("theirs/fast", "8_Step-800.ckpt")])
 

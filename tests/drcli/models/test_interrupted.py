@@ -187,7 +187,7 @@ def test_downloads_of_two_designs_that_cross_leave_no_mixture(mover, end):
     assert driven(mover.here, "mine") in ("weights 3 of design a", "weights 8 of design b", None)
 
 
-def test_an_index_that_names_what_another_upload_deleted_is_written_anew(mover):
+def test_an_index_that_names_deleted_files_is_written_again(mover):
     def claim():
         mover.there.put(
             keys.deepracer_checkpoints(TARGET),
@@ -254,7 +254,7 @@ def training(mover):
     return start
 
 
-def test_a_checkpoint_that_is_pruned_under_way_is_chosen_anew(mover, training):
+def test_another_checkpoint_is_chosen_if_the_first_is_deleted_meanwhile(mover, training):
     training(3)  # the first is gone before a checkpoint is chosen
 
     report = mover.upload()

@@ -38,7 +38,7 @@ def test_the_number_is_raised_in_place(mover, increment, before, after):
     assert f"{before} # there" in (mover.folder / "run.env.bak").read_text()
 
 
-def test_a_name_that_stands_nowhere_gets_a_line_of_its_own(mover, increment):
+def test_a_name_that_is_not_in_the_file_gets_its_own_line(mover, increment):
     mover.run_env("DR_LOCAL_S3_MODEL_PREFIX=m")
 
     step = increment()
@@ -74,12 +74,12 @@ def test_a_name_that_cannot_stand_in_the_bucket_is_refused(mover, increment, nam
     assert (mover.folder / "run.env").read_bytes() == before
 
 
-def test_the_name_it_has_is_no_new_one(mover, increment):
+def test_the_present_name_is_refused(mover, increment):
     with pytest.raises(SettingsError, match="is team/model-1 already"):
         increment(prefix="team/model-1")
 
 
-def test_what_lies_at_the_new_name_stays_unless_it_may_be_wiped(mover, increment):
+def test_objects_at_the_new_name_stay_without_w(mover, increment):
     put_model(mover.there, "team/model-2")
     put_model(mover.there, "team/model-3")
     put_model(mover.there, "team/model-33")

@@ -161,7 +161,7 @@ def test_an_upload_that_was_made_already_sends_nothing_but_the_pointers(mover):
     assert again.copied == ["model/.coach_checkpoint", "model/deepracer_checkpoints.json"]
 
 
-def test_older_checkpoints_stay_beside_the_new_one_and_w_deletes_them(mover, names):
+def test_older_checkpoints_stay_and_w_deletes_them(mover, names):
     mover.upload(choice="best")
 
     beside = mover.upload()
@@ -293,7 +293,7 @@ def test_a_model_is_not_uploaded_into_itself(mover):
 
 
 @pytest.mark.parametrize("target", ["other/copy", "custom_files", "custom_files/copy"])
-def test_a_copy_in_our_own_bucket_lies_beside_everything_else(mover, target):
+def test_a_copy_in_our_own_bucket_must_not_overlap_with_anything(mover, target):
     mover.here.put("other/model/.coach_checkpoint", b"1_Step-5.ckpt")
 
     with pytest.raises(SettingsError, match="overlaps with"):
@@ -330,14 +330,14 @@ def test_a_bucket_of_the_same_name_elsewhere_is_another_one(mover):
     assert driven(mover.there, "team/model") == "weights 5 of design a"
 
 
-def test_a_model_that_is_being_trained_is_no_target(mover):
+def test_a_model_that_is_being_trained_is_refused_as_a_target(mover):
     lease.take(mover.here, TARGET, "theirs")
 
     with pytest.raises(SettingsError, match="model-1 is being trained by process"):
         mover.upload(local=True)
 
 
-def test_a_name_is_told_in_the_letters_it_was_written_in(mover):
+def test_a_name_is_shown_in_the_letters_it_was_written_in(mover):
     with pytest.raises(SettingsError, match=r"^--to 'größe' cannot be the name of a model"):
         mover.upload(to="größe")
 

@@ -48,14 +48,14 @@ def test_the_own_prefix_is_not_refused(bucket):
     lease.refuse_other_owner(bucket, "model", "ours")
 
 
-def test_a_note_that_was_not_renewed_means_nothing(server):
+def test_a_lease_that_was_not_renewed_means_nothing(server):
     lease.take(server.bucket, "model", "theirs")
     server.now_s += 61.0
 
     assert lease.holder(server.bucket, "model") is None
 
 
-def test_the_clock_of_the_machine_that_asks_makes_no_note_stale(server, monkeypatch):
+def test_the_clock_of_the_asking_machine_does_not_make_a_lease_stale(server, monkeypatch):
     lease.take(server.bucket, "model", "theirs")
     server.now_s += 9.0
     monkeypatch.setattr(time, "time", lambda: server.now_s + 75.0)
@@ -122,7 +122,7 @@ def test_a_container_with_the_same_host_name_is_another_machine(bucket):
     "content",
     [b"", b"\xff", b"[]", b"null", b'{"session": "a"}', b"{}"],
 )
-def test_a_note_that_nobody_can_read_is_stale(bucket, content):
+def test_a_lease_that_cannot_be_read_is_stale(bucket, content):
     bucket.put(keys.lease("model"), content)
 
     lease.refuse_other_owner(bucket, "model")
@@ -130,7 +130,7 @@ def test_a_note_that_nobody_can_read_is_stale(bucket, content):
     assert lease.holder(bucket, "model") is None
 
 
-def test_a_note_whose_time_is_no_number_is_stale(bucket):
+def test_a_lease_whose_time_is_not_a_number_is_stale(bucket):
     note = {"session": "a", "host": socket.gethostname(), "pid": 1, "renewed": "now"}
     bucket.put(keys.lease("model"), json.dumps(note).encode())
 
@@ -139,7 +139,7 @@ def test_a_note_whose_time_is_no_number_is_stale(bucket):
 
 @pytest.mark.parametrize("field", ["session", "host", "pid", "term", "pid_started", "released"])
 @pytest.mark.parametrize("value", [None, [], {}])
-def test_a_note_with_something_else_in_a_field_is_none(bucket, field, value):
+def test_a_lease_with_a_wrong_field_is_none(bucket, field, value):
     lease.take(bucket, "model", "theirs")
     note = json.loads(bucket.get(keys.lease("model")))
     bucket.put(keys.lease("model"), json.dumps({**note, field: value}).encode())
@@ -147,7 +147,7 @@ def test_a_note_with_something_else_in_a_field_is_none(bucket, field, value):
     assert read_lease(bucket, "model") is None
 
 
-def test_what_a_later_version_adds_to_a_note_leaves_it_valid(bucket):
+def test_a_lease_with_fields_of_a_later_version_is_valid(bucket):
     lease.take(bucket, "model", "theirs")
     note = json.loads(bucket.get(keys.lease("model")))
     bucket.put(keys.lease("model"), json.dumps({**note, "room": "kitchen"}).encode())
@@ -155,7 +155,7 @@ def test_what_a_later_version_adds_to_a_note_leaves_it_valid(bucket):
     assert lease.holder(bucket, "model").session == "theirs"
 
 
-def test_a_note_of_an_older_version_counts(bucket):
+def test_a_lease_of_an_older_version_counts(bucket):
     note = {"session": "theirs", "host": "elsewhere", "pid": 1, "renewed": time.time()}
     bucket.put(keys.lease("model"), json.dumps(note).encode())
 

@@ -21,7 +21,7 @@ def settings(tmp_path):
     return load
 
 
-def test_obstacles_are_told_in_object_avoidance_only(settings):
+def test_obstacles_are_listed_in_object_avoidance_only(settings):
     avoiding = settings("DR_RACE_TYPE=OBJECT_AVOIDANCE", 'DR_OA_OBJECT_POSITIONS="0.5,-1"')
 
     told = yaml.safe_load(training_parameters(avoiding))
@@ -33,7 +33,7 @@ def test_obstacles_are_told_in_object_avoidance_only(settings):
     assert "NUMBER_OF_OBSTACLES" not in untold
 
 
-def test_bots_are_told_in_head_to_bot(settings):
+def test_bots_are_listed_in_head_to_bot(settings):
     told = yaml.safe_load(training_parameters(settings("DR_RACE_TYPE=HEAD_TO_BOT")))
 
     assert (told["NUMBER_OF_BOT_CARS"], told["BOT_CAR_SPEED"]) == (3, 0.2)
@@ -55,7 +55,7 @@ def test_a_race_against_a_model_lists_both_racers(settings):
     assert {len(told[name]) for name in ("MODEL_S3_BUCKET", "DISPLAY_NAME", "RACER_NAME")} == {2}
 
 
-def test_a_copy_of_a_model_is_told_its_own_place_and_keeps_everything_else(settings):
+def test_a_copy_of_a_model_names_its_own_place_and_keeps_everything_else(settings):
     written = training_parameters(settings("DR_WORLD_NAME=Oval_track", "DR_CAR_COLOR=Blue"))
 
     moved = yaml.safe_load(moved_training_parameters(written, "uploads", "team/m-1"))
@@ -75,6 +75,6 @@ def test_a_copy_of_a_model_is_told_its_own_place_and_keeps_everything_else(setti
 
 
 @pytest.mark.parametrize("data", [b"", b"[1, 2]", b"{", b"\xff"])
-def test_what_is_no_parameter_file_is_refused(data):
+def test_a_file_that_is_not_a_parameter_file_is_refused(data):
     with pytest.raises(ValueError, match=r"^it "):
         moved_training_parameters(data, "uploads", "m")

@@ -123,7 +123,7 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
     def fail(*_):
         raise StorageError("The bucket is gone.", remedy="Start it.")
 
-    monkeypatch.setattr(plan, "write_start", fail)
+    monkeypatch.setattr(plan, "describe_start", fail)
 
     with pytest.raises(StorageError):
         racer.start()

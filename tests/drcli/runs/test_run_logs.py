@@ -179,7 +179,7 @@ def test_another_machine_adds_to_the_copy(bucket, log, tmp_path):
     assert bucket.copy_of() == lines(0, 500) + "another machine\n"
 
 
-def test_a_log_whose_note_is_lost_is_uploaded_again_not_doubled_in_its_newest_part(bucket, log):
+def test_a_log_whose_position_is_lost_is_uploaded_again_without_a_double_newest_part(bucket, log):
     add(log, lines(0, 20))
     LogCopy(bucket, KEY, log, MAX_BYTES).update()
     (log.parent / "sim-0.log.uploaded").unlink(missing_ok=True)
@@ -193,7 +193,7 @@ def test_a_log_whose_note_is_lost_is_uploaded_again_not_doubled_in_its_newest_pa
 @pytest.mark.parametrize(
     "note", ["", "{", "[]", '{"number": 7, "offset": 0}', '{"number": 1, "offset": 99999}']
 )
-def test_a_damaged_note_is_as_good_as_none(bucket, log, note):
+def test_a_damaged_position_counts_as_none(bucket, log, note):
     add(log, lines(0, 20))
     (log.parent / "sim-0.log.uploaded").write_text(note)
 
@@ -238,7 +238,7 @@ class Stage:
         return path
 
 
-def test_the_last_upload_brings_all_logs_home_and_says_nothing(bucket, tmp_path, logged):
+def test_the_last_upload_completes_all_logs_and_says_nothing(bucket, tmp_path, logged):
     stage = Stage(tmp_path, lambda: bucket)
     stage.log("sim-0").write_text(lines(0, 500))
     stage.log("trainer").write_text("I learn\n")
@@ -251,7 +251,7 @@ def test_the_last_upload_brings_all_logs_home_and_says_nothing(bucket, tmp_path,
     assert logged() == ""
 
 
-def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(
+def test_a_network_that_never_answers_delays_the_end_no_longer_than_allowed(
     bucket, tmp_path, logged
 ):
     never = threading.Event()
@@ -267,7 +267,7 @@ def test_a_network_that_never_answers_holds_up_the_end_no_longer_than_told(
     never.set()
 
 
-def test_whoever_insists_waits_for_no_upload(bucket, tmp_path, logged):
+def test_a_second_request_does_not_wait_for_the_upload(bucket, tmp_path, logged):
     never = threading.Event()
     stage = Stage(tmp_path, lambda: never.wait() and bucket)
     stage.log("sim-0").touch()

@@ -20,7 +20,7 @@ from drcli.runs.stopping import running_trainings, stop_runs
 DAMAGED = ["", "{", "[]", "null", "7", "{}", '{"workers": [1]}', '{"workers": []}']
 
 
-def test_a_note_is_read_as_it_was_written(tmp_path):
+def test_a_record_is_read_as_it_was_written(tmp_path):
     note = RunRecord(
         *(0, "one", "bucket", "model", "oval", "running"),
         pid=os.getpid(),
@@ -60,7 +60,7 @@ def test_the_bucket_of_a_run_that_version_0_1_0_wrote_is_found(tmp_path):
 
 
 @pytest.mark.parametrize("content", DAMAGED)
-def test_a_damaged_note_of_a_training_is_none(working_folder, content):
+def test_a_damaged_record_of_a_training_is_none(working_folder, content):
     settings = load_settings(working_folder, environ={})
     folder = run_folder(working_folder, settings.run_id)
     folder.mkdir(parents=True)
@@ -72,7 +72,7 @@ def test_a_damaged_note_of_a_training_is_none(working_folder, content):
 
 
 @pytest.mark.parametrize("content", DAMAGED)
-def test_a_damaged_note_of_an_evaluation_is_none(tmp_path, content):
+def test_a_damaged_record_of_an_evaluation_is_none(tmp_path, content):
     folder = tmp_path / "data" / "runs" / "0" / "evaluations" / "20260102030405"
     folder.mkdir(parents=True)
     (folder / "running.json").write_text(content)
@@ -93,12 +93,12 @@ def test_a_process_that_got_the_number_of_another_is_not_that_one():
     assert not is_alive(os.getpid(), started_s(os.getpid()) - 2.0)
 
 
-def test_notes_of_older_versions_tell_the_time_of_day():
+def test_records_of_older_versions_hold_the_time_of_day():
     assert is_alive(os.getpid(), psutil.Process().create_time())
     assert not is_alive(os.getpid(), psutil.Process().create_time() - 1000.0)
 
 
-def test_what_is_left_of_a_process_that_ended_is_not_alive():
+def test_a_process_that_has_ended_is_not_alive():
     child = subprocess.Popen([sys.executable, "-S", "-c", "pass"])
     began_s = started_s(child.pid)
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)

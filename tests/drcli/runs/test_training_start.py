@@ -10,7 +10,7 @@ from drcli.store import keys
 from evaluations import evaluated
 
 
-def test_a_start_notes_seed_settings_versions_and_machine(racer):
+def test_a_start_records_seed_settings_versions_and_machine(racer):
     racer.run_env(
         "DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_TRAIN_SEED=7", "DR_WORLD_NAME=reinvent_base"
     )
@@ -27,7 +27,7 @@ def test_a_start_notes_seed_settings_versions_and_machine(racer):
     assert note["earlier"] == []
 
 
-def test_a_resumed_start_keeps_the_seed_and_the_notes_before_it(racer):
+def test_a_resumed_start_keeps_the_seed_and_the_earlier_records(racer):
     racer.start()
     racer.store("model-1").save(0, 0, b"weights")
     first = racer.note("model-1")
@@ -44,7 +44,7 @@ def test_a_resumed_start_keeps_the_seed_and_the_notes_before_it(racer):
     ]
 
 
-def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
+def test_a_record_with_only_a_seed_can_be_resumed(racer):
     racer.start()
     racer.store("model-1").save(0, 0, b"weights")
     racer.bucket.put(keys.training_start("model-1"), b'{"seed": 11}')
@@ -55,7 +55,7 @@ def test_a_note_that_holds_a_seed_only_can_be_resumed(racer):
     assert racer.note("model-1")["seed"] == 11
 
 
-def test_names_passwords_and_signatures_in_addresses_are_not_noted(racer):
+def test_names_passwords_and_signatures_in_addresses_are_not_recorded(racer):
     racer.run_env(
         "DR_REMOTE_MINIO_URL=http://me:secret@minio:9000",
         "DR_TRACKS_URL=https://tracks/all?signature=secret",
@@ -71,7 +71,7 @@ def test_names_passwords_and_signatures_in_addresses_are_not_noted(racer):
     }
 
 
-def test_outside_git_there_is_no_state_to_note(racer, monkeypatch):
+def test_outside_git_no_state_is_recorded(racer, monkeypatch):
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(racer.folder.parent))
 
     racer.start()
@@ -80,7 +80,9 @@ def test_outside_git_there_is_no_state_to_note(racer, monkeypatch):
 
 
 @pytest.mark.parametrize("change", [None, "def reward_function(p): return 1.0"])
-def test_the_commit_of_the_working_folder_is_noted_and_whether_files_differ_from_it(racer, change):
+def test_the_commit_of_the_working_folder_is_recorded_and_whether_files_differ_from_it(
+    racer, change
+):
     _git(racer.folder, "init", "--quiet")
     _git(racer.folder, "add", "custom_files")
     _git(racer.folder, "commit", "--quiet", "-m", "first")

@@ -108,7 +108,7 @@ def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
     assert "evaluation.log" in raised.value.remedy
 
 
-def test_a_process_is_told_the_log_that_it_writes_so_that_it_can_rotate_it(job):
+def test_a_process_knows_its_log_so_that_it_can_rotate_it(job):
     say = f"import os; print(os.environ['{log_files.VARIABLE}'])"
 
     process = worker_processes.start_process(job, "sim-0", "timeit", "-n1", "-r1", say)
