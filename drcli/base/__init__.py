@@ -1,1 +1,1 @@
-"""What every package may use: errors, problems, files, locks, logs; nothing about DeepRacer."""
+"""Errors, problems, files, locks and logs for all packages; nothing about DeepRacer."""

@@ -35,7 +35,7 @@ _LATEST_S = 1e11
 """Longest time, and latest moment in Unix seconds, that dates can be made of: the year 5138."""
 
 MaybeNan = Annotated[float, "may be NaN"]
-"""A number that may be unknown: NaN, or null where a file is strict JSON."""
+"""A number that may be unknown: NaN, or null in strict JSON."""
 
 _PID = re.compile(r"(^|_)pid")
 _SECONDS = re.compile(r"(_s|_at|_started|^renewed|^since|time_stamp)$")

@@ -35,15 +35,13 @@ def part_bytes(max_bytes: int) -> int:
 
 def older_parts(log: Path) -> list[Path]:
     """The older parts of a log, oldest first."""
-    return sorted(
-        (path for path in log.parent.glob(f"{log.name}.part-*") if _suffix(path).isdigit()),
-        key=number_of,
-    )
+    parts = log.parent.glob(f"{log.name}.part-*")
+    return sorted((path for path in parts if path.name.rpartition("-")[2].isdigit()), key=number_of)
 
 
 def number_of(part: Path) -> int:
     """The number of an older part, from 1."""
-    return int(_suffix(part))
+    return int(part.name.rpartition(".part-")[2])
 
 
 def current_number(log: Path) -> int:
@@ -126,7 +124,3 @@ def _prune(parts: list[Path], max_bytes: int) -> None:
         with suppress(OSError):
             parts[0].unlink()
         parts, sizes = parts[1:], sizes[1:]
-
-
-def _suffix(part: Path) -> str:
-    return part.name.rpartition(".part-")[2]

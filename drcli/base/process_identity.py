@@ -1,4 +1,4 @@
-"""Tells one machine from another, and one process from a later one with the same number.
+"""Identifies machines, and processes whose number may be used again.
 
 Neither the host name nor /etc/machine-id will do: containers made from one image share them. What
 matters is whether process numbers mean the same. So the name of a machine is made of the kernel's
@@ -35,7 +35,7 @@ def this_machine() -> str:
 
 
 def started_s(pid: int) -> float | None:
-    """When a process began; None where it does not exist or is a zombie.
+    """When a process began; None if it does not exist or is a zombie.
 
     Returns:
         Seconds since the machine started, which do not change when somebody sets the clock; Unix

@@ -1,1 +1,1 @@
-"""What the processes of a run tell each other: typed records and their encoding."""
+"""Records that the processes of a run exchange, and their encoding."""

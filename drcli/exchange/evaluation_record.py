@@ -7,6 +7,7 @@ from pathlib import Path
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import is_alive
+from drcli.exchange.run_record import run_folder
 
 _FILE = "running.json"
 
@@ -53,7 +54,7 @@ class EvaluationRecord:
 
 def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
     """Create the folder of an evaluation; None if another one has this name already."""
-    folder = _runs(directory) / str(run_id) / "evaluations" / stamp
+    folder = run_folder(directory, run_id) / "evaluations" / stamp
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
         folder.mkdir()
@@ -64,8 +65,7 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
     """Evaluations that run in a working folder, oldest first."""
-    of_run = "*" if run_id is None else str(run_id)
-    folders = _runs(directory).glob(f"{of_run}/evaluations/*")
+    folders = directory.glob(f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
     return sorted(
         (record for record in records if record is not None and record.alive),
@@ -75,11 +75,7 @@ def running_evaluations(directory: Path, run_id: int | None = None) -> list[Eval
 
 def sweep(directory: Path, run_id: int) -> None:
     """Remove the folders of evaluations that were killed."""
-    for folder in _runs(directory).glob(f"{run_id}/evaluations/*"):
+    for folder in run_folder(directory, run_id).glob("evaluations/*"):
         record = EvaluationRecord.read(folder)
         if record is not None and not record.alive:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _runs(directory: Path) -> Path:
-    return directory / "data" / "runs"

@@ -22,7 +22,7 @@ VERSION = 1
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
     # which is OpenMP's habit, takes the core from the process that has work (measured on 2 cores:
-    # updates beside an evaluation took 5 times as long). Not to spin at all costs a fifth of the
+    # updates during an evaluation took 5 times as long). Not to spin at all costs a fifth of the
     # learner's speed when it is alone.
     "GOMP_SPINCOUNT": "10000",
     # The C library gives large blocks back to the system at once, and every minibatch would get

@@ -7,8 +7,7 @@ from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.checkpoint import checkpoint_name
 
 LEAST_STEP_BYTES = 16
-"""What a step takes at least: action, log-probability, value and reward, four bytes each as version
-0.1.0 wrote them."""
+"""Least size of a step: action, log-probability, value and reward, four bytes each in 0.1.0."""
 
 
 @dataclass(frozen=True)

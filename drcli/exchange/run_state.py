@@ -8,7 +8,7 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class ActivityRecord(JsonRecord):
-    """What one worker is doing, in a few words for people, since when in Unix seconds."""
+    """The activity of one worker, in a few words, and since when, in Unix seconds."""
 
     activity: str
     since: float

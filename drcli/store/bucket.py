@@ -39,9 +39,8 @@ Listing = list[ObjectInfo]
 class Bucket(Protocol):
     """Objects by key. Every method may raise StorageError."""
 
-    @property
-    def name(self) -> str:
-        """Name of the bucket."""
+    name: str
+    """Of the bucket."""
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing if it does not exist."""

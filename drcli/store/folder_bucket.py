@@ -22,11 +22,7 @@ class FolderBucket:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-
-    @property
-    def name(self) -> str:
-        """Name of the bucket."""
-        return self._folder.name
+        self.name = folder.name
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing if it does not exist."""

@@ -132,12 +132,12 @@ def damaged(prefix: str, key: str, stamp: str) -> str:
 
 
 def status_folder(prefix: str) -> str:
-    """Folder with what each process of the run is doing."""
+    """Folder with the activity of each process of the run."""
     return run_folder(prefix) + "status/"
 
 
 def status(prefix: str, name: str) -> str:
-    """What one process of the run is doing."""
+    """The activity of one process of the run."""
     return f"{status_folder(prefix)}{name}.json"
 
 

@@ -219,7 +219,7 @@ def _write_record(model: Model, name: str, _damaged: bytes) -> str:
 def _write_pointer(model: Model, _damaged: bytes) -> str:
     newest = max(whole_checkpoints(model.bucket, model.prefix), default=None)
     if newest is None:
-        return "There is no checkpoint that it could name."
+        return "The model has no checkpoint to point to."
     model.bucket.put(keys.coach_checkpoint(model.prefix), encode_pointer(newest))
     return f"It names {newest} again."
 

@@ -1,4 +1,4 @@
-"""What botocore's exceptions mean to the user: a sentence, a remedy, and whether to try again."""
+"""Explains botocore's exceptions: a sentence, a remedy, and whether to try again."""
 
 import shutil
 from dataclasses import dataclass
@@ -23,18 +23,18 @@ _BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeou
 _FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
 
 _SPARE_BYTES = 1_000_000
-"""A disk with less room than this beyond the object counts as full."""
+"""A disk with less space than this besides the object counts as full."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try to do something with the bucket, for the words of an error.
+    """A request, for the text of an error.
 
     Args:
-        action: A verb for the sentence, for instance `write`.
-        endpoint: Server that was asked.
+        action: A verb, such as `write`.
+        endpoint: The server.
         bucket: Name of the bucket.
-        key: Object, or the bucket itself when empty.
+        key: Of the object; empty for the bucket.
         size_bytes: Bytes to be written.
     """
 
@@ -50,10 +50,10 @@ class Attempt:
 
 
 def patience_share(error: Exception) -> float:
-    """How much of the patience an error deserves: all (1), a little (0.1) or none (0).
+    """For which part of the patience a call is repeated: all (1), a little (0.1) or none (0).
 
-    A server that is silent or busy may be starting again. One that answers with an inner failure
-    may have been caught in the middle of an overwrite; rclone answers so for a moment.
+    A server that is silent or busy may be starting again. One with an internal error may be
+    overwriting the object; rclone then fails for a moment.
     """
     from botocore import exceptions as boto
 
@@ -64,17 +64,12 @@ def patience_share(error: Exception) -> float:
         if code in _BUSY_CODES or status == 503:
             return 1.0
         return 0.1 if status >= 500 else 0.0
-    broke_on_the_way = (
-        boto.ConnectionError,
-        boto.HTTPClientError,
-        boto.IncompleteReadError,
-        ConnectionError,
-    )
-    return 1.0 if isinstance(error, broke_on_the_way) else 0.0
+    broken = (boto.ConnectionError, boto.HTTPClientError, boto.IncompleteReadError, ConnectionError)
+    return 1.0 if isinstance(error, broken) else 0.0
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:
-    """Turn what boto3 raised into the failure that the user reads."""
+    """Turn an exception of boto3 into the error that the user reads."""
     from botocore.exceptions import ClientError, NoCredentialsError, PartialCredentialsError
 
     if isinstance(error, ClientError):
@@ -88,9 +83,15 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
         )
     if patience_share(error) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
+    endpoint = attempt.endpoint
+    if endpoint.engine is not None:
+        remedy = "Start the command again; it starts the local server if that is not running."
+    elif endpoint.url is None:
+        remedy = "Check the network connection and DR_AWS_APP_REGION."
+    else:
+        remedy = f"Start that server, or correct {endpoint.names.address}."
     return NoAnswer(
-        f"Cannot {attempt} ({attempt.endpoint.setting}): no server answers there.",
-        remedy=_wake_up(attempt.endpoint),
+        f"Cannot {attempt} ({endpoint.setting}): no server answers there.", remedy=remedy
     )
 
 
@@ -100,7 +101,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
     names = endpoint.names
     if code == "NoSuchBucket" or (code in MISSING_CODES and not attempt.key):
         return StorageError(
-            f"There is no bucket '{attempt.bucket}' at {endpoint.place} ({names.bucket}).",
+            f"The bucket '{attempt.bucket}' does not exist at {endpoint.place} ({names.bucket}).",
             remedy=f"Correct {names.bucket}, or create the bucket.",
         )
     if code == "InvalidBucketName":
@@ -111,7 +112,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         )
     if code in MISSING_CODES:
         return ObjectMissing(
-            f"There is no object {attempt.bucket}/{attempt.key} at {endpoint.place}.",
+            f"The object {attempt.bucket}/{attempt.key} does not exist at {endpoint.place}.",
             remedy=f"Check the model prefix ({names.prefix}) and the bucket ({names.bucket}).",
         )
     if code in _REFUSED_CODES or status == 403:
@@ -127,8 +128,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
         return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
-            remedy="Make room, for instance by deleting models that you no longer need, and "
-            "continue the run.",
+            remedy="Make room, for instance delete old models, and continue the run.",
         )
     return StorageError(
         f"Cannot {attempt}: the server answered {status} {code}.",
@@ -139,23 +139,15 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
 
 
 def _answer(error: Exception) -> tuple[str, int]:
-    """The error code and the HTTP status inside a ClientError; 0 where there is no status."""
+    """Error code and HTTP status of a ClientError; 0 without a status."""
     response = getattr(error, "response", {})
     code = str(response.get("Error", {}).get("Code", ""))
     return code, int(response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0))
 
 
 def _disk_is_full(attempt: Attempt) -> bool:
-    """Whether the object cannot have fitted; only a local server's disk can be looked at."""
+    """Whether the object does not fit on the disk of the local server."""
     data_dir = attempt.endpoint.data_dir
     if data_dir is None or not data_dir.exists():
         return False
     return shutil.disk_usage(data_dir).free < attempt.size_bytes + _SPARE_BYTES
-
-
-def _wake_up(endpoint: Endpoint) -> str:
-    if endpoint.engine is not None:
-        return "Start the command again; it starts the local server when it is not running."
-    if endpoint.url is None:
-        return "Check the network connection and DR_AWS_APP_REGION."
-    return f"Start that server, or correct {endpoint.names.address}."

@@ -20,23 +20,18 @@ class MemoryBucket:
     """
 
     def __init__(self, name: str = "bucket", *, clock: Callable[[], float] = time.time) -> None:
-        self._name = name
+        self.name = name
         self._clock = clock
         self._before_write: Callable[[str], None] = lambda key: None
         self._objects: dict[str, tuple[bytes, datetime]] = {}
         self._lock = threading.Lock()
-
-    @property
-    def name(self) -> str:
-        """Name of the bucket."""
-        return self._name
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing when there is none."""
         with self._lock:
             if key not in self._objects:
                 raise ObjectMissing(
-                    f"There is no object {self._name}/{key} in memory.",
+                    f"The object {self.name}/{key} does not exist in memory.",
                     remedy="Write it before reading it.",
                 )
             data = self._objects[key][0]

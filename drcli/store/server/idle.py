@@ -1,13 +1,11 @@
-"""Stops the embedded server when it was not used for a while; the next command starts it again.
+"""Stops the embedded server after some minutes without use; the next command starts it again.
 
-Started beside the server, as `python -m drcli.store.server.idle FOLDER PORT PID`, in a process of
-its own, because the command that started the server may have ended. It loads little and sleeps
-most of the time.
+It runs as `python -m drcli.store.server.idle FOLDER PORT PID`, because the command that started the
+server may have ended. It loads little and sleeps most of the time.
 
-There are two signs that the server is used. Our commands and workers hold a lock on a
-file beside the buckets for as long as they live (`in_use`), so that a training is safe that only
-computes for an hour. Other programs, such as the AWS command or deepracer-utils, show in the number
-of bytes that the server reads and writes.
+There are two signs of use. Our commands and workers lock a file next to the buckets until they end
+(`in_use`), so that a training may compute for an hour. Other programs, such as the AWS command or
+deepracer-utils, change the number of bytes that the server reads and writes.
 """
 
 import fcntl
@@ -16,37 +14,30 @@ import select
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from drcli.base.errors import StorageError
-from drcli.base.file_lock import exclusive
+from drcli.base.file_lock import exclusive, leads_to
 from drcli.store.server import server_process
-from drcli.store.server.state import ServerState
+from drcli.store.server.state import ServerState, own_file, trim_log
 
 LOOK_S = 30.0
 """How often the watcher checks whether the server was used."""
 
 NOISE_BYTES = 100
-"""What the server reads and writes between two checks without a request: 1 byte in ten seconds was
-measured. The shortest request and its answer have 200."""
-
-STATE, LOCK, USERS, LOG = ".server.json", ".server.lock", ".server.users", ".server.log"
-"""Files beside the buckets: the server's state, the lock on it, what its users hold, its log."""
-
-LOG_BYTES = 1_000_000
-"""Maximum size of the server's log, which repeats itself for months."""
+"""Limit for the traffic of an unused server between two checks: 1 byte in ten seconds was measured.
+The shortest request and its answer have 200."""
 
 _held: dict[Path, int] = {}
 
 
 def in_use(folder: Path) -> None:
-    """Say that this process may use the server of a folder for as long as it lives.
+    """Register this process as a user of the server of a folder until it ends.
 
-    Called while the lock is held, so that the server cannot just be ending.
+    Called while the lock is held, so that the server is not being stopped.
     """
-    path = folder / USERS
-    if path in _held and _is(path, _held[path]):
+    path = own_file(folder, "users")
+    if path in _held and leads_to(path, _held[path]):
         return
     not_in_use(folder)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -55,14 +46,14 @@ def in_use(folder: Path) -> None:
 
 
 def not_in_use(folder: Path) -> None:
-    """Take that back."""
-    descriptor = _held.pop(folder / USERS, None)
+    """Undo `in_use`."""
+    descriptor = _held.pop(own_file(folder, "users"), None)
     if descriptor is not None:
         os.close(descriptor)
 
 
 def traffic_bytes(pid: int) -> int | None:
-    """How many bytes a process has read and written; None where the system does not tell."""
+    """How many bytes a process has read and written; None on systems without /proc."""
     try:
         text = Path(f"/proc/{pid}/io").read_text()
     except OSError:
@@ -71,12 +62,8 @@ def traffic_bytes(pid: int) -> int | None:
     return int(counts["rchar"]) + int(counts["wchar"])
 
 
-class Watch:
-    """Watches one server.
-
-    Args:
-        clock: Monotonic seconds, for tests.
-    """
+class IdleWatcher:
+    """Watches one server; tests replace the clock."""
 
     def __init__(
         self, folder: Path, port: int, pid: int, clock: Callable[[], float] = time.monotonic
@@ -89,14 +76,10 @@ class Watch:
         self._used_s = clock()
 
     def look(self) -> bool:
-        """Look once, and end the server if it is time.
-
-        Returns:
-            Whether the watch is over.
-        """
+        """Check once, and end the server if it is time; whether the watch is over."""
         if not server_process.is_running(self._pid, self._mark):
             return True
-        self._keep_log_small()
+        trim_log(self._folder)
         idle_s = self._idle_s()
         if idle_s == 0.0 or self._traffic is None:
             return True
@@ -105,24 +88,18 @@ class Watch:
         if self._clock() - self._used_s < idle_s:
             return False
         try:
-            with exclusive(self._folder / LOCK, patience_s=0.0):
+            with exclusive(own_file(self._folder, "lock"), patience_s=0.0):
                 return self._end_if_unused()
         except FileNotFoundError:  # somebody has deleted the folder
             server_process.end(self._pid, self._mark)
             return True
-        except StorageError:  # a command is just looking for the server
+        except StorageError:  # a command is using the lock
             return False
 
-    def _keep_log_small(self) -> None:
-        log = self._folder / LOG
-        with suppress(OSError):
-            if log.stat().st_size > LOG_BYTES:
-                os.truncate(log, 0)  # the server appends, so it goes on at the beginning
-
     def _idle_s(self) -> float:
-        """After how many seconds without use the server is stopped, as the last command had it."""
+        """The seconds without use after which to stop the server, by the last command."""
         try:
-            state = ServerState.read(self._folder / STATE)
+            state = ServerState.read(own_file(self._folder, "json"))
         except StorageError:
             state = None
         return 60.0 * (ServerState.idle_minutes if state is None else state.idle_minutes)
@@ -132,13 +109,13 @@ class Watch:
         return before is None or self._traffic is None or self._traffic > before + NOISE_BYTES
 
     def _end_if_unused(self) -> bool:
-        descriptor = os.open(self._folder / USERS, os.O_RDWR | os.O_CREAT, 0o600)
+        descriptor = os.open(own_file(self._folder, "users"), os.O_RDWR | os.O_CREAT, 0o600)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if self._was_used():
                 self._used_s = self._clock()
                 return False
-            # Its id stays in the state: a start waits then until the port is free, and takes it.
+            # Its id stays in the state, so that a start waits until the port is free.
             server_process.end(self._pid, self._mark)
         except BlockingIOError:
             return False
@@ -149,29 +126,13 @@ class Watch:
 
 def watch(folder: Path, port: int, pid: int) -> None:
     """Watch a server until it has ended."""
-    watched = Watch(folder, port, pid)
-    descriptor = _handle(pid)
-    while not watched.look():
-        if descriptor is None:
-            time.sleep(LOOK_S)
-        else:
-            select.select([descriptor], [], [], LOOK_S)  # returns at once when the process ends
-
-
-def _handle(pid: int) -> int | None:
-    """A descriptor by which the end of a process is seen; None where the system has none."""
+    watcher = IdleWatcher(folder, port, pid)
     try:
-        return os.pidfd_open(pid)
-    except (AttributeError, OSError):
-        return None
-
-
-def _is(path: Path, descriptor: int) -> bool:
-    """Whether a path still leads to an open file."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except OSError:
-        return False
+        waited_for = [os.pidfd_open(pid)]
+    except (AttributeError, OSError):  # not Linux, or the process has ended
+        waited_for = []
+    while not watcher.look():
+        select.select(waited_for, [], [], LOOK_S)  # returns at once when the process ends
 
 
 if __name__ == "__main__":

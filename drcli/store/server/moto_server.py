@@ -1,6 +1,6 @@
-"""A throw-away S3 server in memory: its objects are lost when it stops.
+"""An S3 server in memory, which loses its objects when it stops.
 
-Never the only home of a model. Started as `python -m drcli.store.server.moto_server PORT`.
+Started as `python -m drcli.store.server.moto_server PORT`.
 """
 
 import signal

@@ -1,12 +1,10 @@
-"""Starting, recognising and ending a server process that outlives the command."""
+"""Starts, recognises and ends a server process that goes on after the command."""
 
 import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from os import (
-    kill,  # itself, where drcli.base.signal_guard replaces what a reward function can call
-)
+from os import kill  # the original, because drcli.base.signal_guard replaces `os.kill`
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
@@ -17,10 +15,10 @@ _TERM_PATIENCE_S = 5.0
 def start_detached(
     command: Sequence[str], *, environment: Mapping[str, str], log: Path, folder: Path
 ) -> int:
-    """Start a process that outlives this one, and return its id.
+    """Start a process that goes on after this one, and return its id.
 
-    A shell starts it in a session of its own, prints its id and exits. So neither Ctrl-C in this
-    terminal nor the end of this command reaches it, and it does not become a zombie of ours.
+    A shell starts it in a new session, prints its id and exits. So neither Ctrl-C in this terminal
+    nor the end of this command reaches it, and it does not become our zombie.
     """
     script = 'log=$1; shift; "$@" >>"$log" 2>&1 </dev/null & echo $!'
     shell = subprocess.run(
@@ -35,15 +33,15 @@ def start_detached(
 
 
 def is_running(pid: int, mark: str) -> bool:
-    """Whether this process lives and carries the mark in its command line.
+    """Whether this process lives and has the mark in its command line.
 
-    The id alone is not enough: after a reboot another process may have it.
+    After a reboot, another process may have the same id.
     """
     return mark in _command_line(pid)
 
 
 def end(pid: int, mark: str) -> None:
-    """Ask the process to end, and make it end when it does not."""
+    """Ask the process to end, and kill it if it does not."""
     if not is_running(pid, mark):
         return
     kill(pid, signal.SIGTERM)
@@ -56,7 +54,7 @@ def _command_line(pid: int) -> str:
     """The command line of a process, empty when it has ended."""
     if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
         try:
-            # As paths are decoded: whatever the locale, a mark is found again.
+            # Decoded like a path, so that the mark is found in any locale.
             return os.fsdecode(Path(f"/proc/{pid}/cmdline").read_bytes()).replace("\0", " ")
         except (FileNotFoundError, ProcessLookupError):
             return ""

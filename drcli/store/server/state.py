@@ -1,4 +1,4 @@
-"""What later commands need to know of the local server, in a file beside its buckets."""
+"""The file `.server.json` next to the buckets: port, keys and process of the local server."""
 
 import json
 import os
@@ -12,17 +12,20 @@ from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.config.run_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
+from drcli.store.server import server_process
+
+LOG_BYTES = 1_000_000
+"""Maximum size of the server's log."""
 
 
 @dataclass(frozen=True)
 class ServerState:
-    """A server that was started here; kept in a file that its owner alone can read.
+    """The local server, in a file that only its owner can read. Keys and port stay the same.
 
     Attributes:
-        access_key: Made for this bucket; they stay the same from start to start.
-        pid: Its process; None where it was not started yet, or was stopped.
-        watcher: The process that stops it when it is not used; None where none was started.
-        idle_minutes: After how many minutes without use; 0 for never.
+        pid: Its process; None if it was not started yet, or was stopped.
+        watcher: The process that stops it when it is not used; None if none was started.
+        idle_minutes: The server stops after so many minutes without use; 0 for never.
     """
 
     engine: Engine
@@ -35,7 +38,7 @@ class ServerState:
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":
-        """Read the file; None if there is none. A damaged file is renamed.
+        """Read the file; None if it does not exist. A damaged file is renamed.
 
         Raises:
             StorageError: It cannot be read.
@@ -73,9 +76,19 @@ class ServerState:
 
     @property
     def mark(self) -> str:
-        """What the server's command line contains and no other does."""
+        """A text in the server's command line by which we recognise its process."""
         where = f"127.0.0.1:{self.port}"
         return f"drcli.store.server.moto_server {self.port}" if self.engine == "moto" else where
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the server's process lives."""
+        return self.pid is not None and server_process.is_running(self.pid, self.mark)
+
+    def end(self) -> None:
+        """End the server's process."""
+        if self.pid is not None:
+            server_process.end(self.pid, self.mark)
 
     def endpoint(self, config: StorageConfig) -> Endpoint:
         """The server as an address with keys."""
@@ -90,6 +103,14 @@ class ServerState:
         )
 
 
-def own_file(config: StorageConfig, kind: Literal["json", "lock", "log"]) -> Path:
-    """A file of ours beside the buckets: the state, the lock on it, or what the server says."""
-    return config.data_dir / f".server.{kind}"
+def own_file(data_dir: Path, kind: Literal["json", "lock", "log", "users"]) -> Path:
+    """One of our files next to the buckets: state, lock on it, log, or lock of the users."""
+    return data_dir / f".server.{kind}"
+
+
+def trim_log(data_dir: Path) -> None:
+    """Empty the server's log if it is large, because it repeats itself for months."""
+    log = own_file(data_dir, "log")
+    with suppress(OSError):
+        if log.stat().st_size > LOG_BYTES:
+            os.truncate(log, 0)  # the server appends, so it goes on at the beginning

@@ -22,7 +22,8 @@ from drcli.config.run_config import StorageConfig
 from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import idle, server, server_process
-from drcli.store.server.idle import Watch
+from drcli.store.server.idle import IdleWatcher
+from drcli.store.server.state import LOG_BYTES
 
 MINUTE_S = 60.0
 
@@ -45,7 +46,7 @@ class Served:
         self.now_s = 0.0
         port = int(str(self.endpoint.url).rpartition(":")[2])
         self.port = port
-        self.watch = Watch(config.data_dir, port, self.endpoint.pid, clock=lambda: self.now_s)
+        self.watch = IdleWatcher(config.data_dir, port, self.endpoint.pid, clock=lambda: self.now_s)
 
     @property
     def runs(self):
@@ -187,7 +188,7 @@ def test_a_damaged_state_does_not_keep_it(served):
 
 def test_the_log_of_a_server_that_runs_for_months_stays_small(served):
     log = served.config.data_dir / ".server.log"
-    log.write_text("x" * (idle.LOG_BYTES + 1))
+    log.write_text("x" * (LOG_BYTES + 1))
 
     served.pass_minutes(1)
 

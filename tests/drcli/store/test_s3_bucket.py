@@ -90,7 +90,7 @@ def test_a_silent_server_is_given_up_after_the_patience(scripted, clock, monkeyp
         bucket.get("m/k")
 
     assert clock.now_s == pytest.approx(60)
-    assert said == ["No good answer from http://127.0.0.1:1 yet; trying again ..."]
+    assert said == ["Waiting for an answer from http://127.0.0.1:1 ..."]
     assert max(clock.pauses_s) == 1.0
     assert "bucket/m/k at http://127.0.0.1:1 (DR_REMOTE_MINIO_URL)" in str(failure.value)
     assert "DR_REMOTE_MINIO_URL" in failure.value.remedy
@@ -171,7 +171,9 @@ def test_refused_keys_are_no_matter_of_patience(scripted, clock, code):
 def test_a_missing_bucket_names_the_variable(scripted):
     bucket = scripted(answer("NoSuchBucket", 404), repeat=True)
 
-    with pytest.raises(StorageError, match=r"no bucket 'bucket'.*DR_LOCAL_S3_BUCKET") as failure:
+    with pytest.raises(
+        StorageError, match=r"bucket 'bucket' does not exist.*DR_LOCAL_S3_BUCKET"
+    ) as failure:
         bucket.get("k")
 
     assert not isinstance(failure.value, ObjectMissing)
@@ -274,5 +276,5 @@ def test_a_probe_leaves_nothing_behind(wire):
 def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
     bucket = S3Bucket(moto_endpoint, "another", patience_s=0)
 
-    with pytest.raises(StorageError, match="no bucket 'another'"):
+    with pytest.raises(StorageError, match="bucket 'another' does not exist"):
         bucket.probe()

@@ -170,7 +170,7 @@ def test_our_own_files_are_nobodys_objects(local):
 
     with (
         closing(S3Bucket(endpoint, ".server.json")) as bucket,
-        pytest.raises(StorageError, match=r"no bucket '\.server\.json'"),
+        pytest.raises(StorageError, match=r"bucket '\.server\.json' does not exist"),
     ):
         bucket.list("")
 
