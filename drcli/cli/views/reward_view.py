@@ -23,9 +23,9 @@ _CURVE_NAME = "steady lap "
 
 def check(report: "RewardReport") -> RenderableType:
     """The report of a check."""
-    verdict = Text("works", "bold green") if report.works else Text("does not work", "bold red")
+    state = Text("works", "bold green") if report.works else Text("does not work", "bold red")
     parts: list[RenderableType] = [
-        Text.assemble((report.file, "bold"), " ", verdict),
+        Text.assemble((report.file, "bold"), " ", state),
         Text(f"on {_race(report)}", "dim"),
         *(Text(f"and on {_race(other)}", "dim") for other in report.others),
         _facts(report),
