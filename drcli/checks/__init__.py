@@ -1,1 +1,1 @@
-"""Checks before a start: rules by subject, and the sandbox that tries a racer's code."""
+"""Checks before a start, and the sandbox that tries reward functions."""

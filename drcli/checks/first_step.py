@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 FIRST = 2
-"""What `steps` is in the first call of an episode."""
+"""`steps` in the first call of an episode."""
 
 _SAME_NUMBER = {"int", "float", "round"}
 """Calls that do not change a whole number."""
@@ -36,7 +36,7 @@ class Idle:
 
     @property
     def message(self) -> str:
-        """What is wrong, in two sentences."""
+        """The problem, in two sentences."""
         often = "always" if self.holds else "never"
         return (
             f"`{self.text}` is {often} true: the first call of an episode has `steps` {FIRST}. "

@@ -50,17 +50,16 @@ def exit_of_stuck(code: int, log: Path, *, remedy: str) -> WorkerExit | None:
         text = ""
     path, line = stuck_place(text)
     where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
-    return WorkerExit(
-        f"Reward function error: The reward function{where} failed: {WHY}.{_quoted(path, line)}",
-        remedy,
-        SettingsError.code,
-        final=True,
-    )
+    what = f"Reward function error: The reward function{where} failed: {WHY}."
+    if source := source_line(path, line):
+        what += f"\n  {source}"
+    return WorkerExit(what, remedy, SettingsError.code, final=True)
 
 
-def _quoted(path: Path | None, line: int) -> str:
+def source_line(path: Path | None, line: int) -> str:
+    """The text of a line, counted from 1; empty if it cannot be read."""
     try:
         lines = [] if path is None else path.read_text("utf-8", "replace").splitlines()
     except OSError:
         return ""
-    return f"\n  {lines[line - 1].strip()}" if 0 < line <= len(lines) else ""
+    return lines[line - 1].strip() if 0 < line <= len(lines) else ""

@@ -31,7 +31,7 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
 
 
 def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
-    """V-13: nobody else may be training this model."""
+    """V-13: no other run may be training this model."""
     try:
         lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:

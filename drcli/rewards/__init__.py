@@ -1,1 +1,1 @@
-"""What dr-reward shows of a reward function: checks, pictures, comparisons."""
+"""Checks, plots and compares reward functions."""

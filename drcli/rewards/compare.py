@@ -107,7 +107,8 @@ def compare(
         directory: The racer's working folder.
 
     Raises:
-        SettingsError: One of them fails, there is no such track, or the picture cannot be written.
+        SettingsError: A function fails, the track does not exist, or the picture cannot be
+            written.
     """
     files = files_of([first, second])
     if out is not None:

@@ -28,7 +28,7 @@ class Course:
 
     Attributes:
         drive: The calls of the drivers.
-        grid: Places on the road and beside it.
+        grid: Places on and off the road.
         unusual: Single states that the drivers do not get into, by name.
     """
 

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Manner = Literal["along", "weave", "leave", "ram"]
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A driver steers towards a point this far ahead, plus the way it covers in this time."""
+"""A driver steers towards a point this far ahead, plus the distance that it covers in this time."""
 
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
@@ -32,10 +32,10 @@ _SEES_M, _PASSED_M = 2.2, 0.5
 """How far before and behind an object drivers keep to the other side."""
 
 _PASSING_MPS = 1.5
-"""Highest speed beside an object."""
+"""Highest speed next to an object."""
 
-_SLOWEST_START_MPS = 1.0
-"""Highest speed of the first step, in which nothing is known yet."""
+_FIRST_STEP_MPS = 1.0
+"""Highest speed of the first step, in which the parameters are not known yet."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class ScriptedDriver:
         about: What it does, for people.
         manner: Along the centre line and around objects, from border to border, off the road, or
             into the next object.
-        speed_mps: Its highest speed.
-        grip_mps2: Its sideways acceleration in bends; None to keep its speed.
-        laps: It drives to the end of the lap, whatever happens; otherwise the trip ends when it
-            leaves the road, hits something or has made `steps`.
+        speed_mps: Highest speed.
+        grip_mps2: Sideways acceleration in bends; None keeps the speed.
+        laps: Whether it always completes the lap; otherwise the trip ends when it leaves the road,
+            hits something or has made `steps`.
         steps: Most steps of the trip.
-        start: Where on the lap it starts, 0 .. 1 from the common start.
-        turned: It drives in the opposite direction of the others.
+        start: Distance from the common start, 0 .. 1 of a lap.
+        turned: Whether it drives in the opposite direction of the others.
     """
 
     name: str
@@ -75,24 +75,12 @@ STANDING = ScriptedDriver(
     "standing", "asks for no speed and creeps", "along", 0.0, laps=False, steps=60, start=0.5
 )
 RAMMING = ScriptedDriver("ramming", "drives into what is on the road", "ram", 1.5, laps=False)
-TURNED = ScriptedDriver(
-    "turned",
-    "follows the centre line the other way",
-    "along",
-    1.2,
-    laps=False,
-    steps=60,
-    turned=True,
-)
+_OTHER_WAY = "follows the centre line the other way"
+TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60, turned=True)
 
 
 class Navigator:
-    """Drives one car as its driver wants.
-
-    Args:
-        driver: The way to drive.
-        track: The track, in the driving direction of this car.
-    """
+    """Drives one car, whose track is given in its driving direction."""
 
     def __init__(self, driver: ScriptedDriver, track: Track) -> None:
         self.driver = driver
@@ -102,7 +90,7 @@ class Navigator:
 
     def first(self) -> tuple[float, float]:
         """Steering angle in degrees and speed in m/s of the first step, without parameters."""
-        return 0.0, min(self.driver.speed_mps, _SLOWEST_START_MPS)
+        return 0.0, min(self.driver.speed_mps, _FIRST_STEP_MPS)
 
     def act(self, params: RewardParams) -> tuple[float, float]:
         """Steering angle in degrees and speed in m/s, from the parameters of the last step."""
@@ -110,7 +98,8 @@ class Navigator:
         if self._begun_m is None:
             self._begun_m = along_m
         side = self._blocked_side(params)
-        speed_mps = self._speed_at(along_m)
+        last = len(self._speeds_mps) - 1
+        speed_mps = float(self._speeds_mps[min(int(along_m / _PROFILE_M), last)])
         ahead_m = _LOOK_AHEAD_M + _LOOK_AHEAD_S * speed_mps
         if side:
             speed_mps, ahead_m = min(speed_mps, _PASSING_MPS), _LOOK_AHEAD_M
@@ -119,12 +108,8 @@ class Navigator:
         x, y = x - aside_m * math.sin(yaw_rad), y + aside_m * math.cos(yaw_rad)
         return _steering_deg(params, x, y), speed_mps
 
-    def _speed_at(self, along_m: float) -> float:
-        last = len(self._speeds_mps) - 1
-        return float(self._speeds_mps[min(int(along_m / _PROFILE_M), last)])
-
     def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
-        """How far to the left of the centre line to aim, metres."""
+        """The distance to the left of the centre line to aim at, metres."""
         width_m = float(params["track_width"])
         manner = self.driver.manner
         if manner == "leave":
@@ -139,7 +124,7 @@ class Navigator:
         return 0.0
 
     def _blocked_side(self, params: RewardParams) -> int:
-        """1 where the nearest object ahead is on the left, -1 on the right, 0 without one."""
+        """The side of the nearest object ahead: 1 left, -1 right, 0 without one."""
         gaps_m = [
             self._gap_m(there_m, params["projection_distance"])
             for there_m in params["objects_distance"]

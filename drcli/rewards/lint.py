@@ -131,13 +131,15 @@ def unknown_parameters(text: bytes, known: set[str]) -> dict[str, int]:
 
 def _failures(tried: TriedReward) -> Iterator[Problem]:
     for failure in tried.result.failures:
-        message = failure.sentence()
+        rule, message = _RULES[failure.kind], failure.sentence()
         if failure.first is not None:
             times, calls = failure.times, tried.result.calls
             often = f", {times:,} of {calls:,} calls" if times > 1 else ""
             message += f" First: {tried.course.describe(failure.first)}{often}."
+        elif failure.kind == "undefined":
+            rule = "loads"
         remedy = _missing_module(tried, failure) or REMEDIES[failure.kind]
-        yield Problem(_RULES[failure.kind], "error", tried.name, failure.line, message, remedy)
+        yield Problem(rule, "error", tried.name, failure.line, message, remedy)
 
 
 def _missing_module(tried: TriedReward, failure: Failure) -> str:

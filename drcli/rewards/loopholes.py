@@ -55,10 +55,10 @@ def _growth(tried: TriedReward, greatest: float) -> Iterator[Problem]:
 
 def _off_track(tried: TriedReward) -> Iterator[Problem]:
     values, off = tried.grid_values, tried.course.grid.off
-    beside, centre = values[off], values[len(values) // 2]
-    if np.isnan(beside).all() or np.isnan(centre).all():
+    outside, centre = values[off], values[len(values) // 2]
+    if np.isnan(outside).all() or np.isnan(centre).all():
         return
-    off_mean, on_mean = float(np.nanmean(beside)), float(np.nanmean(centre))
+    off_mean, on_mean = float(np.nanmean(outside)), float(np.nanmean(centre))
     if off_mean >= on_mean - (1.0 - _NEARLY) * abs(on_mean):
         yield tried.warning(
             "off-track",

@@ -1,4 +1,4 @@
-"""Pictures of what reward functions pay: maps of the track, and curves along the lap."""
+"""Pictures of rewards: maps of the track, and curves along the lap."""
 
 import io
 import itertools
@@ -42,29 +42,21 @@ _STYLE: dict[Any, Any] = {
 }
 _INK, _UNKNOWN = "#262a30", "#cdcfd1"
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
-"""Colours that colour-blind people tell apart. Source: Okabe and Ito, 2008, the yellow darkened."""
+"""Colour-blind people can distinguish them. Source: Okabe and Ito, 2008, the yellow darkened."""
 
 _MARKS = (0.25, 0.5, 0.75)
-"""Places on the lap that the map and the curves have in common."""
+"""Places on the lap that are marked on the map and on the curves."""
 
 _FINISH = 2.0
-"""A finish that pays so many times more than the rest would flatten every curve: it is cut off."""
+"""A finish that pays this many times more than the rest would flatten all curves: it is cut off."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-"""How every picture of ours begins."""
+"""The first bytes of a PNG file."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A line along the lap.
-
-    Attributes:
-        name: For the legend.
-        color: Of the line.
-        progress: Percent of the lap. Shape (n,).
-        values: NaN where there is none. Shape (n,).
-        style: As matplotlib writes it.
-    """
+    """A line along the lap: progress in percent, and values or NaN. Both of shape (n,)."""
 
     name: str
     color: str
@@ -89,9 +81,9 @@ def draw_reward(tried: TriedReward) -> bytes:
         figure.suptitle(
             f"{tried.name} on {drive.world}, {drive.race_type}", x=0.01, ha="left", size=15
         )
-        _draw_map(upper, tried, values, *color_range(values), "viridis", "reward per step")
+        _draw_map(upper, tried, values)
         upper.set_title(
-            f"Reward of a car that is at this place, looks along the track and asks for "
+            f"Reward of a car that is at this place, points along the track and requests "
             f"{SPEED_MPS:g} m/s"
         )
         _draw_curves(lower, curves, low, high)
@@ -115,12 +107,11 @@ def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
             ha="left",
             size=14,
         )
-        _draw_map(left, first, a, *color_range(a), "viridis", "reward per step")
-        left.set_title(f"A: reward of a car that asks for {SPEED_MPS:g} m/s")
-        _draw_map(right, first, b, *color_range(b), "viridis", "reward per step")
+        _draw_map(left, first, a)
+        left.set_title(f"A: reward of a car that requests {SPEED_MPS:g} m/s")
+        _draw_map(right, first, b)
         right.set_title("B: the same")
-        apart = scaled(b, b) - scaled(a, a)
-        _draw_map(difference, first, apart, -1.0, 1.0, "RdBu_r", "B minus A, both scaled to 0..1")
+        _draw_map(difference, first, scaled(b, b) - scaled(a, a), is_difference=True)
         difference.set_title("Red: B pays more. Blue: A pays more.")
         _draw_curves(lower, _scaled_curves(first, second), 0.0, 1.0)
         lower.set_title("Reward along the lap, and its sum before scaling")
@@ -129,15 +120,8 @@ def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
     return _png(draw, (_WIDTH_IN, 2 * map_in + 3.4))
 
 
-def color_range(values: Floats) -> tuple[float, float]:
-    """The least and the greatest value that get a colour of their own; a few extremes do not."""
-    known = values[~np.isnan(values)]
-    low, high = np.percentile(known, [0.5, 99.5]).tolist() if len(known) else (0.0, 0.0)
-    return low, high
-
-
 def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
-    """The least and the greatest value to show, and a remark where a finish goes beyond."""
+    """The least and the greatest value to show, and a note if the finish is cut off."""
     values = np.concatenate([curve.values for curve in curves])
     finish = np.concatenate([curve.progress for curve in curves]) >= 100.0
     known = ~np.isnan(values)
@@ -153,7 +137,7 @@ def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
 
 
 def refuse_replacing(path: Path) -> None:
-    """Refuse to draw over a file that is not a picture of ours, or into a missing folder.
+    """Refuse to replace a file that is not a PNG picture, or to write into a missing folder.
 
     Raises:
         SettingsError: It is one of these.
@@ -187,13 +171,13 @@ def number(value: float) -> str:
 
 
 def _png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
-    """What is drawn on a figure of a size in inches, as a PNG file."""
-    import matplotlib  # loaded here: it takes half a second, and most commands draw nothing
+    """A drawing of that size, as a PNG file."""
+    import matplotlib  # here: it takes half a second to load, and most commands draw nothing
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    # It tells of letters that its font lacks and of its cache, which no racer asks about.
+    # It warns about letters that its font lacks and about its cache.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -207,37 +191,28 @@ def _png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> byte
 
 
 def _draw_map(
-    axes: "Axes",
-    tried: TriedReward,
-    values: Floats,
-    low: float,
-    high: float,
-    colors: str,
-    label: str,
+    axes: "Axes", tried: TriedReward, values: Floats, *, is_difference: bool = False
 ) -> None:
-    """The track, each place in the colour of its value, and the scale of the colours.
-
-    Args:
-        axes: Where to draw.
-        tried: Says which places these are, and what stands on the road.
-        values: NaN where there is none. Shape (offsets, n).
-        low: Value of the first colour.
-        high: Value of the last one.
-        colors: A colour map of matplotlib.
-        label: What the values are.
-    """
+    """The track, each place in the colour of its value or NaN, and the scale of the colours."""
     import matplotlib
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
 
     grid, drive = tried.course.grid, tried.course.drive
     track = drive.track
+    known = values[~np.isnan(values)]
+    if is_difference:
+        low, high, colors, label = -1.0, 1.0, "RdBu_r", "B minus A, both scaled to 0..1"
+    else:
+        colors, label = "viridis", "reward per step"
+        # A few extremes have the same colour as the values next to them.
+        low, high = np.percentile(known, [0.5, 99.5]).tolist() if len(known) else (0.0, 0.0)
     edges = _edges(grid.xy)
     if track.closed:
         edges = np.concatenate([edges, edges[:, :1]], axis=1)
     corners = [edges[:-1, :-1], edges[:-1, 1:], edges[1:, 1:], edges[1:, :-1]]
     areas = np.stack(corners, axis=2)
-    # From the outside in: where stretches of the track lie close together, the road is on top.
+    # From the outside in: if parts of the track are close together, the road is on top.
     order = np.argsort(-np.abs(np.arange(len(values)) - len(values) // 2), kind="stable")
     shown = values[order, : areas.shape[1]].reshape(-1)
     cells = PolyCollection(
@@ -311,7 +286,7 @@ def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
 
 
 def _draw_curves(axes: "Axes", curves: Sequence[Curve], low: float, high: float) -> None:
-    """Lines over the progress of the lap, with a legend below; what is beyond high is cut off."""
+    """Lines over the progress of the lap, cut off above high, with a legend below."""
     for curve in reversed(curves):
         progress, values = _with_gaps(curve)
         axes.plot(progress, values, curve.style, color=curve.color, lw=1.6, label=curve.name)
@@ -331,7 +306,7 @@ def _draw_curves(axes: "Axes", curves: Sequence[Curve], low: float, high: float)
 
 
 def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
-    """What it pays a driver, with the sum in its name."""
+    """The rewards of a driver; the name has their sum."""
     total = tried.total(trip.driver)
     earned = "" if total is None else f"{number(total)} "
     progress = np.array([call["progress"] for call in trip.calls])
@@ -340,7 +315,7 @@ def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
 
 
 def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
-    """The slow and the fast lap of two functions, each scaled to what it pays on the drive."""
+    """The slow and the fast lap of two functions, each scaled to its range on the drive."""
     curves = []
     for name, tried, color in (("A", first, _LINES[0]), ("B", second, _LINES[1])):
         for driver, style in ((STEADY, "-"), (FAST, "--")):
@@ -351,7 +326,7 @@ def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
 
 
 def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
-    """Progress and values, with NaN where the car is put back on the road."""
+    """Progress and values, with NaN where the car was put back on the road."""
     steps = np.abs(np.diff(curve.progress))
     far = 6.0 * np.median(steps) + 1.0 if len(steps) else 0.0
     jumps = np.flatnonzero(steps > far) + 1
@@ -359,7 +334,7 @@ def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
 
 
 def _map_height_in(track: Track, width_in: float) -> float:
-    """How high a map of that width is, within reason."""
+    """The height of a map of that width, within limits."""
     low_x, low_y, high_x, high_y = track.bounds
     margin_m = 2 * _margin_m(track)
     shape = (high_y - low_y + margin_m) / (high_x - low_x + margin_m)
@@ -367,17 +342,17 @@ def _map_height_in(track: Track, width_in: float) -> float:
 
 
 def _margin_m(track: Track) -> float:
-    """Room around the road for what lies beside it, and for the marks."""
+    """Room around the road for the places off the road, and for the marks."""
     return 1.1 * float(np.hypot(*(track.outer - track.inner).T).max())
 
 
 def _edges(xy: Floats) -> Floats:
-    """Lines midway between rows of places, and beyond the outermost. Shape (rows + 1, n, 2)."""
+    """The borders of rows of places. Shape (rows + 1, n, 2)."""
     between = (xy[:-1] + xy[1:]) / 2
     first, last = 2 * xy[:1] - between[:1], 2 * xy[-1:] - between[-1:]
     return np.concatenate([first, between, last])
 
 
 def _is_outside(track: Track, point: Floats) -> bool:
-    """Whether a point beside the road lies on the side of the outer border."""
+    """Whether a point off the road is nearer to the outer border."""
     return bool(np.hypot(*(track.outer - point).T).min() < np.hypot(*(track.inner - point).T).min())

@@ -46,7 +46,8 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
         directory: The racer's working folder.
 
     Raises:
-        SettingsError: The function fails, there is no such track, or the picture cannot be written.
+        SettingsError: The function fails, the track does not exist, or the picture cannot be
+            written.
     """
     path = file_of(settings, file)
     refuse_replacing(out)

@@ -1,4 +1,4 @@
-"""Places on the road and beside it, and the reward parameters of a car at each."""
+"""Places on and off the road, and the reward parameters of a car at each."""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ _SLOWEST_MPS = 0.5
 
 @dataclass(frozen=True)
 class Grid:
-    """Places on the road and beside it, with a car at each that points along the track.
+    """Places on and off the road, with a car at each that points along the track.
 
     Attributes:
         along_m: Distances from waypoint 0. Shape (n,).

@@ -1,1 +1,1 @@
-"""Tracks as a racer handles them: list, show, add, fetch."""
+"""Lists, shows, adds and downloads tracks."""

@@ -1,4 +1,4 @@
-"""Route files of the community, fetched over HTTP."""
+"""Downloads route files of the community over HTTP."""
 
 import difflib
 import http.client
@@ -29,10 +29,10 @@ _HANDLERS = (
     urllib.request.HTTPErrorProcessor,
     urllib.request.UnknownHandler,
 )
-"""The HTTP handlers of `urlopen`: a redirect must not lead to ftp, files or data."""
+"""The HTTP handlers of `urlopen`: a redirect must not lead to ftp, file or data addresses."""
 
 _GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
-"""A folder of a repository on GitHub, which lists its files under another address."""
+"""A folder of a repository on GitHub, which lists its files at another address."""
 
 _LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 
@@ -43,11 +43,11 @@ def fetch_track(
     """Download a route, check it and put it into the folder.
 
     Args:
-        name: Name of a world, as `Oval_track`.
-        url: Folder on the web that holds NAME.npy.
+        name: Name of a world, such as `Oval_track`.
+        url: Folder on the web that has NAME.npy.
         folder: The racer's folder of tracks.
         called: Name of the new track; None keeps the name of the world.
-        replace: Overwrite a track of that name.
+        replace: Whether to replace a track of that name.
 
     Raises:
         SettingsError: The name or the address is not valid, the name is taken, or the file is not
@@ -76,8 +76,8 @@ def fetch_track(
     except (OSError, ValueError, http.client.HTTPException) as error:
         raise StorageError(
             f"{address} cannot be reached: {_reason(error)}.",
-            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add a file of your "
-            "own with `dr-tracks add FILE.npy`.",
+            remedy=f"Check the network and repeat `dr-tracks fetch {name}`, or add your own file "
+            "with `dr-tracks add FILE.npy`.",
         ) from None
     if len(content) > _MOST_BYTES:
         raise StorageError(
@@ -108,18 +108,13 @@ def _address(url: str) -> str:
     if not good or not url.isascii() or not url.isprintable() or " " in url:
         raise SettingsError(
             f"{url!r} (--from or DR_TRACKS_URL) is not a web address.",
-            remedy="Write it as in https://example.org/routes, or leave it out.",
+            remedy="Write an address such as https://example.org/routes, or leave it out.",
         )
     return url.rstrip("/")
 
 
 def _download(address: str) -> bytes:
-    """The content of an address; one byte more than allowed if it is too large.
-
-    Raises:
-        OSError: The server does not answer, refuses, or takes too long.
-        HTTPException: The server does not speak HTTP.
-    """
+    """The content of an address; one byte more than allowed if it is too large."""
     deadline = time.monotonic() + PATIENCE_S
     pieces, size = [], 0
     opener = urllib.request.OpenerDirector()
@@ -135,13 +130,13 @@ def _download(address: str) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    """Why there is no answer, in words."""
+    """The reason of a failed download, in words."""
     cause = getattr(error, "reason", error)
     return str(getattr(cause, "strerror", None) or cause)
 
 
 def _similar(name: str, url: str) -> str:
-    """What to do about a name that the folder on the web does not contain."""
+    """The remedy for a name that the folder on the web does not have."""
     listing = url + "/"
     if match := _GITHUB.fullmatch(url):
         repository, version, path = match.groups()

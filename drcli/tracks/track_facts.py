@@ -1,11 +1,11 @@
-"""What `dr tracks` tells about tracks."""
+"""The facts that `dr tracks` shows."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class TrackFacts:
-    """What is known about a track.
+    """The facts about a track.
 
     Attributes:
         name: Its name.
@@ -18,7 +18,7 @@ class TrackFacts:
         waypoints: How many there are.
         repeated: Numbers of those that repeat the one before, as in many community routes.
         spacing_m: Mean distance between the others.
-        line_family: "in" when the white line belongs to the road, else "out".
+        line_family: "in" if the white line belongs to the road, else "out".
         source: "own" for a built-in track, else its file.
         difficulty: "easy", "medium" or "hard"; None if unknown.
         about: A line about it.

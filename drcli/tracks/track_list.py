@@ -1,6 +1,6 @@
-"""Lists the tracks; their files are only read again when one of them has changed.
+"""Lists the tracks; their files are only read again if one of them has changed.
 
-To measure a track needs the simulation's compiled geometry, which takes two seconds to load.
+Measuring a track needs the simulation's compiled geometry, which takes two seconds to load.
 """
 
 import json
@@ -13,18 +13,16 @@ from drcli import __version__
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
 _MEASURED = 2
-"""Version of the way tracks are measured; 2: repeated rows count as waypoints."""
+"""Version of the measurement; 2: repeated rows count as waypoints."""
 
 
 def list_tracks(folder: Path, memory: Path) -> TrackList:
-    """All built-in tracks and those in the folder.
+    """All built-in tracks and those in the racer's folder, if it exists.
 
-    Args:
-        folder: The racer's folder of tracks; it need not exist.
-        memory: File that keeps the last list, if it can be written.
+    The file `memory` keeps the last list, if it can be written.
     """
     state = _state(folder)
-    with suppress(OSError, ValueError, TypeError, KeyError):  # missing, or something else
+    with suppress(OSError, ValueError, TypeError, KeyError):  # missing or damaged
         known = json.loads(memory.read_bytes())
         if known["state"] == state:
             tracks = [TrackFacts(**facts) for facts in known["tracks"]]
@@ -34,12 +32,7 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
     found = measure_tracks(folder)
     with suppress(OSError):  # a read-only folder
         memory.parent.mkdir(parents=True, exist_ok=True)
-        kept = {
-            "state": state,
-            "tracks": [asdict(facts) for facts in found.tracks],
-            "unreadable": found.unreadable,
-        }
-        memory.write_text(json.dumps(kept), "utf-8")
+        memory.write_text(json.dumps({"state": state, **asdict(found)}), "utf-8")
     return found
 
 

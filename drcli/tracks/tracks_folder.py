@@ -1,4 +1,4 @@
-"""The racer's tracks: measures and shows them, and adds files to them."""
+"""Measures and shows tracks, and adds files to the racer's folder of tracks."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ from drsim.track.worlds import WorldInfo, describe, known_worlds, load_track
 from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 MAP_COLUMNS = 78
-"""Letters in a line of a map, if there is room."""
+"""Most letters in a line of a map."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
@@ -24,7 +24,7 @@ class TrackView:
     """A track and its map.
 
     Attributes:
-        facts: What is known about the track.
+        facts: The facts about the track.
         map_lines: A map in letters for a terminal, top line first.
         picture: File of the picture, if one was asked for.
     """
@@ -48,16 +48,10 @@ def measure_tracks(folder: Path) -> TrackList:
 def show_track(
     name: str, folder: Path, picture: Path | None = None, *, columns: int = MAP_COLUMNS
 ) -> TrackView:
-    """A track's facts and map.
-
-    Args:
-        name: Name of the track, or a route file.
-        folder: The racer's folder of tracks.
-        picture: Where to write a picture, if one is wanted.
-        columns: Most letters in a line of the map.
+    """The facts and the map of a track; `name` may be a route file.
 
     Raises:
-        SettingsError: There is no such track, or the picture cannot be written.
+        SettingsError: The track does not exist, or the picture cannot be written.
     """
     try:
         facts = _facts(describe(name, folder))
@@ -84,9 +78,7 @@ def add_track(
     length_m: float | None = None,
     replace: bool = False,
 ) -> TrackFacts:
-    """Check a route file and put it into the folder.
-
-    It takes the place of a built-in track of the same name.
+    """Check a route file and put it into the folder; it hides a built-in track of the same name.
 
     Args:
         file: A .npy, .csv or .svg file.
@@ -94,7 +86,7 @@ def add_track(
         name: Name of the new track; None takes that of the file.
         width_m: Width of the road, for a file that only has a centre line.
         length_m: Length of the lap; the track is scaled to it.
-        replace: Overwrite a track of that name.
+        replace: Whether to replace a track of that name.
 
     Raises:
         SettingsError: The file is not a track, or the name is taken.
@@ -115,11 +107,11 @@ def add_track(
     except OSError as error:
         raise SettingsError(
             f"{target} cannot be written: {error.strerror}.",
-            remedy="Make room on the disk, correct the permissions or set DR_TRACKS_DIR to another "
-            "folder.",
+            remedy="Make room on the disk, correct the permissions, or set DR_TRACKS_DIR to "
+            "another folder.",
         ) from None
     finally:
-        with contextlib.suppress(OSError):  # it only still exists if something went wrong
+        with contextlib.suppress(OSError):  # it only exists if something went wrong
             unfinished.unlink()
     return _facts(describe(str(target)))
 
@@ -164,11 +156,9 @@ def _facts(info: WorldInfo) -> TrackFacts:
 
 
 def _refused(error: TrackError, options: dict[str, str] | None = None) -> SettingsError:
-    """The error of the simulation, whose last sentence is the remedy.
+    """An error of the simulation, whose last sentence is the remedy.
 
-    Args:
-        error: What the simulation refuses.
-        options: The command's option for each parameter of the simulation.
+    `options` gives the option of the command for each parameter of the simulation.
     """
     text = str(error).strip()
     for parameter, option in (options or {}).items():

@@ -1,1 +1,1 @@
-"""The process in which a racer's code is tried, and what is learned from it."""
+"""The separate process that tries a reward function, and its records."""

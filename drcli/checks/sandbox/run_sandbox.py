@@ -11,7 +11,7 @@ from threading import Event
 from time import monotonic
 
 from drcli.base.json_record import RecordError
-from drcli.checks.reward_timeout import stuck_place
+from drcli.checks.reward_timeout import source_line, stuck_place
 from drcli.checks.sandbox.sandbox_records import (
     FAULTS_FILE,
     Failure,
@@ -110,12 +110,7 @@ class Sandbox:
         else:
             what = f"ends the process ({reason})"
         _, line = stuck_place(trace)
-        lines = self._copy.read_text("utf-8", "replace").splitlines()
-        failure = Failure(
-            kind,
-            f"The reward function {what}.",
-            line=line or None,
-            source=lines[line - 1].strip() if 0 < line <= len(lines) else "",
-        )
+        source = source_line(self._copy, line)
+        failure = Failure(kind, f"The reward function {what}.", line or None, source)
         values: list[list[float | None]] = [[None] * len(c) for c in self._request.sequences]
         return SandboxResult(problems=result.problems, failures=[failure], values=values)

@@ -54,7 +54,7 @@ def sample_races(
 
 
 def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
-    """Reward parameters all along a lap, on the centre line, beside it and off the track."""
+    """Reward parameters all along a lap, on the centre line, to its sides and off the track."""
     count = POSITIONS * len(OFFSETS)
     fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
     xy, yaw_rad = places(track, fraction[:POSITIONS] * track.length_m, OFFSETS)

@@ -10,7 +10,7 @@ from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig
 
 FAULTS_FILE = "faults.txt"
-"""What Python writes when it ends the process: stacks, or the traceback of an exception."""
+"""Output of Python when it ends the process: stacks, or the traceback of an exception."""
 
 FailureKind = Literal[
     "load",

@@ -1,4 +1,4 @@
-"""`dr reward`: is a reward function sound, what does it pay for, and how do two differ?"""
+"""`dr reward`: checks, plots and compares reward functions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,11 +33,11 @@ _World = Annotated[
 
 @app.command()
 def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
-    """Try a reward function on a drive over the track, and say what is wrong with it.
+    """Try a reward function on a drive over the track, and report its problems.
 
     Scripted drivers drive along the centre line, slowly and fast, from border to border, off the
-    road, and into an obstacle if the race has any. Exits with code 3 if a training would fail or
-    come to harm.
+    road, and into an obstacle if the race has any. Exits with code 3 if a training would fail, or
+    if the function has side effects such as writing files.
 
     Example: dr-reward check
     """
@@ -50,9 +50,7 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
         count = len(report.errors)
         raise SettingsError(
             f"{report.file} has {count} error{'s' * (count > 1)}.",
-            remedy=report.errors[0].remedy
-            if count == 1
-            else "Correct them, beginning with the first.",
+            remedy=report.errors[0].remedy if count == 1 else "Start with the first one.",
         )
 
 
@@ -65,7 +63,7 @@ def plot(
     world: _World = None,
     as_json: AsJson = False,
 ) -> None:
-    """Draw what a reward function pays, on a map of the track and along the lap.
+    """Draw the rewards of a function on a map of the track and along the lap.
 
     Example: dr-reward plot -o reward.png
     """
@@ -86,7 +84,7 @@ def compare(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare what two reward functions pay the same drivers.
+    """Compare the rewards of two functions for the same drivers.
 
     Example: dr-reward compare custom_files/reward_function.py other.py -o both.png
     """

@@ -22,7 +22,7 @@ _Force = Annotated[bool, typer.Option("--force", help="Replace a track of the sa
 
 @app.command("list")
 def list_all(as_json: AsJson = False) -> None:
-    """List all tracks: the built-in ones, and those in the folder DR_TRACKS_DIR.
+    """List all tracks: the built-in ones and those in the folder DR_TRACKS_DIR.
 
     Example: dr-tracks list --json
     """
@@ -45,7 +45,7 @@ def show(
             autocompletion=candidates.worlds,
         ),
     ],
-    png: Annotated[Path | None, typer.Option("--png", help="Write a picture there.")] = None,
+    png: Annotated[Path | None, typer.Option("--png", help="Also write a picture.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show a track: facts and a small map.
@@ -82,25 +82,21 @@ def add(
     """
     from drcli.tracks.tracks_folder import add_track
 
-    facts = add_track(
-        file,
-        settings().tracks_folder,
-        name=name,
-        width_m=width,
-        length_m=length,
-        replace=force,
-    )
-    _say_what_it_hides(facts.name)
+    folder = settings().tracks_folder
+    facts = add_track(file, folder, name=name, width_m=width, length_m=length, replace=force)
+    _warn_if_built_in(facts.name)
     console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
 
 
 @app.command()
 def fetch(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of a world, as Oval_track.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of a world, such as Oval_track.")
+    ],
     url: Annotated[
-        str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL when left out.")
+        str | None, typer.Option("--from", help="Folder on the web; DR_TRACKS_URL if left out.")
     ] = None,
-    called: Annotated[str | None, typer.Option("--name", help="Name to give it here.")] = None,
+    called: Annotated[str | None, typer.Option("--name", help="Its name here.")] = None,
     force: _Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -112,16 +108,16 @@ def fetch(
 
     s = settings()
     facts = fetch_track(name, url or s.tracks_url, s.tracks_folder, called=called, replace=force)
-    _say_what_it_hides(facts.name)
+    _warn_if_built_in(facts.name)
     console.emit(facts, tracks_view.track_facts(facts), as_json=as_json)
 
 
-def _say_what_it_hides(name: str) -> None:
-    """Warn that a new file takes the place of a built-in track."""
+def _warn_if_built_in(name: str) -> None:
+    """Warn that a new file hides a built-in track."""
     from drcli.config.worlds import built_in
 
     if name in built_in():
         console.warn(
-            f"{name} is also a built-in track. From now on the name means your file; remove the "
+            f"{name} is also a built-in track. From now on, the name means your file; remove the "
             "file to get the built-in track back."
         )

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from drcli.rewards.plot import PlotReport
 
 _CURVE_COLUMNS = 54
-"""Columns of the curve of a lap where there are enough."""
+"""Most columns of the curve of a lap."""
 
 _CURVE_NAME = "steady lap "
 
 
 def check(report: "RewardReport") -> RenderableType:
-    """What a check has found."""
-    verdict = Text("works", "bold green") if report.works else Text("does not work", "bold red")
+    """The report of a check."""
+    state = Text("works", "bold green") if report.works else Text("does not work", "bold red")
     parts: list[RenderableType] = [
-        Text.assemble((report.file, "bold"), " ", verdict),
+        Text.assemble((report.file, "bold"), " ", state),
         Text(f"on {_race(report)}", "dim"),
         *(Text(f"and on {_race(other)}", "dim") for other in report.others),
         _facts(report),
@@ -44,7 +44,7 @@ def check(report: "RewardReport") -> RenderableType:
 
 
 def plot(report: "PlotReport") -> RenderableType:
-    """Where a picture is, and what is on it."""
+    """The picture and the numbers in it."""
     replaced = " (the old one was replaced)" if report.replaced else ""
     laps = ", ".join(f"{name} {_number(total)}" for name, total in report.laps.items())
     return Group(
@@ -58,7 +58,7 @@ def plot(report: "PlotReport") -> RenderableType:
 
 
 def comparison(report: "ComparisonReport") -> RenderableType:
-    """What two functions pay the same drivers."""
+    """The rewards of two functions for the same drivers."""
     table = Rows(
         ("driver", "steps", "time", "A per lap", "B per lap", "A per step", "B per step"),
         [
@@ -90,7 +90,7 @@ def comparison(report: "ComparisonReport") -> RenderableType:
     if report.places:
         parts += [
             Text(""),
-            Text("The steps at which they differ most, each scaled to what it pays:"),
+            Text("The steps at which they differ most, with both scaled to the same range:"),
         ]
         parts += [
             indented(f"{place.place}: A {_number(place.first)}, B {_number(place.second)}")
@@ -150,7 +150,7 @@ def _drivers(report: "RewardReport") -> Rows:
 
 
 def _curve(rewards: list[float], columns: int) -> Text:
-    """What the steps of a lap pay."""
+    """The rewards of the steps of a lap."""
     width = min(_CURVE_COLUMNS, columns - len(_CURVE_NAME))
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
@@ -167,7 +167,7 @@ def _correlation(report: "ComparisonReport") -> str:
     if report.correlation is None or report.rank_correlation is None:
         return "One of them pays the same everywhere, so there is no correlation."
     return (
-        f"Correlation of all steps: {report.correlation:.2f}, of their order "
+        f"Correlation of all steps: {report.correlation:.2f}, of their ranks: "
         f"{report.rank_correlation:.2f} (1: the same goals)."
     )
 

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from drcli.tracks.tracks_folder import TrackView
 
 _REPEATS = 3
-"""Repeated waypoints that are listed one by one."""
+"""Repeated waypoints that are listed; the rest are only counted."""
 
 
 def track_list(found: "TrackList") -> RenderableType:
-    """All tracks, a line each, and the racer's folder of tracks."""
+    """All tracks, one line each, and the racer's folder of tracks."""
     table = Rows(
         ("track", "length", "width", "direction", "from"),
         [
@@ -47,8 +47,8 @@ def track(view: "TrackView") -> RenderableType:
 
 
 def track_facts(facts: "TrackFacts") -> RenderableType:
-    """What is known about a track, in three lines."""
-    line = "is part of the road" if facts.line_family == "in" else "is beside the road"
+    """The facts about a track, in three lines."""
+    line = "is part of the road" if facts.line_family == "in" else "is outside the road"
     width = (
         f"{facts.width_m:.2f} m"
         if facts.greatest_width_m - facts.least_width_m < 0.02

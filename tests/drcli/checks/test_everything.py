@@ -305,6 +305,16 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
     assert time.monotonic() - started_s < 60
 
 
+@pytest.mark.parametrize("text", ["LIMIT = limit\n", ""])
+def test_an_undefined_name_is_reported_once(folder, text):
+    folder.reward(f"{text}def reward_function(params):\n    return limit\n")
+
+    places = {(item.rule, item.where) for item in folder.report().errors}
+
+    assert {rule for rule, _ in places} == {"V-22"}
+    assert len(places) == len(folder.report().errors) == 1
+
+
 @pytest.mark.parametrize(
     ("options", "code"), [([], 3), (["--force"], 0), (["--json"], 3), (["--json", "--force"], 0)]
 )

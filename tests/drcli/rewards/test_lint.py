@@ -117,6 +117,13 @@ def test_a_module_that_cannot_be_imported_has_a_remedy(told, tmp_path, monkeypat
     assert remedy in told(failures=[failure])["loads"].remedy
 
 
+@pytest.mark.parametrize(("first", "rule"), [(None, "loads"), (Place(0, 1), "works")])
+def test_an_undefined_name_fails_the_import_or_a_call(told, first, rule):
+    problem = told(failures=[Failure("undefined", "NameError", 1, first=first)])[rule]
+
+    assert "Correct the name" in problem.remedy
+
+
 def test_replacing_pythons_own_functions_is_an_error(told):
     problem = told(failures=[Failure("replaces", "The file replaces math.sqrt.")])["replaces"]
 

@@ -93,6 +93,16 @@ def test_a_module_that_is_not_there_is_named(found, text, kind):
     assert (failure.kind, failure.missing) == (kind, "no_such")
 
 
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [("LIMIT = limit\n" + function("return 1.0"), 1), (function("return limit"), 3)],
+)
+def test_an_undefined_name_is_a_failure_of_its_own_kind(found, text, line):
+    [failure] = found(text).failures
+
+    assert (failure.kind, failure.line) == ("undefined", line)
+
+
 @pytest.mark.parametrize("body", ["yield 1.0", "return (yield)"])
 def test_a_generator_is_one_failure_of_the_file(found, body):
     result = found(function(body))
