@@ -82,7 +82,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("logs-sagemaker", "Follow the trainer's log.", "reference_logs"),
         Command("logs-robomaker", "Follow a simulation worker's log.", "reference_logs"),
         Command("find-sagemaker", "Print the trainer's process number.", "reference_logs"),
-        Command("find-robomaker", "Print the simulation workers' numbers.", "reference_logs"),
+        Command("find-robomaker", "Print the workers' process numbers.", "reference_logs"),
         Command("get-robomaker-stats", "Show a simulation worker's speed.", "reference_logs"),
     ),
     *_section(
