@@ -77,7 +77,7 @@ COMMANDS: tuple[Command, ...] = (
     *_section(
         "Monitor",
         Command("status", "Show the training: state, curves, checkpoints."),
-        Command("summary", "Show settings, bucket and runs on one page."),
+        Command("summary", "Show settings, bucket and runs on one page.", "status"),
         Command("logs", "Show a worker's log."),
         Command("logs-sagemaker", "Follow the trainer's log.", "reference_logs"),
         Command("logs-robomaker", "Follow a simulation worker's log.", "reference_logs"),
@@ -87,11 +87,11 @@ COMMANDS: tuple[Command, ...] = (
     ),
     *_section(
         "Models",
-        Command("upload-model", "Copy a model to another bucket."),
+        Command("upload-model", "Copy a model to another bucket.", "copy_model"),
         Command(
             "increment-upload-model", "Raise the number in the next upload's name.", "increments"
         ),
-        Command("download-model", "Copy a model from another bucket."),
+        Command("download-model", "Copy a model from another bucket.", "copy_model"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
@@ -103,9 +103,9 @@ COMMANDS: tuple[Command, ...] = (
         Command("validate", "Check everything that a training needs."),
         Command("upload-custom-files", "Copy custom_files/ to the bucket.", "custom_files"),
         Command("download-custom-files", "Copy custom_files/ from the bucket.", "custom_files"),
-        Command("update", "Check whether the settings are right."),
-        Command("update-env", "Same as update.", "update", "update"),
-        Command("reload", "Same as update.", "update", "update"),
+        Command("update", "Check whether the settings are right.", "validate"),
+        Command("update-env", "Same as update.", "validate", "update"),
+        Command("reload", "Same as update.", "validate", "update"),
         Command("url", "Show the addresses of bucket and model."),
         Command("local-aws", "Run the aws command on the bucket.", takes_any=True),
         Command("completion", "Install shell completion (Tab).", function="app"),
