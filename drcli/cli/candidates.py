@@ -1,6 +1,6 @@
-"""What the Tab key may complete: worlds, models, settings and the like, for `autocompletion=`.
+"""Words that the Tab key completes: tracks, models, settings and others.
 
-Nothing is started and no network is asked: who presses Tab waits for an answer.
+Nothing here starts a process or asks a network, because somebody waits for the answer.
 """
 
 import os
@@ -14,10 +14,10 @@ from drcli.cli.working_folder import working_folder
 from drcli.config import activation
 
 MOST_FOLDERS = 2000
-"""Folders of a bucket that are looked into; a look costs some 20 microseconds."""
+"""Folders of a bucket to search; each takes about 20 microseconds."""
 
 LOGS = ("sim", "trainer", "supervisor", "evaluation")
-"""Who has a log; `sim` is the simulation worker that -n names."""
+"""Workers that have a log; `sim` is the simulation worker that -n names."""
 
 _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
@@ -32,8 +32,8 @@ def worlds() -> list[str]:
 def model_prefixes() -> list[str]:
     """The configured model, and all models in the bucket of this machine."""
     bucket, configured = _bucket(), _settings().get("DR_LOCAL_S3_MODEL_PREFIX")
-    found = [] if bucket is None else _models_in(bucket)
-    return list(dict.fromkeys([*([configured] if configured else []), *found]))
+    models = [configured] if configured else []
+    return list(dict.fromkeys(models if bucket is None else [*models, *_models_in(bucket)]))
 
 
 def checkpoints() -> list[str]:
@@ -98,7 +98,7 @@ def _choices(name: str) -> list[str]:
 
 
 def _settings() -> Mapping[str, str]:
-    """Texts of the settings by DR_ name, unchecked; none where a file is broken."""
+    """Texts of the settings by DR_ name, not checked; none if a file is broken."""
     from drcli.config.shell import shell_change
 
     try:
@@ -109,7 +109,7 @@ def _settings() -> Mapping[str, str]:
 
 
 def _bucket() -> Path | None:
-    """Folder with the objects of the embedded server; None for any other one."""
+    """Folder of the local server's objects; None for any other server."""
     settings = _settings()
     if settings.get("DR_CLOUD", "local") != "local":
         return None

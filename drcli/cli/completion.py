@@ -1,8 +1,8 @@
-"""Completion with the Tab key, by Typer: what a shell has to run once, and where that is kept.
+"""Installs completion with the Tab key: a script for each shell, which asks Typer.
 
-Typer's own scripts serve one program each, and in bash they cannot complete `NAME=value`. So the
-scripts are ours, and they ask in Typer's way: with the variables that Typer's script for fish sets.
-Its answer is the plainest, a line `word<Tab>meaning` for each candidate.
+Typer's own scripts serve one program each, and in bash they cannot complete `NAME=value`. These
+set the variables of Typer's script for fish, because its answer is the simplest: a line
+`word<Tab>meaning` for each candidate.
 """
 
 import shlex
@@ -85,13 +85,13 @@ def script(shell: Shell) -> str:
 
 @dataclass(frozen=True)
 class Installed:
-    """Where the completion lies.
+    """Where completion was installed.
 
     Attributes:
         shell: bash, zsh or fish.
         script: The file that was written.
-        start_file: The shell's own file that loads it; None for fish, which needs no line.
-        added: Whether a line was added to that file; it stands there once at most.
+        start_file: The shell's start file, which loads the script; None for fish.
+        added: Whether a line was added to the start file; it is never added twice.
     """
 
     shell: Shell
@@ -104,7 +104,7 @@ def shell_of(environ: Mapping[str, str]) -> Shell:
     """The shell of this user.
 
     Raises:
-        SettingsError: It is not one of ours.
+        SettingsError: It is not one of these three.
     """
     name = Path(environ.get("SHELL", "")).name
     for shell in SHELLS:
@@ -133,12 +133,12 @@ def install(shell: Shell, environ: Mapping[str, str]) -> Installed:
     data = Path(environ.get("XDG_DATA_HOME") or home / ".local" / "share")
     config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
     path = data / "drcli" / f"completion.{shell}"
-    start_file: Path | None = None
-    if shell == "bash":
-        start_file = home / ".bashrc"
-    elif shell == "zsh":
-        start_file = Path(environ.get("ZDOTDIR") or home) / ".zshrc"
-    else:  # every new fish reads this folder
+    start_files = {
+        "bash": home / ".bashrc",
+        "zsh": Path(environ.get("ZDOTDIR") or home) / ".zshrc",
+    }
+    start_file = start_files.get(shell)
+    if start_file is None:  # fish reads every file in this folder
         path = config / "fish" / "conf.d" / "drcli.fish"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -33,7 +33,7 @@ class _Console(Console):
 
 
 NARROWEST = 40
-"""Narrowest width that our output can be read in; COLUMNS=0 means unknown."""
+"""Narrowest width for readable output; COLUMNS=0 means unknown."""
 
 BOUNDLESS = 100_000
 """Width of a pipe: nothing is folded, so that programs find each row in one line."""
@@ -42,7 +42,7 @@ _UNKNOWN_COLUMNS = 80
 
 
 def fresh(*, stderr: bool = False) -> Console:
-    """A console for the environment as it is now; without any escape sequence under NO_COLOR."""
+    """A console for the environment as it is now; with NO_COLOR, without escape sequences."""
     known = os.environ.get("COLUMNS", "")
     too_narrow = known.isdigit() and int(known) < NARROWEST
     return _Console(
@@ -226,7 +226,7 @@ def _printing() -> Iterator[None]:
 
 
 def _plain(value: Any) -> Any:
-    """The same without NaN and infinities, which JSON does not know: they become null."""
+    """The value for JSON, which has no NaN and no infinities: they become null."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Problem):
@@ -242,7 +242,7 @@ def _plain(value: Any) -> Any:
 
 
 def _discard(stream: IO[str]) -> None:
-    """Discard further output; otherwise Python would try again to write it at its end."""
+    """Discard further output; otherwise Python would try to write it again when it exits."""
     global _reader_has_left
     _reader_has_left = True
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -19,13 +19,7 @@ _MOST_BYTES = 16 << 20
 
 
 def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> None:
-    """Print a log, and what is added to it, until Ctrl-C.
-
-    Args:
-        path: The log file.
-        last_lines: Number of lines to begin with; None for all, with the rotated parts.
-        follow: Whether to wait for more lines; asked again and again.
-    """
+    """Print the last lines of a log, or all with None, and new lines while `follow` is true."""
     tail = Tail(path, last_lines)
     try:
         for piece in older(path) if last_lines is None else ():
@@ -35,12 +29,12 @@ def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> 
             time.sleep(POLL_S)
         while text := tail.read(unfinished=True):
             console.write(text)
-    except KeyboardInterrupt:  # the way to end it is not a failure
+    except KeyboardInterrupt:  # the usual way to end it
         return
 
 
 class Tail:
-    """Reads a log file from near its end. The file may appear later, be replaced or emptied.
+    """Reads a log file that may appear later, be replaced or emptied.
 
     Args:
         path: The file.
@@ -55,11 +49,7 @@ class Tail:
         self._unfinished = b""
 
     def read(self, *, unfinished: bool = False) -> str:
-        """Lines added since the last call, at most 16 MB of them; empty if there are none.
-
-        Args:
-            unfinished: Whether to include a last line that has no line end yet.
-        """
+        """New lines, at most 16 MB; with `unfinished`, also a last line that has no end yet."""
         data = self._added()
         end = data.rfind(b"\n") + 1
         if len(data) < _MOST_BYTES:
@@ -70,7 +60,7 @@ class Tail:
         return data[:end].decode("utf-8", "replace")
 
     def __del__(self) -> None:
-        """Close the file. It is kept open because it may be renamed before it is read."""
+        """Close the file, which stays open because it may be renamed before it is read."""
         if self._file is not None:
             self._file.close()
 

@@ -22,7 +22,11 @@ DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what w
 Delimiter = Annotated[
     str | None,
     typer.Option(
-        "-d", "--delimiter", callback=_not_a_digit, help="Text before the number, such as - or _."
+        "-d",
+        "--delimiter",
+        metavar="TEXT",
+        help="Put before the number, such as - or _.",
+        callback=_not_a_digit,
     ),
 ]
 

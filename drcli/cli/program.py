@@ -1,4 +1,4 @@
-"""What our programs run. Ctrl-C may end them from their first moment on."""
+"""Entry points of the programs. Ctrl-C may end them at any time."""
 
 import os
 import shlex
@@ -13,13 +13,13 @@ def main() -> None:
         SystemExit: Always, with the exit code.
     """
     try:
-        from drcli.cli.app import main as run  # loading takes a while, and may be interrupted too
+        from drcli.cli.app import main as run  # takes a while; Ctrl-C may interrupt it
 
         run()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     finally:
-        # It is over: a second Ctrl-C must not change how it ended.
+        # A second Ctrl-C must not change the exit code.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -28,6 +28,6 @@ def answer_former_shells() -> None:
     from drcli.cli.completion import ASKS, LINE
 
     words = [word.strip("\"'") for word in sys.argv[2:]]
-    if "=" not in words:  # bash passes NAME=value in three words, and these scripts expect a part
+    if "=" not in words:  # bash passes NAME=value as three words
         os.environ.update({**ASKS, LINE: shlex.join(words)})
         main()

@@ -16,7 +16,7 @@ def working_folder() -> Path:
     """The folder of run.env: DR_DIR if that is set, else the current folder.
 
     Raises:
-        SettingsError: It is, or lies in, a current folder that was deleted.
+        SettingsError: The current folder was deleted.
     """
     named = os.environ.get("DR_DIR")
     try:
@@ -65,7 +65,7 @@ def settings() -> "Settings":
 
 @cache
 def _mention(folder: Path, here: Path) -> None:
-    """Say once which folder is used, where people may expect the current one."""
+    """Warn once that the current folder is not used."""
     console.warn(
         f"Using DR_DIR={folder}, not {here}, which has a run.env too. "
         "To use the current folder, `unset DR_DIR` or source its bin/activate.sh."

@@ -35,7 +35,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "checks.config_check:FullCheck": ("config check",),
     "config.editing:Edit": ("config set",),
     "checks.check_report:Report": ("validate",),
-    "cli.commands.update:Checked": ("update", "update-env", "reload"),
+    "cli.commands.validate:Checked": ("update", "update-env", "reload"),
     "runs.addresses:Addresses": ("url",),
     "cli.completion:Installed": ("completion install",),
     "tracks.track_facts:TrackList": ("tracks list",),

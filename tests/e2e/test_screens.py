@@ -1,7 +1,7 @@
 """What terminals show: real pseudo terminals of several kinds and sizes, and pipes.
 
-Screens are recorded in `screens/`. After a change that is meant, look at the difference and record
-them anew with RECORD_SCREENS=1.
+Screens are recorded in `screens/`. After an intended change, read the difference and record
+them again with RECORD_SCREENS=1.
 """
 
 import json

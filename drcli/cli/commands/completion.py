@@ -36,7 +36,7 @@ def show(shell: _Shell = None) -> None:
 def install(shell: _Shell = None, as_json: AsJson = False) -> None:
     """Set up completion in every new shell.
 
-    Writes a file of its own, and adds one line to ~/.bashrc or ~/.zshrc.
+    Writes one file, and adds one line to ~/.bashrc or ~/.zshrc.
 
     Example: dr-completion install
     """

@@ -15,6 +15,13 @@ STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
 
 
+AFTERWARDS = [
+    ("dr-logs evaluation -a", "show its whole log"),
+    ("dr-start-training --resume", "continue training"),
+    ("dr-status", "show how the training went"),
+]
+
+
 @dataclass(frozen=True)
 class Started:
     """An evaluation that runs in the background.
@@ -74,10 +81,4 @@ def evaluate(
     report = evaluation.evaluate(loaded, clone=clone, on_progress=say)
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
-        console.suggest(
-            [
-                ("dr-logs evaluation -a", "show its whole log"),
-                ("dr-start-training --resume", "continue training"),
-                ("dr-status", "show how the training went"),
-            ]
-        )
+        console.suggest(AFTERWARDS)

@@ -6,22 +6,24 @@ from drcli.base.errors import NotAvailable
 from drcli.cli import console
 from drcli.cli.options import AsJson
 
-_DROA = "DeepRacer on AWS is not supported yet: models, logs and imports stay there."
-_DROA_REMEDY = (
+_DROA = (
+    "DeepRacer on AWS is not supported yet: models, logs and imports stay there.",
     "Use its web page for now. `dr-upload-model` copies a model to any bucket, in the layout that "
-    "its import accepts."
+    "its import accepts.",
 )
-_VIEWER = "The viewer is not available in this version."
-_VIEWER_REMEDY = "`dr-start-training` and `dr-status` show the progress as curves in the terminal."
-_NOTEBOOKS = "Log analysis notebooks are not available in this version."
-_NOTEBOOKS_REMEDY = (
+_VIEWER = (
+    "The viewer is not available in this version.",
+    "`dr-start-training` and `dr-status` show the progress as curves in the terminal.",
+)
+_NOTEBOOKS = (
+    "Log analysis notebooks are not available in this version.",
     "Traces and metrics have the usual DeepRacer format: use deepracer-utils with the folder or "
-    "address that `dr-url model` prints."
+    "address that `dr-url model` prints.",
 )
 
 
 def _refusal(command: str, message: str, remedy: str) -> Callable[[], None]:
-    """A command that says why it is not available and what to use instead. Exits 7."""
+    """A command that says why it is not available, and exits 7."""
 
     def refuse() -> None:
         raise NotAvailable(message, remedy=remedy)
@@ -31,7 +33,7 @@ def _refusal(command: str, message: str, remedy: str) -> Callable[[], None]:
 
 
 def _nothing(command: str, message: str) -> Callable[[], None]:
-    """A command that stops something that never runs. Exits 0."""
+    """A command that stops something that never runs, and exits 0."""
 
     def answer(as_json: AsJson = False) -> None:
         console.say(message)
@@ -49,9 +51,9 @@ upload_car_zip = _refusal(
     "Car archives are not available in this version.",
     "`dr-upload-model` copies the model itself; keep its checkpoint for a later version.",
 )
-start_viewer = _refusal("dr-start-viewer", _VIEWER, _VIEWER_REMEDY)
-update_viewer = _refusal("dr-update-viewer", _VIEWER, _VIEWER_REMEDY)
-view_stream = _refusal("dr-view-stream", _VIEWER, _VIEWER_REMEDY)
+start_viewer = _refusal("dr-start-viewer", *_VIEWER)
+update_viewer = _refusal("dr-update-viewer", *_VIEWER)
+view_stream = _refusal("dr-view-stream", *_VIEWER)
 stop_viewer = _nothing("dr-stop-viewer", "No viewer is running.")
 start_metrics = _refusal(
     "dr-start-metrics",
@@ -59,17 +61,17 @@ start_metrics = _refusal(
     "`dr-status` draws the curves; `dr-status --json` prints all numbers of all iterations.",
 )
 stop_metrics = _nothing("dr-stop-metrics", "No metrics server is running.")
-start_loganalysis = _refusal("dr-start-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY)
+start_loganalysis = _refusal("dr-start-loganalysis", *_NOTEBOOKS)
 stop_loganalysis = _nothing("dr-stop-loganalysis", "No log analysis is running.")
-logs_loganalysis = _refusal("dr-logs-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY)
-url_loganalysis = _refusal("dr-url-loganalysis", _NOTEBOOKS, _NOTEBOOKS_REMEDY)
+logs_loganalysis = _refusal("dr-logs-loganalysis", *_NOTEBOOKS)
+url_loganalysis = _refusal("dr-url-loganalysis", *_NOTEBOOKS)
 start_tournament = _refusal(
     "dr-start-tournament",
     "Tournaments are not available; an evaluation can race two models.",
     "Set DR_RACE_TYPE=HEAD_TO_MODEL and DR_EVAL_OPP_S3_MODEL_PREFIX, then run `dr-evaluate`.",
 )
-droa_list_models = _refusal("droa-list-models", _DROA, _DROA_REMEDY)
-droa_get_model = _refusal("droa-get-model ID", _DROA, _DROA_REMEDY)
-droa_download_logs = _refusal("droa-download-logs ID", _DROA, _DROA_REMEDY)
-droa_delete_model = _refusal("droa-delete-model ID", _DROA, _DROA_REMEDY)
-droa_import_model = _refusal("droa-import-model --best", _DROA, _DROA_REMEDY)
+droa_list_models = _refusal("droa-list-models", *_DROA)
+droa_get_model = _refusal("droa-get-model ID", *_DROA)
+droa_download_logs = _refusal("droa-download-logs ID", *_DROA)
+droa_delete_model = _refusal("droa-delete-model ID", *_DROA)
+droa_import_model = _refusal("droa-import-model --best", *_DROA)

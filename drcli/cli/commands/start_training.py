@@ -122,7 +122,7 @@ def start_training(
 def _followed(
     loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
-    """Names of the logs that -s, -r [N] and -a select."""
+    """Names of the logs for -s, -r [N] and -a."""
     if worker is not None and not sim:
         raise typer.BadParameter("A number needs -r, as in `dr-start-training -r 1`.")
     if worker is not None and worker >= loaded.workers:
@@ -134,11 +134,7 @@ def _followed(
 
 
 def _end(report: "RunReport", *, as_json: bool) -> int:
-    """Say how the training ended.
-
-    Returns:
-        Its exit code; a training that left without one counts as a dead worker.
-    """
+    """Say how the training ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
     if report.state in ("finished", "stopped"):
         console.say(views.end_text(report))

@@ -1,5 +1,6 @@
-"""`dr validate`."""
+"""`dr validate` and `dr update`, also called `dr-update-env` and `dr-reload`."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
@@ -8,7 +9,7 @@ from drcli.base.errors import SettingsError
 from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
-from drcli.cli.working_folder import working_folder
+from drcli.cli.working_folder import settings, working_folder
 
 
 def validate(
@@ -37,3 +38,39 @@ def validate(
     console.emit(report, settings_view.problems(report), as_json=as_json)
     if not report.ok and not force:
         raise typer.Exit(SettingsError.code)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Settings that are right.
+
+    Attributes:
+        files: Those that were read.
+        settings: Number of settings in these files and in the environment.
+        warnings: Sentences about what may surprise.
+    """
+
+    files: list[str]
+    settings: int
+    warnings: list[str]
+
+
+def update(
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check whether the settings are right.
+
+    Every command reads run.env and system.env itself, so there is nothing to reload. Exits 3 when
+    a setting is wrong.
+
+    Example: dr-update
+    """
+    loaded = settings()
+    names = {place.file for place in loaded.sources.values()} - {"environment", "flag"}
+    report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
+    if not quiet:
+        console.warn(*report.warnings)
+        files = " and ".join(report.files)
+        console.say(f"{report.settings} settings of {files} are right; there is nothing to reload.")
+    console.emit(report, None, as_json=as_json)

@@ -1,4 +1,4 @@
-"""How an evaluation looks: its trials, and who won a race."""
+"""Shows the trials of an evaluation, and who won a race."""
 
 from typing import TYPE_CHECKING
 
@@ -13,17 +13,16 @@ if TYPE_CHECKING:
 
 def evaluation(report: "EvaluationReport") -> RenderableType:
     """The trials of an evaluation, and the sentence that sums them up."""
-    if report.opponent is None:
-        return Group(_trials(report), Text(_laps(report), style="bold"))
-    return Group(
-        Text(report.prefix, style="bold"),
-        _trials(report),
-        Text(report.opponent.prefix, style="bold"),
-        _trials(report.opponent),
-        Text(_laps(report), style="bold"),
-        Text(_laps(report.opponent), style="bold"),
-        Text(_winner(report, report.opponent), style="bold"),
-    )
+    other = report.opponent
+    if other is None:
+        return Group(_trials(report), _bold(_laps(report)))
+    cars = (_bold(report.prefix), _trials(report), _bold(other.prefix), _trials(other))
+    result = (_laps(report), _laps(other), _winner(report, other))
+    return Group(*cars, *map(_bold, result))
+
+
+def _bold(text: str) -> Text:
+    return Text(text, style="bold")
 
 
 def _trials(report: "EvaluationReport") -> Rows:
@@ -54,7 +53,7 @@ def _laps(report: "EvaluationReport") -> str:
 
 
 def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
-    """Who won a race: who finished more laps, then who took less time for all of them."""
+    """The model with more laps wins, then the one with less time for all laps."""
     if own.completed != other.completed:
         first = own if own.completed > other.completed else other
         return f"{first.prefix} wins with more laps."

@@ -1,4 +1,4 @@
-"""Fits views to the width of a terminal: tables, indents, views drawn for a width."""
+"""Fits views to the width of a terminal."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -13,13 +13,10 @@ NONE, SOME, ALL = "·", "◦", "●"
 
 
 def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
-    """Numbers as heights.
+    """Numbers as heights, averaged down to so many characters.
 
-    Args:
-        values: Oldest first. Longer lists are averaged down to the width.
-        width: The most characters.
-        top: The value that fills a character; the greatest one if left out. The lowest character
-            means zero, or the least value if that is negative.
+    The highest character means `top`, by default the greatest value; the lowest one means zero, or
+    the least value if that is negative.
     """
     if not values:
         return ""
@@ -37,8 +34,8 @@ def marks(completed: Sequence[float | None], width: int) -> str:
     """Marks of evaluations, for the line below a curve of the same width.
 
     Args:
-        completed: Share of completed laps of each evaluation, 0 to 1; None where there was none.
-        width: The most characters. Where several evaluations share one, the best is shown.
+        completed: Share of completed laps in each evaluation, 0 to 1; None without an evaluation.
+        width: The most characters. If several evaluations share one, the best is shown.
     """
     return "".join(_mark(part) for part in _parts(completed, width))
 

@@ -110,7 +110,7 @@ def _model_rows(report: "Summary") -> Rows:
 def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
     states = {
         "answers": Text("answers", style="green"),
-        "stopped": Text("its server is not running; it starts when needed", style="yellow"),
+        "stopped": Text("not running; it starts when needed", style="yellow"),
         "silent": Text(bucket.reason, style="red"),
     }
     model = {

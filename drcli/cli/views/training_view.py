@@ -20,7 +20,7 @@ LIVE_ROWS = 6
 STATUS_ROWS = 10
 """Iterations in the table of `dr status`."""
 
-FOOTER = "Ctrl-C detaches, training goes on; dr-stop-training stops it."
+FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
 
 STATE_STYLES = {
     "running": "green",
@@ -143,7 +143,7 @@ def _pace(report: "RunReport", now_s: float) -> str:
     """How long and how fast it trains."""
     clock = iterations.clock(now_s - report.started_at) if report.started_at else "0:00"
     if not report.history:
-        return f"{clock}   the first iteration is being driven"
+        return f"{clock}   driving the first iteration"
     last = report.history[-1]
     return (
         f"{clock}   iteration {last.iteration + 1}   {last.total_steps:,} steps   "

@@ -160,11 +160,11 @@ progress ▂▂▂▂▃▃▃▃▃                                            
 eval     ······◦◦                                                ● all laps
 reward   ▃▃▄▅▅▆▇▇█                                               42.0
 best 8_Step-4000.ckpt (100.0)   last 9_Step-4500.ckpt
-Ctrl-C detaches, training goes on; dr-stop-training stops it."""
+Ctrl-C leaves this display; dr-stop-training stops the training."""
 
 BEFORE_THE_FIRST = """\
 running  s3://bucket/model  on reinvent_base
-1:15   the first iteration is being driven
+1:15   driving the first iteration
 trainer waits for rollouts of iteration 0   sim-0 drives iteration 0
 iter      steps   reward  progress    laps       eval  entropy      loss p/v
 
@@ -177,7 +177,7 @@ progress
 eval
 reward
 No checkpoint yet.
-Ctrl-C detaches, training goes on; dr-stop-training stops it."""
+Ctrl-C leaves this display; dr-stop-training stops the training."""
 
 STATUS = """\
 Run 0: running  s3://bucket/model  on reinvent_base
