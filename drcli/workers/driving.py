@@ -84,7 +84,7 @@ def episodes_of(driven: Sequence[Driven]) -> Episodes:
     """Training episodes in the form that travels to the learner; their frames are freed."""
     rollout = Rollout(
         frames=np.stack([frame for e in driven for frame in e.frames]),
-        actions=np.concatenate([_actions(e) for e in driven]),
+        actions=np.array([action for e in driven for action in e.actions]),
         log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
         values=np.array([v for e in driven for v in e.values]),
         rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
@@ -103,12 +103,6 @@ def episodes_of(driven: Sequence[Driven]) -> Episodes:
         completed=np.array([e.completed for e in driven]),
         duration_s=np.array([e.duration_s for e in driven]),
     )
-
-
-def _actions(episode: Driven) -> NDArray[np.int64] | NDArray[np.float32]:
-    if isinstance(episode.actions[0], int):
-        return np.array(episode.actions, np.int64)
-    return np.stack([np.asarray(action, np.float32) for action in episode.actions])
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,16 +57,8 @@ class CheckpointWaiter:
     ) -> None:
         """Begin.
 
-        Args:
-            bucket: Holds the model.
-            prefix: The model.
-            session: Name of this start of the training.
-            worker: Index of the worker that waits, from 0.
-            workers: Number of simulation workers.
-            should_stop: Whether to stop waiting.
-            say: Publishes what the worker waits for.
-            clock: Monotonic seconds, for tests.
-            pause: Waits so many seconds, for tests.
+        `session` names this start of the training, and `say` publishes what the worker waits for.
+        `clock` (monotonic seconds) and `pause` are for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
