@@ -62,19 +62,9 @@ class SAC:
     ) -> list[SACStats]:
         """Add one iteration of driving to the replay buffer, and learn from the buffer.
 
-        Args:
-            rollout: The episodes, driven with any weights.
-            seed: Decides all random numbers of the update.
-            on_epoch: Called after each part of the update.
-            should_stop: Called before each gradient step; stops the update.
-            steps_before: Not used.
-
-        Returns:
-            The statistics of each part; none before `sac_learning_starts`.
-
-        Raises:
-            NonFiniteLossError: A loss or a weight is NaN or infinite.
-            UpdateInterruptedError: `should_stop` returned True.
+        Arguments and errors are those of `PPO.update`, except that any weights may have driven the
+        rollout, an epoch is a part of the update, and `steps_before` is not used. There are no
+        statistics before `sac_learning_starts`.
         """
         self.replay.add(rollout)
         if self.replay.added < self.config.sac_learning_starts or not self.replay.transitions:

@@ -30,7 +30,7 @@ class Plan:
     """An episode to drive.
 
     Attributes:
-        number: As in `Episode`.
+        number: Number of the `Episode`.
         phase: Training samples from the policy, evaluation takes its most likely action.
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
@@ -175,17 +175,13 @@ def _noise(spec: PolicySpec, seed: int, number: int) -> Iterator[NDArray[np.floa
 
 
 class Driver:
-    """Drives the cars of a simulation with the policies of one or more racers."""
+    """Drives the cars of a simulation with the policies of one or more racers.
+
+    With several racers, car k belongs to racer k modulo their number and must get that racer's
+    plans. All random numbers come from the seed.
+    """
 
     def __init__(self, simulation: Simulation, racers: Sequence[Racer], seed: int) -> None:
-        """Begin.
-
-        Args:
-            simulation: The cars. With several racers, car k belongs to racer k modulo their number
-                and must get that racer's plans.
-            racers: One for each index in the plans.
-            seed: Start of all random numbers.
-        """
         self._simulation = simulation
         self._racers = racers
         self._seed = seed

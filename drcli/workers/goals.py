@@ -45,7 +45,8 @@ class Goals:
                 f"is {score:.1f}, DR_TRAIN_STOP_REWARD is {good_enough:g}."
             )
         wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
-        means = [_mean(record.evaluation_progress) for record in evaluated[-last:]]
+        progress = [record.evaluation_progress for record in evaluated[-last:]]
+        means = [sum(each) / len(each) for each in progress]
         if wanted > 0 and len(means) == last and min(means) >= wanted:
             return (
                 f"Training is complete: the last {last} evaluations reached {min(means):.1f} % "
@@ -99,10 +100,6 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
 def _all_laps(record: IterationRecord, wanted: int) -> bool:
     done = len(record.evaluation_lap_s)
     return done >= wanted and done == len(record.evaluation_progress)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
 
 
 def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:

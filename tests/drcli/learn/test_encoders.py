@@ -8,12 +8,12 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from drcli.learn.encoders import Encoder
 from drcli.learn.policy import Observation, PolicySpec
+from observations import camera_only
 
 SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"
 DEEP = "DEEP_CONVOLUTIONAL_NETWORK_DEEP"
 COMPACT = "COMPACT_CONVOLUTIONAL_NETWORK"
-from observations import camera_only
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import torch
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import FEWEST_CARS, DataParallelPolicy
 from drcli.learn.policy import PolicySpec, decide
+from observations import camera_only
 
 SPECS = [PolicySpec(5), PolicySpec(2, continuous=True)]
-from observations import camera_only
 
 
 @pytest.mark.parametrize("spec", SPECS)

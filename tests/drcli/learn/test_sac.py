@@ -15,13 +15,13 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
+from observations import camera_only
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")
 SMALL = SACConfig(
     batch_size=8, sac_replay_steps=200, sac_learning_starts=1, sac_updates_per_step=0.1, lr=1e-3
 )
-from observations import camera_only
 
 
 def test_targets_equal_two_steps_worked_by_hand():
