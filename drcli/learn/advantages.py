@@ -1,4 +1,4 @@
-"""Advantages of the steps of a rollout: how much better than expected each of them went."""
+"""Computes advantages: how much better than expected each step of a rollout went."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,14 @@ def gae(
     """Generalized advantage estimation (Schulman et al., 2016, equation 16).
 
     Args:
-        rewards: Of the steps of several episodes laid end to end. Shape (t,).
+        rewards: Rewards of the steps of several episodes, one after the other. Shape (t,).
         values: The critic's estimate before each step. Shape (t,).
         lengths: Steps of each episode, summing to t. Shape (e,).
         gamma: Discount factor.
         lam: Weight of longer returns: 0 trusts the critic, 1 the rewards.
         last_values: The value after each episode's last step. 0 when left out, for laps completed
-            as well as for failures and cuts: this is the reference's rule, and hyperparameters
-            tuned there depend on it. Shape (e,).
+            as well as for failures and cuts: this is the reference's rule, on which
+            hyperparameters tuned there depend. Shape (e,).
 
     Returns:
         A(t) = delta(t) + gamma * lam * A(t + 1), with
@@ -49,7 +49,7 @@ def gae(
 
 
 def normalized(advantages: Float64s) -> Float64s:
-    """Advantages with mean 0 and deviation 1; all 0 where they differ by rounding errors only.
+    """Advantages with mean 0 and deviation 1; all 0 if they differ by rounding errors only.
 
     No constant is added to the deviation: it would count for more the smaller the rewards are.
     """
@@ -62,7 +62,7 @@ def normalized(advantages: Float64s) -> Float64s:
 
 
 def explained_variance(values: Float64s, returns: Float64s) -> float:
-    """How much of the returns' variance the critic's values explain; NaN where there is none.
+    """How much of the returns' variance the critic's values explain; NaN if there is no variance.
 
     1 is a perfect critic, 0 one that always says the mean, less than 0 a worse one.
     """

@@ -56,11 +56,11 @@ class PPOConfig:
     bootstrap_cut: bool = False
 
     def lr_at(self, steps: int) -> float:
-        """The learning rate after so many environment steps."""
+        """The learning rate after this many environment steps."""
         return self.lr * self._left(self.lr_schedule, steps)
 
     def beta_entropy_at(self, steps: int) -> float:
-        """The weight of the entropy after so many environment steps."""
+        """The weight of the entropy after this many environment steps."""
         return self.beta_entropy * self._left(self.entropy_schedule, steps)
 
     def _left(self, schedule: str, steps: int) -> float:

@@ -25,8 +25,8 @@ FEWEST_CARS = 4
 
 LARGE = 2_000_000
 """Parameters from which on the optimizer uses threads inside operations. The shallow network's 5.8
-million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth beside another
-busy program, because waking threads takes as long as the work."""
+million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth while
+another program is busy, because waking threads takes as long as the work."""
 
 M = TypeVar("M", bound=nn.Module)
 
@@ -44,11 +44,11 @@ class DataParallel(Generic[M]):
     """Takes the gradient of a minibatch in parts, with copies of the network on the same weights.
 
     On two cores this was 1.07 times as fast as threads inside operations on a quiet machine, and
-    1.5 times beside one other busy program.
+    1.5 times while one other program was busy.
     """
 
     def __init__(self, model: M, parts: int = 1, threads: int = 1) -> None:
-        """Start the threads, which share so many cores. On a GPU there is one part."""
+        """Start a thread for each part; `threads` is the number of cores. A GPU has one part."""
         self._models = [model]
         self._part_threads = max(1, threads // parts)
         self._is_large = sum(p.numel() for p in model.parameters()) > LARGE
@@ -108,8 +108,8 @@ class DataParallel(Generic[M]):
 class DataParallelPolicy:
     """A policy that chooses for parts of the cars at the same time.
 
-    Threads inside operations are 1.1 times as fast on two quiet cores, but half as fast as this
-    beside another busy program. So the caller should switch them off: `torch.set_num_threads(1)`.
+    Threads inside operations are 1.1 times as fast on two quiet cores, but half as fast while
+    another program is busy. So the caller should switch them off: `torch.set_num_threads(1)`.
     """
 
     def __init__(self, policy: Policy, threads: int) -> None:

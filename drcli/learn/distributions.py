@@ -9,14 +9,9 @@ HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
-    """Draw actions with the caller's random numbers, so that an episode can be repeated.
+    """Draw action indices with the caller's random numbers, so that an episode can be repeated.
 
-    Args:
-        logits: Shape (n, num_actions).
-        noise: Uniform in [0, 1). Shape (n,).
-
-    Returns:
-        int64 indices. Shape (n,).
+    `logits` has the shape (n, num_actions), and `noise` is uniform in [0, 1), of shape (n,).
     """
     cumulative = logits.softmax(-1).cumsum(-1)
     chosen = torch.searchsorted(cumulative, noise.unsqueeze(-1).to(cumulative.dtype), right=True)
@@ -25,15 +20,10 @@ def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
 
 
 def sample_e_greedy(logits: Tensor, noise: Tensor, epsilon: float) -> Tensor:
-    """Draw uniformly with probability epsilon, else take the most likely action.
+    """Draw action indices uniformly with probability epsilon, else take the most likely ones.
 
-    Args:
-        logits: Shape (n, num_actions).
-        noise: Uniform in [0, 1): which action is drawn, and whether it counts. Shape (n, 2).
-        epsilon: Share of uniform draws.
-
-    Returns:
-        int64 indices. Shape (n,).
+    `noise` is uniform in [0, 1), of shape (n, 2): it decides which action is drawn, and whether the
+    draw counts.
     """
     count = logits.shape[-1]
     uniform = (noise[:, 0] * count).long().clamp_(max=count - 1)

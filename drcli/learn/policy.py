@@ -1,4 +1,4 @@
-"""What every policy has in common: its shape, what it sees, and how it chooses actions."""
+"""Common to all policies: their shape, their input, and how they choose actions."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -26,7 +26,7 @@ class PolicySpec:
         eyes: Cameras, 1 or 2.
         stack: Frames that are seen together.
         scan_dims: Values of the lidar, 0 without one.
-        state_dims: Values that only the critic sees; 0 where it sees what the policy sees.
+        state_dims: Values that only the critic sees; 0 if it sees the same as the policy.
     """
 
     num_actions: int
@@ -39,15 +39,15 @@ class PolicySpec:
 
     @property
     def channels(self) -> int:
-        """Pictures that go into the first convolution."""
+        """Input channels of the first convolution."""
         return self.stack * self.eyes
 
     @property
     def noise_dims(self) -> int:
         """Random numbers that one choice takes.
 
-        Standard normal ones for each continuous dimension. Otherwise two uniform ones in [0, 1):
-        the first decides which action is drawn, the second whether e-greedy acts at random.
+        There is a standard normal one for each continuous dimension. For discrete actions there
+        are two in [0, 1): one for the action, one for whether e-greedy acts at random.
         """
         return self.num_actions if self.continuous else 2
 
@@ -59,7 +59,7 @@ class Observation(NamedTuple):
         frames: Camera frames, uint8; the oldest frame of a stack first, and in each the left eye
             before the right one. Shape (n, stack * eyes, 120, 160).
         scan: Lidar values. Shape (n, d), d = 0 without a lidar.
-        state: What only the critic may see. Shape (n, k), k = 0 where it sees nothing more.
+        state: Values that only the critic sees. Shape (n, k), k = 0 if there are none.
     """
 
     frames: Tensor
@@ -71,12 +71,6 @@ class Observation(NamedTuple):
         """The same as tensors, which share the arrays' memory."""
         return Observation(*(torch.from_numpy(array) for array in (frames, scans, states)))
 
-    @staticmethod
-    def of_frames(frames: Tensor) -> "Observation":
-        """What a car sees that has a camera and nothing else."""
-        nothing = torch.empty((len(frames), 0), device=frames.device)
-        return Observation(frames, nothing, nothing)
-
     def part(self, steps: slice) -> "Observation":
         """Some of the steps."""
         return Observation(*(column[steps] for column in self))
@@ -87,7 +81,7 @@ class Policy(Protocol):
 
     @property
     def spec(self) -> PolicySpec:
-        """What it sees and chooses from."""
+        """Its shape."""
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
@@ -95,11 +89,11 @@ class Policy(Protocol):
         """Choose an action for each of n cars.
 
         Args:
-            seen: What each car sees.
+            seen: The input of each car.
             noise: Random numbers. Shape (n, noise_dims).
             deterministic: Which cars take the most likely action. Shape (n,).
-            epsilon: For e-greedy: the share of actions drawn uniformly, where the others are the
-                most likely ones. None to draw from the policy.
+            epsilon: For e-greedy: the share of actions drawn uniformly; the others are the most
+                likely ones. None to draw from the policy.
 
         Returns:
             Actions, their log-probabilities, and the critic's estimates in reward, float64. Each
@@ -109,7 +103,7 @@ class Policy(Protocol):
 
 @dataclass(frozen=True)
 class Decision:
-    """What the policy chose for n cars, and what the learner needs to know about it.
+    """The actions of n cars, with what the learner needs to know about them.
 
     Attributes:
         actions: int64 indices of shape (n,), or unclipped float32 values of shape (n, dims).
@@ -129,15 +123,7 @@ def decide(
     deterministic: NDArray[np.bool_],
     epsilon: float | None = None,
 ) -> Decision:
-    """Choose an action for each car, without gradients.
-
-    Args:
-        policy: The network, on the CPU.
-        seen: What each car sees.
-        noise: Random numbers. Shape (n, noise_dims).
-        deterministic: Which cars take the most likely action instead. Shape (n,).
-        epsilon: As in `Policy.act`.
-    """
+    """Choose an action for each car with `Policy.act` on the CPU, without gradients."""
     with torch.inference_mode():
         chosen = policy.act(seen, torch.from_numpy(noise), torch.from_numpy(deterministic), epsilon)
     return Decision(*(tensor.numpy() for tensor in chosen))

@@ -25,14 +25,10 @@ from drcli.learn.update_result import (
 
 
 class PPO:
-    """The learner: a network, its optimizer, and the update that improves the network.
-
-    Attributes:
-        model: The network.
-        memory_steps: Steps of earlier rollouts that it learns from again: none.
-    """
+    """The learner: a network, its optimizer, and the update that improves the network."""
 
     memory_steps = 0
+    """Steps of earlier rollouts that it learns from again."""
 
     def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
         self.model = model.to(compute.device)
@@ -42,7 +38,7 @@ class PPO:
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
 
     def remember(self, rollout: Rollout) -> None:
-        """Nothing: this algorithm cannot learn from what other weights drove."""
+        """Do nothing: this algorithm cannot learn from the rollouts of other weights."""
 
     def update(
         self,
@@ -58,8 +54,8 @@ class PPO:
             rollout: The episodes, driven with the present weights.
             seed: Decides the order of the minibatches.
             on_epoch: Called after each epoch.
-            should_stop: Asked before each minibatch.
-            steps_before: Environment steps learned from until now, for the schedules.
+            should_stop: Called before each minibatch; stops the update.
+            steps_before: Environment steps learned from so far, for the schedules.
 
         Raises:
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
@@ -84,8 +80,8 @@ class PPO:
                         clip_grad_norm_(self.model.parameters(), config.max_grad_norm)
                     self.optimizer.step()
                     count += 1
-                means = (totals / count).tolist()
-                history.append(PPOStats(epoch, self.optimizer.lr, explained, *means))
+                numbers = [*(totals / count).tolist(), explained]
+                history.append(PPOStats(epoch, self.optimizer.lr, *numbers))
                 on_epoch(history[-1])
                 if config.target_kl is not None and history[-1].approx_kl > config.target_kl:
                     break
@@ -93,7 +89,7 @@ class PPO:
         return history
 
     def _with_advantages(self, rollout: Rollout) -> tuple[RolloutTensors, float]:
-        """What the update learns from, and the variance that the critic explained.
+        """The data of the update, and the variance that the critic explained.
 
         Raises:
             NonFiniteLossError: A return is NaN or infinite; nothing was changed.
@@ -125,14 +121,9 @@ class PPO:
     def _loss(
         self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice
     ) -> tuple[Tensor, Tensor]:
-        """The loss of a part of a minibatch, and its means of the numbers in `PPOStats`.
+        """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.
 
-        Args:
-            batch: The rollout.
-            rows: Steps of the minibatch.
-            beta: Weight of the entropy.
-            model: The network, or a copy on the same weights.
-            part: Which of the rows.
+        `model` is the network or a copy on the same weights, and `beta` the weight of the entropy.
         """
         rows = rows[part]
         advantages = batch.advantages[rows]
@@ -159,7 +150,7 @@ class PPO:
             return loss, torch.stack([policy_loss, value_loss, entropy, kl, clipped])
 
     def _value_loss(self, value: Tensor, before: Tensor, returns: Tensor) -> Tensor:
-        """The critic's error; with `clip_value`, moving further from `before` gains nothing."""
+        """The critic's error; with `clip_value`, a larger change from `before` gains nothing."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         if self.config.clip_value is None:
             return error(value, returns)
@@ -173,8 +164,8 @@ class PPO:
 def minibatches(steps: int, batch_size: int, order: torch.Generator) -> Iterator[Tensor]:
     """Shuffled row numbers, in full minibatches.
 
-    The remainder is left out, as in the reference; each epoch leaves out different rows. Fewer
-    steps than a minibatch are one minibatch.
+    The remainder is left out, as in the reference; each epoch leaves out different rows. If there
+    are fewer steps than `batch_size`, they are one minibatch.
     """
     size = min(batch_size, steps)
     rows = torch.randperm(steps, generator=order)

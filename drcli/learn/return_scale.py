@@ -22,7 +22,7 @@ more than these medians: docs/benchmarks.md)."""
 class ReturnScale(nn.Module):
     """How much reward one of the critic's own units is worth.
 
-    Both numbers are stored with the weights, so a resumed training goes on with them exactly. They
+    Both numbers are stored with the weights, so a resumed training continues exactly. They
     and all sums of rewards have double precision. So rewards multiplied by a constant lead to the
     same single-precision numbers in the network, and to the same weights, byte for byte.
 

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Rollout:
-    """Whole episodes laid end to end, t steps in e episodes.
+    """Whole episodes one after the other, t steps in e episodes.
 
     Numbers in units of reward have double precision; see `ReturnScale`.
 

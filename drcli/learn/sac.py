@@ -27,7 +27,7 @@ UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
 longer than driving."""
 
 REPORTS = 4
-"""Into how many parts an update is divided for its reports."""
+"""Number of parts of an update that are reported."""
 
 
 class SAC:
@@ -45,7 +45,7 @@ class SAC:
 
     @property
     def memory_steps(self) -> int:
-        """Steps of earlier rollouts that it still learns from."""
+        """Steps of earlier rollouts that it learns from again."""
         return self.config.sac_replay_steps
 
     def remember(self, rollout: Rollout) -> None:
@@ -60,21 +60,11 @@ class SAC:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
-        """Remember one iteration of driving, and improve on what is remembered.
+        """Add one iteration of driving to the replay buffer, and learn from the buffer.
 
-        Args:
-            rollout: Episodes, driven with any weights.
-            seed: Decides all random numbers of the update.
-            on_epoch: Called after each part of the update.
-            should_stop: Asked before each gradient step.
-            steps_before: Environment steps learned from until now; no value depends on them here.
-
-        Returns:
-            One for each part; none before `sac_learning_starts`.
-
-        Raises:
-            NonFiniteLossError: A loss or a weight is NaN or infinite.
-            UpdateInterruptedError: `should_stop` returned True.
+        Arguments and errors are those of `PPO.update`, except that any weights may have driven the
+        rollout, an epoch is a part of the update, and `steps_before` is not used. There are no
+        statistics before `sac_learning_starts`.
         """
         self.replay.add(rollout)
         if self.replay.added < self.config.sac_learning_starts or not self.replay.transitions:
@@ -117,11 +107,8 @@ class SAC:
     ) -> tuple[Tensor, Tensor]:
         """The loss of a part of a minibatch, and its means of the numbers in `SACStats`.
 
-        Args:
-            batch: The minibatch, n steps.
-            noise: Random numbers for the actions before and after each step. Shape (2, n, dims).
-            model: The agent, or a copy on the same weights.
-            part: Which of the steps.
+        `noise` has the random numbers for the actions before and after each step, of shape
+        (2, n, dims). `model` is the agent or a copy on the same weights.
         """
         batch = batch.part(part, self.compute.device)
         noise_before, noise_after = noise[:, part].to(self.compute.device).unbind()
@@ -140,7 +127,9 @@ class SAC:
         fixed = {name: p.detach() for name, p in model.critics.named_parameters()}
         q: Tensor = functional_call(model.critics, fixed, (seen, actions)).amin(0)
         actor_loss = (alpha * log_probs - q).mean()
-        alpha_loss = self._alpha_loss(model, log_probs.detach())
+        # It lowers the temperature if the entropy is above its target, -1 nat for each dimension.
+        entropy = -log_probs.detach().mean()
+        alpha_loss = model.log_alpha * (entropy + model.spec.num_actions)
         loss = critic_loss + actor_loss
         if self.config.sac_auto_alpha:
             loss = loss + alpha_loss
@@ -153,8 +142,8 @@ class SAC:
         with torch.no_grad():
             shown = alpha_loss if self.config.sac_auto_alpha else torch.full_like(alpha, torch.nan)
             each = self._critic_loss(values, target, "none").mean(1)
-            qf = (*each, *values.mean(1))
-            return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), alpha, shown])
+            qf = (*values.mean(1), *each)
+            return loss, torch.stack([actor_loss, *qf, entropy, alpha, shown])
 
     def alpha(self) -> Tensor:
         """The temperature now, without gradient."""
@@ -163,7 +152,7 @@ class SAC:
         return torch.tensor(self.config.sac_alpha, device=self.compute.device)
 
     def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
-        """What the critics should say: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
+        """The critics' target: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
         with torch.no_grad():
             with self.compute.autocast():
                 features = model.features(batch.after)
@@ -174,11 +163,6 @@ class SAC:
             return batch.rewards + discount * (q - alpha * log_probs)
 
     def _critic_loss(self, values: Tensor, target: Tensor, reduction: str = "mean") -> Tensor:
-        """The error of both critics, whose estimates have the shape (2, n)."""
+        """The error of both critics, with estimates of shape (2, n)."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         return error(values, target.expand_as(values), reduction=reduction)
-
-    def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
-        """Falls with the temperature where the entropy is above its target, else rises."""
-        target_entropy = -model.spec.num_actions
-        return model.log_alpha * (-log_probs.mean() - target_entropy)

@@ -27,19 +27,13 @@ _WIDTH = 256
 class SACAgent(nn.Module):
     """Everything that is learned: actor, critics and temperature.
 
-    The reference trains three bodies. Here there is one, which learns from the critics alone. The
-    actor takes its features as they are, and so do the target critics, which have no body of their
-    own (Yarats et al., 2021, "DrQ-v2"). A critic that sees the state does not see the picture; then
-    the body learns from the actor instead.
+    The reference trains three bodies. Here there is one, which learns from the critics only; actor
+    and target critics use its features (Yarats et al., 2021, "DrQ-v2"). A critic that sees the
+    state does not see the picture, so then the body learns from the actor instead.
     """
 
     def __init__(self, spec: PolicySpec, sac_alpha: float = 0.2) -> None:
-        """Begin with nearly uniform actions.
-
-        Args:
-            spec: Input and output; it must be continuous.
-            sac_alpha: Temperature at the start.
-        """
+        """Begin with nearly uniform, continuous actions and this temperature."""
         super().__init__()
         self.spec = spec
         self.body = Encoder(spec)
@@ -61,7 +55,7 @@ class SACAgent(nn.Module):
         return features.float()
 
     def critic_input(self, features: Tensor, seen: Observation) -> Tensor:
-        """What the critics see. Shape (n, features) or (n, state_dims)."""
+        """The input of the critics. Shape (n, features) or (n, state_dims)."""
         return seen.state if self.spec.state_dims else features
 
     def act(
@@ -95,7 +89,7 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
 
 
 class _TwinCritic(nn.Module):
-    """Two estimates of the return of an action, on one summary of what is seen."""
+    """Two estimates of the return of an action, on one summary of the input."""
 
     def __init__(self, features: int, num_actions: int) -> None:
         super().__init__()

@@ -1,80 +1,65 @@
-"""How an update ends: its statistics, by the names that CleanRL logs, or its error."""
+"""The result of an update: its statistics, by the names that CleanRL logs, or its error."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import torch
 from torch import nn
 
 
 @dataclass(frozen=True)
-class PPOStats:
-    """Means over the minibatches of one epoch.
-
-    `approx_kl` is the divergence from the policy that drove, `clip_fraction` the share of steps
-    whose ratio left the clip range, and `explained_variance` that of the returns by the values
-    of the time of driving: 1 is a perfect critic, 0 one that always says the mean.
-    """
-
+class _Statistics:
     epoch: int
     learning_rate: float
-    explained_variance: float
+
+    def metrics(self) -> dict[str, float]:
+        """The numbers by the names that CleanRL gives them."""
+        numbers = asdict(self)
+        del numbers["epoch"]
+        rate = {"charts/learning_rate": numbers.pop("learning_rate")}
+        return rate | {f"losses/{name}": number for name, number in numbers.items()}
+
+
+@dataclass(frozen=True)
+class PPOStats(_Statistics):
+    """Means over the minibatches of one epoch.
+
+    `approx_kl` is the divergence from the policy that drove, `clipfrac` the share of steps whose
+    ratio left the clip range; for `explained_variance` see `advantages.explained_variance`.
+    """
+
     policy_loss: float
     value_loss: float
     entropy: float
     approx_kl: float
-    clip_fraction: float
-
-    def metrics(self) -> dict[str, float]:
-        """The numbers by the names that CleanRL gives them."""
-        return {
-            "charts/learning_rate": self.learning_rate,
-            "losses/value_loss": self.value_loss,
-            "losses/policy_loss": self.policy_loss,
-            "losses/entropy": self.entropy,
-            "losses/approx_kl": self.approx_kl,
-            "losses/clipfrac": self.clip_fraction,
-            "losses/explained_variance": self.explained_variance,
-        }
+    clipfrac: float
+    explained_variance: float
 
 
 @dataclass(frozen=True)
-class SACStats:
+class SACStats(_Statistics):
     """Means over a part of an update.
 
-    `qf1_value` and `qf2_value` are what the critics expect of the steps learned from, `alpha` is
-    the temperature, and `alpha_loss` is NaN where the temperature is fixed.
+    `qf1_values` and `qf2_values` are the critics' estimates for the steps learned from, `alpha` is
+    the temperature, and `alpha_loss` is NaN if the temperature is fixed.
     """
 
-    epoch: int
-    learning_rate: float
     actor_loss: float
+    qf1_values: float
+    qf2_values: float
     qf1_loss: float
     qf2_loss: float
-    qf1_value: float
-    qf2_value: float
     entropy: float
     alpha: float
     alpha_loss: float
 
     @property
-    def critic_loss(self) -> float:
+    def qf_loss(self) -> float:
         """Mean of both critics' losses."""
         return (self.qf1_loss + self.qf2_loss) / 2.0
 
     def metrics(self) -> dict[str, float]:
         """The numbers by the names that CleanRL gives them."""
-        return {
-            "charts/learning_rate": self.learning_rate,
-            "losses/qf1_values": self.qf1_value,
-            "losses/qf2_values": self.qf2_value,
-            "losses/qf1_loss": self.qf1_loss,
-            "losses/qf2_loss": self.qf2_loss,
-            "losses/qf_loss": self.critic_loss,
-            "losses/actor_loss": self.actor_loss,
-            "losses/entropy": self.entropy,
-            "losses/alpha": self.alpha,
-            "losses/alpha_loss": self.alpha_loss,
-        }
+        return super().metrics() | {"losses/qf_loss": self.qf_loss}
 
 
 Stats = PPOStats | SACStats
@@ -85,11 +70,11 @@ class NonFiniteLossError(ArithmeticError):
 
 
 class UpdateInterruptedError(RuntimeError):
-    """The caller asked to stop in the middle of an update."""
+    """The caller asked to stop during an update."""
 
 
 def require_finite_weights(model: nn.Module) -> None:
-    """Check what an update left.
+    """Check the weights after an update.
 
     Raises:
         NonFiniteLossError: A weight is NaN or infinite.

@@ -123,7 +123,7 @@ def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Re
 
 
 def randomize_of(config: RaceConfig) -> Randomize:
-    """What DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
+    """The parts of the scene that DR_ENABLE_DOMAIN_RANDOMIZATION changes."""
     if not config.enable_domain_randomization:
         return "nothing"
     return "textures" if config.randomize_textures else "lights"

@@ -30,7 +30,7 @@ class Plan:
     """An episode to drive.
 
     Attributes:
-        number: As in `Episode`.
+        number: Number of the `Episode`.
         phase: Training samples from the policy, evaluation takes its most likely action.
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
@@ -84,7 +84,7 @@ def episodes_of(driven: Sequence[Driven]) -> Episodes:
     """Training episodes in the form that travels to the learner; their frames are freed."""
     rollout = Rollout(
         frames=np.stack([frame for e in driven for frame in e.frames]),
-        actions=np.concatenate([_actions(e) for e in driven]),
+        actions=np.array([action for e in driven for action in e.actions]),
         log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
         values=np.array([v for e in driven for v in e.values]),
         rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
@@ -103,12 +103,6 @@ def episodes_of(driven: Sequence[Driven]) -> Episodes:
         completed=np.array([e.completed for e in driven]),
         duration_s=np.array([e.duration_s for e in driven]),
     )
-
-
-def _actions(episode: Driven) -> NDArray[np.int64] | NDArray[np.float32]:
-    if isinstance(episode.actions[0], int):
-        return np.array(episode.actions, np.int64)
-    return np.stack([np.asarray(action, np.float32) for action in episode.actions])
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,17 +175,13 @@ def _noise(spec: PolicySpec, seed: int, number: int) -> Iterator[NDArray[np.floa
 
 
 class Driver:
-    """Drives the cars of a simulation with the policies of one or more racers."""
+    """Drives the cars of a simulation with the policies of one or more racers.
+
+    With several racers, car k belongs to racer k modulo their number and must get that racer's
+    plans. All random numbers come from the seed.
+    """
 
     def __init__(self, simulation: Simulation, racers: Sequence[Racer], seed: int) -> None:
-        """Begin.
-
-        Args:
-            simulation: The cars. With several racers, car k belongs to racer k modulo their number
-                and must get that racer's plans.
-            racers: One for each index in the plans.
-            seed: Start of all random numbers.
-        """
         self._simulation = simulation
         self._racers = racers
         self._seed = seed

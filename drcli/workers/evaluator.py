@@ -16,7 +16,7 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
-from drcli.config.run_config import EvaluationConfig, RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.episode_metrics import (
     REPORT_FILE,
     TrialMetrics,
@@ -73,15 +73,15 @@ def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[E
         keys.evaluation_trace(model.prefix, stamp),
         keys.evaluation_metrics(model.metrics_prefix, stamp),
     )
-    return [own] + [
-        Entry(
-            s.eval_opp_s3_model_prefix,
-            checkpoint,
-            keys.opponent_trace(s.eval_opp_s3_model_prefix),
-            keys.opponent_metrics(s.eval_opp_s3_metrics_prefix, stamp),
-        )
-        for checkpoint in checkpoints[1:]
-    ]
+    if len(checkpoints) == 1:
+        return [own]
+    opponent = Entry(
+        s.eval_opp_s3_model_prefix,
+        checkpoints[1],
+        keys.opponent_trace(s.eval_opp_s3_model_prefix),
+        keys.opponent_metrics(s.eval_opp_s3_metrics_prefix, stamp),
+    )
+    return [own, opponent]
 
 
 def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
@@ -104,6 +104,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
             remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
+    laps = s.eval_number_of_trials if s.eval_is_continuous else 1
     races = 1 if s.eval_is_continuous else s.eval_number_of_trials
     num_cars = races * len(racers)
     reward = (
@@ -118,7 +119,13 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
         track,
         num_cars=num_cars,
         reward=reward,
-        rules=_rules(s),
+        rules=EpisodeRules.evaluation(
+            laps=laps,
+            max_resets=s.eval_max_resets,
+            off_track_penalty_s=s.eval_off_track_penalty,
+            collision_penalty_s=s.eval_collision_penalty,
+            max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
+        ),
         num_threads=cores(),
         seed=job.seed,
     )
@@ -155,17 +162,6 @@ def _racer(bucket: Bucket, entry: Entry, design: Design, config: RunConfig) -> R
     checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
     model.load_state_dict(load_tensors(checkpoint.tensors))
     return Racer(model, actions_of(metadata))
-
-
-def _rules(s: EvaluationConfig) -> EpisodeRules:
-    laps = s.eval_number_of_trials if s.eval_is_continuous else 1
-    return EpisodeRules.evaluation(
-        laps=laps,
-        max_resets=s.eval_max_resets,
-        off_track_penalty_s=s.eval_off_track_penalty,
-        collision_penalty_s=s.eval_collision_penalty,
-        max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
-    )
 
 
 def laps_of(race: Episode) -> list[Episode]:

@@ -34,13 +34,10 @@ class Goals:
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
             return f"Training is complete: the time limit of {minutes:g} minutes was reached."
-        for name, most in (
-            ("DR_TRAIN_MAX_ITERATIONS", settings.train_max_iterations),
-            ("term_cond_max_episodes", self._parameters.term_cond_max_episodes),
-        ):
-            if 0 < most <= len(records):
-                done = "1 iteration is" if most == 1 else f"{len(records)} iterations are"
-                return f"Training is complete: {done} done, {name} is {most}."
+        most, name = _iteration_limit(job, self._parameters)
+        if most <= len(records):
+            done = "1 iteration is" if most == 1 else f"{len(records)} iterations are"
+            return f"Training is complete: {done} done, {name} is {most}."
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:
             return (
@@ -48,7 +45,8 @@ class Goals:
                 f"is {score:.1f}, DR_TRAIN_STOP_REWARD is {good_enough:g}."
             )
         wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
-        means = [_mean(record.evaluation_progress) for record in evaluated[-last:]]
+        progress = [record.evaluation_progress for record in evaluated[-last:]]
+        means = [sum(each) / len(each) for each in progress]
         if wanted > 0 and len(means) == last and min(means) >= wanted:
             return (
                 f"Training is complete: the last {last} evaluations reached {min(means):.1f} % "
@@ -84,7 +82,8 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
             f"after {job.max_minutes:g} minutes "
             f"({'DR_TRAIN_MAX_MINUTES' if given else '--max-minutes'})"
         )
-    ways.append(_iterations(settings.train_max_iterations, parameters.term_cond_max_episodes))
+    most, name = _iteration_limit(job, parameters)
+    ways.append(f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name})")
     if settings.train_stop_reward is not None:
         ways.append(
             f"at a mean reward of {settings.train_stop_reward:g} over 100 episodes "
@@ -103,16 +102,9 @@ def _all_laps(record: IterationRecord, wanted: int) -> bool:
     return done >= wanted and done == len(record.evaluation_progress)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
-
-
-def _iterations(setting: int, hyperparameter: int) -> str:
-    """The smaller of the two limits, which counts first."""
-    if 0 < setting <= hyperparameter:
-        return f"after {_counted(setting)} (DR_TRAIN_MAX_ITERATIONS)"
-    return f"after {_counted(hyperparameter)} (term_cond_max_episodes)"
-
-
-def _counted(iterations: int) -> str:
-    return "1 iteration" if iterations == 1 else f"{iterations:,} iterations"
+def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:
+    """The smaller of the two limits, which counts first, and its name."""
+    limits = [(parameters.term_cond_max_episodes, "term_cond_max_episodes")]
+    if job.config.train.train_max_iterations > 0:
+        limits.append((job.config.train.train_max_iterations, "DR_TRAIN_MAX_ITERATIONS"))
+    return min(limits)

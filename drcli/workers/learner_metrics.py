@@ -92,13 +92,11 @@ class LearnerMetrics:
 
 def encoded(rows: Sequence[Mapping[str, float]]) -> bytes:
     """Rows as CSV, with a column for each name; unknown numbers are empty cells."""
-    columns = dict.fromkeys((NUMBER, STEPS))
-    for row in rows:
-        columns |= dict.fromkeys(row)
+    columns = dict.fromkeys([NUMBER, STEPS, *(name for row in rows for name in row)])
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_text(row[name]) if name in row else "" for name in columns] for row in rows)
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
     return text.getvalue().encode()
 
 

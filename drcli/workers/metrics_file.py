@@ -10,6 +10,7 @@ from drcli.exchange.episode_metrics import (
     most_episodes,
 )
 from drcli.exchange.trace import Episode
+from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.repair import read_metrics
 from drcli.workers.episode_share import Share
@@ -23,36 +24,26 @@ class TrainingMetrics:
     while another drives 7 leaves out one number of each iteration. Each record also has its
     iteration in a key that those tools ignore, so a resume with more episodes can renumber all.
 
-    Args:
-        bucket: Holds the file.
-        key: Key of the file.
-        best_model_metric: DR_TRAIN_BEST_MODEL_METRIC, which the file names.
-        share: What the worker drives.
-        first: Key of worker 0's file, which decides the numbers; None if this is that file.
+    The file also names the metric of the best model, DR_TRAIN_BEST_MODEL_METRIC.
 
     Raises:
         ObjectDamaged: The file in the bucket is damaged.
     """
 
     def __init__(
-        self,
-        bucket: Bucket,
-        key: str,
-        best_model_metric: str,
-        share: Share,
-        first: str | None = None,
+        self, bucket: Bucket, metrics_prefix: str, best_model_metric: str, share: Share
     ) -> None:
         self._bucket = bucket
-        self._key = key
+        self._key = keys.training_metrics(metrics_prefix, share.worker)
         self._best_model_metric = best_model_metric
         records: list[EpisodeMetrics] = []
         with contextlib.suppress(ObjectMissing):
-            records = _with_iterations(read_metrics(bucket, key))
+            records = _with_iterations(read_metrics(bucket, self._key))
         self._per_iteration = max(share.most, most_episodes(records))
-        if first is not None:
+        if share.worker > 0:
             with contextlib.suppress(ObjectMissing, ObjectDamaged):
-                others = most_episodes(read_metrics(bucket, first))
-                self._per_iteration = max(self._per_iteration, others)
+                first = read_metrics(bucket, keys.training_metrics(metrics_prefix, 0))
+                self._per_iteration = max(self._per_iteration, most_episodes(first))
         self._records = [
             replace(record, episode=self._number(record.iteration or 0, record.trial))
             for record in records

@@ -46,7 +46,10 @@ class PrintLimit:
         self._filled_s = now
         if self._silent and self._left >= BURST_CHARACTERS / 2:
             self.report()
-        admitted = text if len(text) <= TEXT_CHARACTERS else _shortened(text)
+        admitted = text
+        if (more := len(text) - TEXT_CHARACTERS) > 0:
+            end = "\n" if text.endswith("\n") else ""
+            admitted = f"{text[:TEXT_CHARACTERS]} ... ({more:,} more characters are left out){end}"
         if not self._silent and len(admitted) > self._left:
             self._silent = True
             self._warn(
@@ -106,9 +109,3 @@ def end_limit() -> None:
     """Lift the limit and log what was left out, even if the racer's code never returned."""
     _limit.active = False
     _limit.report()
-
-
-def _shortened(text: str) -> str:
-    end = "\n" if text.endswith("\n") else ""
-    more = len(text) - TEXT_CHARACTERS
-    return f"{text[:TEXT_CHARACTERS]} ... ({more:,} more characters are left out){end}"

@@ -63,15 +63,8 @@ def training_lines(
     """The training episodes of an iteration.
 
     log-guru stops at an episode number that it has seen before. So episodes that are driven again,
-    after a stop or because rollouts were lost, must not be printed again.
-
-    Args:
-        episodes: In the order of their numbers.
-        worker: From 0.
-        track_length_m: Length of the centre line.
-        total_steps: Steps driven before the iteration.
-        iteration: From 0.
-        wall_clock: Unix seconds when the episodes were driven.
+    after a stop or because rollouts were lost, must not be printed again. `total_steps` counts the
+    steps before the iteration, and `wall_clock` is in Unix seconds.
     """
     lines = [OWN_LINE]
     for episode in episodes:
@@ -118,7 +111,7 @@ def epoch_line(stats: Stats) -> str:
     if isinstance(stats, PPOStats):
         losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
     else:
-        losses = f"Actor loss={stats.actor_loss}, Critic loss={stats.critic_loss}"
+        losses = f"Actor loss={stats.actor_loss}, Critic loss={stats.qf_loss}"
         losses += f", Alpha={stats.alpha}"
     return (
         f"Policy training> {losses}, Entropy={stats.entropy}, "

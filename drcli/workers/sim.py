@@ -104,13 +104,7 @@ class SimWorker:
         for sentence in repair_metrics(own):
             _logger.warning(sentence)
         self._share = share
-        self._metrics = TrainingMetrics(
-            self._bucket,
-            keys.training_metrics(model.metrics_prefix, worker),
-            model.metric,
-            share,
-            first=keys.training_metrics(model.metrics_prefix, 0) if worker else None,
-        )
+        self._metrics = TrainingMetrics(self._bucket, model.metrics_prefix, model.metric, share)
         self._budget = EvaluationBudget(train.train_eval_share)
         self._lag = int(overlaps(train))
         self._evaluated = -1
@@ -210,10 +204,10 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._trials or name.number == self._evaluated:
             return False
-        if self._job.until_laps is None and not self._budget.allows_another():
-            return False
-        self._evaluated = name.number
-        return True
+        evaluates = self._job.until_laps is not None or self._budget.allows_another()
+        if evaluates:
+            self._evaluated = name.number
+        return evaluates
 
     def _epsilon(self, name: CheckpointName) -> Callable[[int], float] | None:
         """E-greedy's share of uniform actions by the steps of this iteration, or None."""

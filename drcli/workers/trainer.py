@@ -33,7 +33,7 @@ from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
 from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
 from drcli.workers.scoring import Scoring
-from drcli.workers.wait_for_trainer import DOUBT_S
+from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
 _logger = get_logger(__name__)
@@ -80,7 +80,6 @@ class Trainer:
             before=counters.number_format,
         )
         _logger.info("Learning in %s", compute.reason)
-        self._number_format = compute.number_format
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
         self._scoring = Scoring(
@@ -94,7 +93,7 @@ class Trainer:
         self._newest = CheckpointName(0, 0)
         self._episodes = counters.episodes
         self._elapsed_before_s = counters.elapsed_s
-        self._started = self._cycle_began = self._doubted = time.monotonic()
+        self._started = self._cycle_began = self._rechecked = time.monotonic()
         self._collapsed = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="optimizer-upload")
         self._optimizer_upload: Future[object] | None = None
@@ -113,7 +112,7 @@ class Trainer:
     def _train(self) -> None:
         self._restore()
         while (reason := self._goals.reached(self._history.records)) is None:
-            self._doubted = time.monotonic()
+            self._rechecked = time.monotonic()
             drivers = self._checkpoints.drivers(self._newest)
             collected = self._collector.collect(self._newest.number, drivers, self._is_wait_over)
             if self._lifeline.should_stop():
@@ -188,8 +187,8 @@ class Trainer:
         """
         self._activity.say(f"waits for rollouts of iteration {self._newest.number}")
         self._scoring.score(self._newest)
-        if time.monotonic() >= self._doubted + DOUBT_S:
-            self._doubted = time.monotonic()
+        if time.monotonic() >= self._rechecked + RECHECK_S:
+            self._rechecked = time.monotonic()
             if self._checkpoints.repair_pointer(self._newest):
                 _logger.warning("The pointer to %s was lost; it is written again.", self._newest)
         reached = self._goals.reached(self._history.records) is not None
@@ -259,7 +258,10 @@ class Trainer:
         if reason is not None:
             self._await_evaluation(collected)
         self._scoring.score(self._newest)
-        self._watch_health()
+        fallen = collapse(self._history.records, self._checkpoints.best_name())
+        if fallen is not None and not self._collapsed:
+            _logger.warning("%s.", fallen)
+        self._collapsed = fallen is not None
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
         """The failure of a training whose loss is NaN."""
@@ -277,13 +279,6 @@ class Trainer:
             "The weights from before this iteration are kept as the last checkpoint.",
             remedy=remedy,
         )
-
-    def _watch_health(self) -> None:
-        """Warn once when the policy has become far worse."""
-        fallen = collapse(self._history.records, self._checkpoints.best_name())
-        if fallen is not None and not self._collapsed:
-            _logger.warning("%s.", fallen)
-        self._collapsed = fallen is not None
 
     def _await_evaluation(self, collected: Collected) -> None:
         """Wait for the evaluation that a worker still drives, if there is one."""
@@ -305,7 +300,7 @@ class Trainer:
             counters=Counters(
                 episodes=self._episodes,
                 elapsed_s=self._elapsed_s(),
-                number_format=self._number_format,
+                number_format=self._learner.compute.number_format,
                 learned=learned,
                 seed=self._job.seed,
                 inputs=self._inputs,

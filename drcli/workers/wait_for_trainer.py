@@ -28,13 +28,13 @@ REMEMBERED = 5
 """How many learning times are remembered. The shortest one counts, because something that is over
 may have delayed the others."""
 
-LONGEST_NAP_S = 0.25
+LONGEST_PAUSE_S = 0.25
 """Longest pause between two looks for a request to stop."""
 
 FINISHED_EVERY_S = 1.0
 """How often a waiting worker checks whether the training has ended."""
 
-DOUBT_S = 10.0
+RECHECK_S = 10.0
 """How often a waiting worker checks that its rollouts are still in the bucket. Otherwise trainer
 and worker could wait for each other forever."""
 
@@ -57,16 +57,8 @@ class CheckpointWaiter:
     ) -> None:
         """Begin.
 
-        Args:
-            bucket: Holds the model.
-            prefix: The model.
-            session: Name of this start of the training.
-            worker: Index of the worker that waits, from 0.
-            workers: Number of simulation workers.
-            should_stop: Whether to stop waiting.
-            say: Publishes what the worker waits for.
-            clock: Monotonic seconds, for tests.
-            pause: Waits so many seconds, for tests.
+        `session` names this start of the training, and `say` publishes what the worker waits for.
+        `clock` (monotonic seconds) and `pause` are for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -115,7 +107,7 @@ class CheckpointWaiter:
             StopRequested: `should_stop` returned True.
         """
         looked_for_end = -FINISHED_EVERY_S
-        doubted = self._clock()
+        rechecked = self._clock()
         quiet_until = since_s + self._quiet_s(steps)
         while True:
             self._check_stop()
@@ -128,18 +120,18 @@ class CheckpointWaiter:
                 looked_for_end = self._clock()
             if found:
                 return name
-            if name is not None and self._clock() - doubted > DOUBT_S:
+            if name is not None and self._clock() - rechecked > RECHECK_S:
                 if self._is_lost(name):
                     _logger.warning(
                         "The rollouts of iteration %d are lost; driving it again.", name.number
                     )
                     return name
-                doubted = self._clock()
+                rechecked = self._clock()
             self._say(f"waits for the trainer (checkpoint {number})")
             self._pause(POLL_S)
             while (left_s := quiet_until - self._clock()) > 0.0:
                 self._check_stop()
-                self._pause(min(left_s, LONGEST_NAP_S))
+                self._pause(min(left_s, LONGEST_PAUSE_S))
 
     def _is_lost(self, newest: CheckpointName) -> bool:
         """Whether the rollouts that this worker delivered for an iteration are lost."""

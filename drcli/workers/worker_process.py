@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -85,7 +86,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     lifeline = Lifeline(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
     print_limit.install()
-    sys.excepthook = _hook(job, name)
+    sys.excepthook = partial(_explain_unseen, job, name)
     notices.show, notices.warn = _logger.info, _logger.warning
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.config.log_max_mb << 20)
@@ -102,22 +103,18 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
         gc.freeze()
 
 
-def _hook(job: Job, name: str) -> Callable[[type[BaseException], BaseException, object], None]:
-    """A hook that explains a failure that `except Exception` does not see.
+def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace: object) -> None:
+    """Explain a failure that `except Exception` does not see, as `sys.excepthook`.
 
     If a reward function catches every exception that should interrupt it, the simulation calls this
-    hook and ends the process.
+    and ends the process.
     """
+    # Imported here, because the trainer does without drsim.
+    from drcli.workers.build_race import reward_failure
+    from drsim.errors import RewardError
 
-    def explain(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
-        # Imported here, because the trainer does without drsim.
-        from drcli.workers.build_race import reward_failure
-        from drsim.errors import RewardError
-
-        known = reward_failure(error) if isinstance(error, RewardError) else error
-        _explain(known, job, name)
-
-    return explain
+    known = reward_failure(error) if isinstance(error, RewardError) else error
+    _explain(known, job, name)
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:

@@ -122,7 +122,7 @@ def test_sigterm_saves_everything_another_machine_continues_and_loses_to_a_third
     after = elsewhere.status()
     assert after["history"][: len(before["history"])] == before["history"]
     assert after["history"][-1]["total_steps"] > before["history"][-1]["total_steps"]
-    assert "optimizer starts afresh" not in elsewhere.log("trainer")
+    assert "optimizer starts over" not in elsewhere.log("trainer")
 
 
 def test_a_truncated_checkpoint_is_passed_over_and_said(workspace, trained, log_guru):

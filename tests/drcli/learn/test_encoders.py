@@ -8,6 +8,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from drcli.learn.encoders import Encoder
 from drcli.learn.policy import Observation, PolicySpec
+from observations import camera_only
 
 SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
 MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"
@@ -107,7 +108,7 @@ def test_the_compact_body_needs_less_than_a_fifth_of_the_shallow_one_s_arithmeti
     flops = []
     for name in (SHALLOW, COMPACT):
         with torch.device("meta"), FlopCounterMode(display=False) as counter:
-            seen = Observation.of_frames(torch.empty((1, 1, 120, 160), dtype=torch.uint8))
+            seen = camera_only(torch.empty((1, 1, 120, 160), dtype=torch.uint8))
             Encoder(PolicySpec(2, network=name))(seen).sum().backward()
         flops.append(counter.get_total_flops())
 
@@ -131,7 +132,7 @@ def test_checkpoints_from_before_there_were_several_bodies_still_load():
 
     other.load_state_dict(old)
 
-    seen = Observation.of_frames(torch.full((1, 1, 120, 160), 99, dtype=torch.uint8))
+    seen = camera_only(torch.full((1, 1, 120, 160), 99, dtype=torch.uint8))
     assert torch.equal(encoder(seen), other(seen))
 
 

@@ -4,7 +4,8 @@ import torch
 
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import FEWEST_CARS, DataParallelPolicy
-from drcli.learn.policy import Observation, PolicySpec, decide
+from drcli.learn.policy import PolicySpec, decide
+from observations import camera_only
 
 SPECS = [PolicySpec(5), PolicySpec(2, continuous=True)]
 
@@ -15,7 +16,7 @@ def test_parts_choose_what_the_whole_chooses(spec, cars):
     torch.manual_seed(0)
     policy = ActorCritic(spec).eval()
     random = np.random.default_rng(0)
-    seen = Observation.of_frames(torch.randint(0, 255, (cars, 1, 120, 160), dtype=torch.uint8))
+    seen = camera_only(torch.randint(0, 255, (cars, 1, 120, 160), dtype=torch.uint8))
     noise = random.random((cars, policy.spec.noise_dims), dtype=np.float32)
     deterministic = np.arange(cars) % 2 == 0
 
@@ -31,7 +32,7 @@ def test_new_weights_are_driven_with_at_once():
     policy = ActorCritic(PolicySpec(2, continuous=True)).eval()
     beside = DataParallelPolicy(policy, threads=2)
     cars = 2 * FEWEST_CARS
-    seen = Observation.of_frames(torch.zeros((cars, 1, 120, 160), dtype=torch.uint8))
+    seen = camera_only(torch.zeros((cars, 1, 120, 160), dtype=torch.uint8))
     likeliest = (np.zeros((cars, 2), np.float32), np.ones(cars, np.bool_))
     decide(beside, seen, *likeliest)
 

@@ -15,6 +15,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
+from observations import camera_only
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 SPEC = PolicySpec(2, continuous=True, network="COMPACT_CONVOLUTIONAL_NETWORK")
@@ -179,7 +180,7 @@ def test_each_part_of_an_update_is_reported_as_it_ends():
 
     assert heard == stats
     assert [s.epoch for s in stats] == [0, 1]
-    assert all(math.isfinite(s.critic_loss) and math.isfinite(s.entropy) for s in stats)
+    assert all(math.isfinite(s.qf_loss) and math.isfinite(s.entropy) for s in stats)
 
 
 def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
@@ -296,7 +297,7 @@ def _rollout(
 
 def _transitions(rewards: list[float], goes_on: list[float]) -> Transitions:
     n = len(rewards)
-    seen = Observation.of_frames(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
+    seen = camera_only(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
     return Transitions(seen, torch.zeros(n, 2), torch.tensor(rewards), seen, torch.tensor(goes_on))
 
 

@@ -14,9 +14,9 @@ from memory_bucket import MemoryBucket
 
 KEY = keys.learner_metrics("model")
 
-PPO_STATS = PPOStats(2, 0.001, 0.75, -0.01, 0.2, 1.5, 0.004, 0.125)
+PPO_STATS = PPOStats(2, 0.001, -0.01, 0.2, 1.5, 0.004, 0.125, explained_variance=0.75)
 
-SAC_STATS = SACStats(3, 0.0003, -2.0, 0.5, 0.25, 10.0, 11.0, 0.9, 0.2, math.nan)
+SAC_STATS = SACStats(3, 0.0003, -2.0, 10.0, 11.0, 0.5, 0.25, 0.9, 0.2, math.nan)
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ from drcli.workers.episode_share import Share
 from drcli.workers.metrics_file import TrainingMetrics
 from memory_bucket import MemoryBucket
 
-KEY = "model/metrics/TrainingMetrics.json"
+PREFIX = "model/metrics"
+KEY = keys.training_metrics(PREFIX, 0)
 TWO_EPISODES = Share(0, workers=1, episodes=2)
 
 
@@ -22,7 +23,7 @@ def bucket() -> MemoryBucket:
 
 
 def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(bucket):
-    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
 
     for iteration in range(2):
         first = 2 * iteration
@@ -41,12 +42,12 @@ def test_trials_restart_each_iteration_and_evaluations_repeat_the_last_episode(b
 
 
 def test_a_restarted_worker_continues_the_file_and_forgets_the_iteration_it_repeats(bucket):
-    first = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    first = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
     first.add(0, [_episode(0), _episode(1)])
     first.add(0, [], [_episode(0, "evaluation")])
     first.add(1, [_episode(2), _episode(3)])
 
-    second = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    second = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
     second.keep_before(1)
     second.add(1, [_episode(2), _episode(3)])
 
@@ -55,10 +56,10 @@ def test_a_restarted_worker_continues_the_file_and_forgets_the_iteration_it_repe
 
 
 def test_the_clock_goes_on_after_the_last_record(bucket):
-    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
     metrics.add(0, [_episode(0)])
 
-    assert TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES).clock_s == pytest.approx(1.0)
+    assert TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES).clock_s == pytest.approx(1.0)
 
 
 def test_episodes_that_do_not_divide_evenly_are_found_in_their_iterations(bucket, tmp_path):
@@ -96,19 +97,19 @@ def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
     record = EpisodeMetrics.of(_episode(0), iteration=0, episode=1, trial=1)
     record = replace(record, iteration=None)
     old = {"metrics": [record.to_json(), replace(record, episode=2).to_json()]}
-    bucket.put(KEY, json.dumps(old).encode())
+    key = keys.training_metrics(PREFIX, 2)
+    bucket.put(key, json.dumps(old).encode())
 
-    metrics = TrainingMetrics(bucket, KEY, "progress", share)
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", share)
     metrics.add(2, [_episode(2)])
 
-    records = json.loads(bucket.get(KEY))["metrics"]
+    records = json.loads(bucket.get(key))["metrics"]
     assert [r["episode"] for r in records] == [1, 3, 5]
 
 
 def _drive(bucket: MemoryBucket, share: Share, iteration: int) -> None:
     """One iteration of a worker that was started for it."""
-    key = keys.training_metrics("model/metrics", share.worker)
-    metrics = TrainingMetrics(bucket, key, "progress", share)
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", share)
     metrics.keep_before(iteration)
     metrics.add(iteration, [_episode(number) for number in share.numbers(iteration)])
     if share.worker == 0:
@@ -126,7 +127,7 @@ def _episodes_of_iterations(
         reader = Reader("none", region="us-east-1")
         for worker in range(workers):
             file = folder / f"{worker}.json"
-            file.write_bytes(bucket.get(keys.training_metrics("model/metrics", worker)))
+            file.write_bytes(bucket.get(keys.training_metrics(PREFIX, worker)))
             reader.addRound("model", fname=str(file), worker=worker)
     episodes = reader.getTraining()
     evaluations = reader.getEvaluation()
@@ -147,7 +148,7 @@ def _episode(number: int, phase: str = "training") -> Episode:
 
 
 def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change(bucket):
-    metrics = TrainingMetrics(bucket, KEY, "progress", TWO_EPISODES)
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
     for iteration in range(2):
         metrics.add(iteration, [_episode(2 * iteration), _episode(2 * iteration + 1)])
     file = json.loads(bucket.get(KEY))
@@ -155,7 +156,7 @@ def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change
         del record["iteration"]
     bucket.put(KEY, json.dumps(file).encode())
 
-    resumed = TrainingMetrics(bucket, KEY, "progress", Share(0, workers=1, episodes=4))
+    resumed = TrainingMetrics(bucket, PREFIX, "progress", Share(0, workers=1, episodes=4))
     resumed.add(2, [_episode(number) for number in range(4, 8)])
 
     records = json.loads(bucket.get(KEY))["metrics"]
@@ -164,12 +165,13 @@ def test_a_file_of_version_0_1_0_keeps_its_iterations_when_their_episodes_change
 
 
 def test_a_worker_that_comes_along_later_numbers_its_episodes_as_worker_0_does(bucket):
-    alone = TrainingMetrics(bucket, KEY, "progress", Share(0, workers=1, episodes=4))
+    alone = TrainingMetrics(bucket, PREFIX, "progress", Share(0, workers=1, episodes=4))
     for iteration in range(2):
         alone.add(iteration, [_episode(4 * iteration + k) for k in range(4)])
-    second = "model/metrics/TrainingMetrics_1.json"
 
-    joined = TrainingMetrics(bucket, second, "progress", Share(1, workers=2, episodes=4), first=KEY)
+    joined = TrainingMetrics(bucket, PREFIX, "progress", Share(1, workers=2, episodes=4))
     joined.add(2, [_episode(4), _episode(5)])
 
-    assert [r["episode"] for r in json.loads(bucket.get(second))["metrics"]] == [9, 10]
+    assert [
+        r["episode"] for r in json.loads(bucket.get(f"{PREFIX}/TrainingMetrics_1.json"))["metrics"]
+    ] == [9, 10]

@@ -6,7 +6,7 @@ from drcli.exchange.rollout_manifest import Manifest
 from drcli.exchange.run_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.workers.wait_for_trainer import DOUBT_S, QUIET_SHARE, CheckpointWaiter
+from drcli.workers.wait_for_trainer import QUIET_SHARE, RECHECK_S, CheckpointWaiter
 from drcli.workers.worker_process import StopRequested
 from memory_bucket import MemoryBucket
 
@@ -206,7 +206,7 @@ def test_an_iteration_whose_rollouts_are_lost_is_driven_again(world):
     name = world.waiter.wait(2, newest=1, steps=10, since_s=0.0)
 
     assert name.number == 1
-    assert 300.0 <= world.now_s < 300.0 + 2 * DOUBT_S
+    assert 300.0 <= world.now_s < 300.0 + 2 * RECHECK_S
 
 
 def test_an_iteration_whose_rollouts_the_trainer_refuses_is_driven_again(world):
@@ -242,7 +242,7 @@ def test_rollouts_that_were_learned_from_are_not_lost(world):
 
     def get(key: str) -> bytes:
         found = seen(key)
-        if key == keys.coach_checkpoint(PREFIX) and world.now_s > DOUBT_S:
+        if key == keys.coach_checkpoint(PREFIX) and world.now_s > RECHECK_S:
             world.bucket.get = seen
             world.publish(1)
             world.lose(0)
