@@ -4,29 +4,29 @@ import math
 def reward_function(params):
     """Overtake slow cars.
 
-    A bot blocks one lane and crawls along it. On a free road this is a plain "stay on the road"
-    reward; behind and beside a bot the other lane pays, and the lane of the bot does not.
+    A bot blocks one lane and drives slowly. On a free road this reward only says "stay on the
+    road". Behind and next to a bot, the other lane earns more than the lane of the bot.
     """
-    LOOK_AHEAD = 2.5  # metres from a bot at which its lane begins to count
-    PASSED = 0.7  # metres that the car has to be ahead of a bot before it may turn in
-    TOUCHING = 0.25  # metres from the middle of the car to that of the bot, sideways: a scrape
-    SAFE = 0.45  # metres, likewise, that leave room on either side
+    LOOK_AHEAD = 2.5  # distance in metres at which the lane of a bot starts to matter
+    PASSED = 0.7  # distance in metres ahead of a bot at which the car may use its lane
+    TOUCHING = 0.25  # metres sideways between the centres of car and bot: they touch
+    SAFE = 0.45  # metres sideways between the centres: the car passes with room to spare
 
-    # Running into a bot from behind ends the episode, like leaving the road. All that could still
-    # have been earned is lost, which is punishment enough.
+    # Hitting a bot from behind ends the episode, like leaving the road. The car loses all further
+    # rewards, which is punishment enough.
     if params["is_crashed"] or params["is_offtrack"]:
         return 1e-3
 
-    # Where the car is across the road: left of the centre line is positive.
+    # Distance of the car from the centre line; positive on the left.
     half_width = max(params["track_width"] / 2.0, 0.01)
     across = params["distance_from_center"] * (1.0 if params["is_left_of_center"] else -1.0)
 
-    # Free road: half of its width is as good as the middle, so that the car need not first unlearn
-    # to follow the centre line before it can leave it for a bot.
+    # Free road: the whole middle half of the road earns the full reward. So the car does not learn
+    # to stay on the centre line, and can easily leave it for a bot.
     free_road = min(1.0, max(0.0, 2.0 - 2.0 * abs(across) / half_width))
     reward = free_road
 
-    # The bot behind and the bot ahead. Bots drive in the middle of the left or the right lane.
+    # The bot behind and the bot ahead. Bots drive in the middle of the left or right lane.
     heading = math.radians(params["heading"])
     for number in set(params["closest_objects"]):
         if number >= len(params["objects_location"]):
@@ -38,8 +38,8 @@ def reward_function(params):
         if away > LOOK_AHEAD or ahead < -PASSED:
             continue
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
-        # Little on a line that ends in the bot, all on one that passes it with room to spare. On
-        # a narrow road that line runs near the edge, so the edge does not count here.
+        # Little reward on a line that hits the bot, full reward on a line that passes it with room
+        # to spare. On a narrow road this line is near the edge, so the edge does not count here.
         gap = abs(across - lane)
         clear = 0.3 * min(gap / TOUCHING, 1.0)
         clear += 0.7 * min(max((gap - TOUCHING) / (SAFE - TOUCHING), 0.0), 1.0)

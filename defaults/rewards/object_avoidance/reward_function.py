@@ -2,31 +2,31 @@ import math
 
 
 def reward_function(params):
-    """Drive round what stands on the road.
+    """Drive around the objects on the road.
 
-    On a free road this is a plain "stay on the road" reward. The nearer an object comes, the less
-    that counts, and the more how far to the side of the object the car is.
+    On a free road this reward only says "stay on the road". The nearer an object is, the less this
+    counts, and the more the sideways distance between car and object counts.
     """
-    LOOK_AHEAD = 3.0  # metres from an object at which it begins to count
-    PASSED = 0.6  # metres beyond an object at which the whole car is past it
-    TOUCHING = 0.30  # metres from the middle of the car to that of the object, sideways: a scrape
-    SAFE = 0.50  # metres, likewise, that leave room on either side
+    LOOK_AHEAD = 3.0  # distance in metres at which an object starts to matter
+    PASSED = 0.6  # distance in metres at which the whole car is past an object
+    TOUCHING = 0.30  # metres sideways between the centres of car and object: they touch
+    SAFE = 0.50  # metres sideways between the centres: the car passes with room to spare
 
-    # A crash ends the episode, like leaving the road. All that could still have been earned is
-    # lost, which is punishment enough.
+    # A crash ends the episode, like leaving the road. The car loses all further rewards,
+    # which is punishment enough.
     if params["is_crashed"] or params["is_offtrack"]:
         return 1e-3
 
-    # Where the car is across the road: left of the centre line is positive.
+    # Distance of the car from the centre line; positive on the left.
     half_width = max(params["track_width"] / 2.0, 0.01)
     across = params["distance_from_center"] * (1.0 if params["is_left_of_center"] else -1.0)
 
-    # Free road: half of its width is as good as the middle, so that the car need not first unlearn
-    # to follow the centre line before it can leave it for an object.
+    # Free road: the whole middle half of the road earns the full reward. So the car does not learn
+    # to stay on the centre line, and can easily leave it for an object.
     free_road = min(1.0, max(0.0, 2.0 - 2.0 * abs(across) / half_width))
     reward = free_road
 
-    # The last object and the next one. Objects stand in the middle of the left or the right lane.
+    # The object behind and the object ahead. They stand in the middle of the left or right lane.
     heading = math.radians(params["heading"])
     for number in set(params["closest_objects"]):
         if number >= len(params["objects_location"]):
@@ -38,8 +38,8 @@ def reward_function(params):
         if away > LOOK_AHEAD or ahead < -PASSED:
             continue
         lane = half_width / 2.0 if params["objects_left_of_center"][number] else -half_width / 2.0
-        # Little on a line that ends in the object, all on one that passes it with room to spare. On
-        # a narrow road that line runs near the edge, so the edge does not count here.
+        # Little reward on a line that hits the object, full reward on a line that passes it with
+        # room to spare. On a narrow road this line is near the edge, so the edge does not count.
         gap = abs(across - lane)
         clear = 0.3 * min(gap / TOUCHING, 1.0)
         clear += 0.7 * min(max((gap - TOUCHING) / (SAFE - TOUCHING), 0.0), 1.0)
