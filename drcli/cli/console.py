@@ -39,6 +39,7 @@ BOUNDLESS = 100_000
 """Width of a pipe: nothing is folded, so that programs find each row in one line."""
 
 _UNKNOWN_COLUMNS = 80
+_LONG_WORD = 24
 
 
 def fresh(*, stderr: bool = False) -> Console:
@@ -122,7 +123,7 @@ def say(text: str) -> None:
 def warn(*texts: str) -> None:
     """Print warnings: what is allowed but may surprise."""
     for text in texts:
-        err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=True)
+        err.print(f"[yellow]Warning:[/] {escape(text)}", soft_wrap=_in_one_piece(text))
 
 
 @contextmanager
@@ -172,9 +173,16 @@ def fail(message: str, remedy: str) -> None:
     if "\n" in remedy:
         pairs = list(zip_longest(message.splitlines(), remedy.splitlines(), fillvalue=""))
     for sentence, what_to_do in pairs:
-        err.print(f"[bold red]Error:[/] {escape(sentence)}", soft_wrap=True)
+        err.print(f"[bold red]Error:[/] {escape(sentence)}", soft_wrap=_in_one_piece(sentence))
         if what_to_do:
-            err.print(f"  [dim]Try:[/] {escape(what_to_do)}", soft_wrap=True)
+            one_piece = _in_one_piece(what_to_do)
+            err.print(f"  [dim]Try:[/] {escape(what_to_do)}", soft_wrap=one_piece)
+
+
+def _in_one_piece(text: str) -> bool:
+    """Whether not to break a text between words: in a pipe, or with a command or path to copy."""
+    long = any(len(word) > _LONG_WORD for word in text.split())
+    return long or "`" in text or not err.file.isatty()
 
 
 def is_live() -> bool:

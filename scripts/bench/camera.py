@@ -1,12 +1,12 @@
-"""Accuracy and speed of the computed camera, beside MuJoCo's renderer.
+"""Accuracy and speed of the computed camera, compared with MuJoCo's renderer.
 
     python scripts/bench camera [--world NAME] [--tracks-dir DIR] [--tracks 10] [--poses 200]
                                    [--rounds 15] [--json]
 
-The judge: random poses on several tracks (community routes where a folder of them is given or lies
-beside the checkout, else our own), without and with boxes on the road. OpenGL draws 640 x 480
+Accuracy: random poses on several tracks (community routes if there is a folder of them, here or
+next to the checkout, else our own), without and with boxes on the road. OpenGL draws 640 x 480
 pixels, shrunk to 160 x 120 as the reference simulator does; the differences are in greys, 0..255.
-The race: both cameras draw 160 x 120 frames of one world, in turns, on one and the same core.
+Speed: both cameras draw 160 x 120 frames of one world, in turns, on the same core.
 With --json the last line of stdout is one object with
 
     tracks, poses          how many of them were compared
@@ -53,7 +53,7 @@ NUM_FRAMES = 64
 """Frames a round of the race."""
 
 ROUTES = Path(__file__).resolve().parents[3] / "shared" / "tracks"
-"""Where community routes may lie beside the checkout."""
+"""Folder next to the checkout that may hold community routes."""
 
 BOXES_EVERY_M = 1.2
 """Distance between the boxes that are in the way of the judge's lenses."""

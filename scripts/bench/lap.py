@@ -8,7 +8,7 @@ with `seeds` (a list) and `median`, each holding
 
     first_evaluation_lap_s    wall time from the command until a checkpoint with a completed
                               evaluation lap had been learned from, at the latest
-    first_evaluation_lap_steps  steps driven by then
+    first_evaluation_lap_steps  steps driven until then
     first_training_lap_s      wall time from the command to the first full training lap
     first_training_lap_steps  steps driven by the end of that iteration
     three_evaluation_laps_s   wall time from the command until all evaluation laps of a checkpoint
@@ -142,8 +142,8 @@ def _figures(folder: Path, status: dict[str, Any], begin: float) -> dict[str, An
     history = status["history"]
     first_lap_at, steps = _first_lap(folder, status)
     scored = _scored(history)
-    # `elapsed_s` of a record is the end of its update; the evaluation of its checkpoint is over
-    # by then or soon after, and what comes before training is the rest of the command's time.
+    # `elapsed_s` of a record is the end of its update; the evaluation of its checkpoint ends at
+    # about the same time. The rest of the command's time comes before the training.
     start_up_s = status["started_at"] - begin
     cycle_s = [r["steps"] / r["steps_per_s"] for r in history]
     lapped = next((record for record in history if record["evaluation_lap_s"]), None)
@@ -159,7 +159,7 @@ def _figures(folder: Path, status: dict[str, Any], begin: float) -> dict[str, An
 
 
 def _first_lap(folder: Path, status: dict[str, Any]) -> tuple[float | None, int | None]:
-    """Wall clock of the first completed training lap, and the steps driven by then."""
+    """Wall clock of the first completed training lap, and the steps until then."""
     traces = folder / "data" / "s3" / status["bucket"] / status["prefix"] / "training-simtrace"
     steps = 0
     for iteration in range(len(list(traces.glob("*-iteration.csv")))):

@@ -1,9 +1,9 @@
-"""Speed of the learner, beside other libraries and bare arithmetic.
+"""Speed of the learner, compared with other libraries and bare arithmetic.
 
     python scripts/bench learn [--world NAME] [--rounds 7] [--bucket-rounds 3] [--json]
 
 All trainings have the shipped files: one camera, minibatches of 64, 3 epochs and the network that
---network names, the shipped one unless told otherwise. The others have the same layers, written as
+--network names, the shipped one by default. The others have the same layers, written as
 their users would. Arithmetic is measured on the shallow network, which others call NatureCNN.
 Everything is measured in turns, round by round, because other programs slow a machine down for a
 while; ratios are medians over the rounds. With --json the last line of stdout is one object with
@@ -174,7 +174,7 @@ def warmed_up(work: Work) -> MemoryTraining:
 def measure_throughput(
     work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int], *, lend: bool
 ) -> Measured:
-    """Our training in one process beside those of the others, which choose their cars."""
+    """Our training in one process, and those of the others, which choose their cars."""
     measured = Measured(figures={"network": work.spec.network})
     contestants: dict[str, Training] = {"ours": ours}
     for name, script in scripts().items():
@@ -221,7 +221,7 @@ def fastest(work: Work, script: str, choices: Sequence[int], *, lend: bool) -> t
 
 
 def measure_arithmetic(work: Work, rollout: Rollout, rounds: int) -> Measured:
-    """Our update beside bare matrix products, in both number formats."""
+    """Our update compared with bare matrix products, in both number formats."""
     measured = Measured(figures={"flops_network": work.spec.network})
     for name in ("fp32", "bf16"):
         arithmetic = Arithmetic(work, rollout, bf16=name == "bf16")
@@ -239,7 +239,7 @@ def measure_arithmetic(work: Work, rollout: Rollout, rounds: int) -> Measured:
 
 
 def measure_bucket(work: Work, rounds: int, iterations: int) -> Measured:
-    """Trainings of two processes that meet in a bucket beside the same ones in this process."""
+    """Trainings of two processes that meet in a bucket, and the same ones in this process."""
     bucket, memory, equal = [], [], []
     for seed in range(1, rounds + 1):
         here: list[Pace] = []

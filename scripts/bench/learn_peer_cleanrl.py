@@ -58,7 +58,7 @@ class CleanRlTraining:
         Args:
             work: What to train.
             cars: How many drive side by side.
-            steps: Of an iteration, all cars together. Those in which a car begins anew count.
+            steps: Of an iteration, all cars together. Those in which a car starts again count.
         """
         self._p = work.parameters
         self._device = work.compute.device

@@ -70,7 +70,7 @@ class Work:
         parameters: hyperparameters.json.
         spec: The network.
         actions: What its outputs mean.
-        reward_file: The reward function, of which each car gets a copy of its own.
+        reward_file: The reward function, of which each car gets its own copy.
         track: Where the cars drive.
         threads: For simulation and learner, which take turns.
         compute: Device and number format that a training chooses here.
@@ -157,7 +157,7 @@ class MemoryTraining:
 
     Attributes:
         rollout: What was driven last.
-        evaluation: Evaluation episodes that were driven beside it.
+        evaluation: Evaluation episodes driven during it.
         steps: Steps learned from.
     """
 
@@ -260,8 +260,8 @@ def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
                 stdout=subprocess.DEVNULL,
                 check=True,
             )
-            note = folder / "data" / "runs" / "0" / "run.json"
-            while (record := json.loads(note.read_text()))["state"] in ("starting", "running"):
+            run_file = folder / "data" / "runs" / "0" / "run.json"
+            while (record := json.loads(run_file.read_text()))["state"] in ("starting", "running"):
                 time.sleep(0.5)
         finally:
             server.stop(load_settings(folder, environ=environment).storage)

@@ -29,8 +29,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 SPEED_MPS = 0.3
 """So slow that 100 episodes of an untrained policy last 10,000 steps."""
 
-FRAMES_FACTOR, BESIDE_FRAMES_MB = 1.5, 300.0
-"""What the trainer may take: so many times the raw frames, and so much beside them."""
+FRAMES_FACTOR, OTHER_MB = 1.5, 300.0
+"""Largest memory of the trainer: so many times the raw frames, plus so much."""
 
 
 def main() -> None:
@@ -60,10 +60,10 @@ def measure(folder: Path) -> dict[str, Any]:
 
     program = Path(sys.executable).parent / "dr"
     subprocess.run([str(program), "start-training", "-q"], cwd=folder, check=True)
-    note = folder / "data" / "runs" / "0" / "run.json"
+    run_file = folder / "data" / "runs" / "0" / "run.json"
     server_pid = json.loads((folder / "data" / "s3" / ".server.json").read_text())["pid"]
     peak_mb, peaks_mb = 0.0, dict[str, float]()
-    while (record := json.loads(note.read_text()))["state"] in ("starting", "running"):
+    while (record := json.loads(run_file.read_text()))["state"] in ("starting", "running"):
         pids = {worker["name"]: worker["pid"] for worker in record["workers"]}
         pids |= {"supervisor": record["pid"], "server": server_pid}
         now_mb = {name: pss_mb(pid) for name, pid in pids.items() if pid}
@@ -74,7 +74,7 @@ def measure(folder: Path) -> dict[str, Any]:
     steps = json.loads(curve.read_text())["iterations"][0]["steps"]
     server.stop(load_settings(folder).storage)
     frames_mb = steps * FRAME_HEIGHT * FRAME_WIDTH / 1e6
-    bound_mb = FRAMES_FACTOR * frames_mb + BESIDE_FRAMES_MB
+    bound_mb = FRAMES_FACTOR * frames_mb + OTHER_MB
     return {
         "steps": steps,
         "peak_mb": peak_mb,

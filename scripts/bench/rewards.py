@@ -139,7 +139,7 @@ def train(case: Case, options: argparse.Namespace) -> int | None:
     """Train until the first full evaluation lap.
 
     Returns:
-        Steps learned from by then, None where the cap came first.
+        Steps learned from until then, None if the limit came first.
     """
     environment = {
         "DR_WORLD_NAME": options.world,

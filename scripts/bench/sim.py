@@ -1,4 +1,4 @@
-"""Speed of the simulation, beside other simulators.
+"""Speed of the simulation, compared with other simulators.
 
     python scripts/bench sim [--world NAME] [--cars 16] [--threads 2] [--rounds 7] [--json]
 
@@ -162,7 +162,7 @@ class EnvRun:
         self.drive: list[tuple[Ints | None, Floats]] = []
 
     def random(self) -> float:
-        """Driven steps/s with random actions: cars leave the track all the time and begin anew."""
+        """Driven steps/s with random actions: cars leave the track all the time and start again."""
         actions = self._random.uniform(LEAST, MOST, (STEPS, self._cars, 2))
         return self._drive(lambda step, _: actions[step])
 

@@ -2,9 +2,9 @@
 
     python scripts/bench startup [--repeat 10]
 
-Each is called in a new working folder in which nothing was started. Processor time tells more than
-the clock on a machine that is busy with other things, and the least of several calls more than
-their mean; `wall_s` is what somebody waits who has the machine for himself.
+Each command runs several times in a new working folder in which nothing was started, and the
+shortest times count. On a busy machine, compare `cpu_s`; on an idle one, `wall_s` is how long a
+user waits.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from drcli.config.new_folder import plan_folder
 from drcli.store.server import server
 
 BAR_S, HELP_BAR_S = 0.4, 0.3
-"""What a command or an answer to the Tab key may take, and what help may take."""
+"""Longest time for a command or an answer to the Tab key, and for help."""
 
 COMMANDS = (
     "--help",
@@ -57,13 +57,13 @@ COMPLETIONS = (
 
 @dataclass(frozen=True)
 class Measured:
-    """What a call took, the least of several.
+    """The shortest times of several calls.
 
     Attributes:
         call: The command line.
         cpu_s: Processor time, user and system.
-        wall_s: Time on the clock.
-        bar_s: What it may take.
+        wall_s: Wall time.
+        bar_s: Longest time allowed.
     """
 
     call: str
@@ -90,7 +90,7 @@ def main() -> None:
 
 
 def question(line: str) -> dict[str, str]:
-    """Variables by which a shell asks what may follow on a line."""
+    """Variables by which a shell asks for the words that complete a line."""
     return {**ASKS, LINE: line}
 
 
@@ -104,7 +104,7 @@ def measure(
 
 
 def once(arguments: list[str], variables: dict[str, str], folder: str) -> tuple[float, float]:
-    """Processor time and time on the clock of one call, seconds."""
+    """Processor time and wall time of one call, seconds."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("DR_")}
     started_s = time.perf_counter()
     process = subprocess.Popen(

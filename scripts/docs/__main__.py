@@ -17,7 +17,7 @@ from pathlib import Path
 FOLDER = Path(__file__).resolve().parent
 sys.path[:0] = [str(FOLDER), str(FOLDER.parent / "bench")]
 
-import commands_page  # noqa: E402  (these lie beside this file)
+import commands_page  # noqa: E402  (in the folder of this file)
 import errors_page  # noqa: E402
 import settings_page  # noqa: E402
 

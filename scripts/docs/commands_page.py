@@ -70,7 +70,7 @@ class _Group:
 
     @property
     def anchor(self) -> str:
-        """Where the section lies on the page."""
+        """The anchor of the section."""
         return "-".join(self.programs)
 
 

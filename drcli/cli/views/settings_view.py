@@ -28,7 +28,7 @@ PLACE_COLUMNS = 22
 """Columns that most places need."""
 
 PLACE_INDENT = 4
-"""Indent of a place on a line of its own, where the value's line has no room."""
+"""Indent of a place that stands below its value, because the line has no room."""
 
 
 def check(report: "FullCheck") -> RenderableType:

@@ -1,4 +1,4 @@
-"""Bands beside the centre line, each paid a fixed amount."""
+"""Bands on both sides of the centre line, each paid a fixed amount."""
 
 BANDS = ((0.1, 1.0), (0.25, 0.5), (0.5, 0.1))
 """Largest distance from the centre line as a share of the road's width, and the pay up to it."""

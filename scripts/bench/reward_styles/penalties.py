@@ -2,7 +2,7 @@
 
 
 def reward_function(params):
-    """Pay 1 near the middle; take 5 for a wheel beside the road and 50 for the whole car."""
+    """Pay 1 near the middle; take 5 for a wheel off the road and 50 for the whole car."""
     if params["is_offtrack"] or params["is_crashed"]:
         return -50.0
     if not params["all_wheels_on_track"]:

@@ -8,12 +8,13 @@ import pytest
 
 SIMULATION = {"torch", "mujoco", "numba", "numpy", "gymnasium", "drsim", "scipy", "shapely"}
 STORAGE = {"boto3", "botocore", "moto"}
+VALUES = {"pydantic"}
 PROGRAM = "import sys; from drcli.cli.app import main\ntry: main(sys.argv[1:])\nfinally: "
 
 
 def loaded(*arguments: str) -> set[str]:
     """Libraries that a command has loaded when it ends."""
-    slow = SIMULATION | STORAGE
+    slow = SIMULATION | STORAGE | VALUES
     done = subprocess.run(
         [sys.executable, "-c", f"{PROGRAM}print(*({slow!r} & sys.modules.keys()))", *arguments],
         env={name: value for name, value in os.environ.items() if not name.startswith("DR_")},
@@ -56,6 +57,13 @@ def test_looking_at_a_training_asks_no_server(working_folder):
     assert not loaded("status") & (SIMULATION | STORAGE)
 
 
-@pytest.mark.parametrize("line", ["--version", "status --help", "shell-env"])
+@pytest.mark.parametrize("line", ["status", "summary", "config check --settings", "stop-training"])
+def test_options_that_are_left_out_load_no_pydantic(working_folder, line):
+    assert not loaded(*line.split())
+
+
+@pytest.mark.parametrize(
+    "line", ["--version", "status --help", "config --help", "config set --help", "shell-env"]
+)
 def test_what_needs_no_settings_loads_nothing_that_is_slow(working_folder, line):
     assert not loaded(*line.split())
