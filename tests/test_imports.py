@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = {
     "drsim": (
-        {"errors", "jit"},
+        {"arrays", "errors", "jit"},
         {"track"},
         {"car"},
         {"race"},

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from drsim.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.car.camera_mount import FRONT
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Cars = NDArray[np.int64]
 
 CONTROL_HZ = 15
 """Decisions per simulated second: one per camera frame of the reference simulator."""
@@ -228,14 +225,11 @@ class CarBatch:
         self._qvel: Floats = self._batch.bind("qvel")
         self._ctrl: Floats = self._batch.bind("ctrl")
 
-    def vary(self, cars: Cars, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
+    def vary(self, cars: Ints, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
         """Change cars from the calibrated one until the next call. Call it before `place`.
 
-        Args:
-            cars: Which cars. Shape (k,).
-            friction: Factors on the grip of the wheels. Shape (k,).
-            mass: Factors on mass and inertia of every part. Shape (k,).
-            latency_s: How much later requests begin to act, seconds. Shape (k,).
+        All of shape (k,): `friction` is a factor on the grip of the wheels, `mass` one on mass and
+        inertia of every part. Requests act `latency_s` later.
         """
         model = self._batch.model
         grip, weight = model.pair_friction, model.body_mass
@@ -245,12 +239,10 @@ class CarBatch:
         self._batch.expand("actuator_delay")[cars] = model.actuator_delay + latency_s[:, None]
         self._batch.set_const(cars)
 
-    def place(self, cars: Cars, poses: Floats) -> None:
-        """Put cars on the ground: at rest, wheels straight, no request under way.
+    def place(self, cars: Ints, poses: Floats) -> None:
+        """Put cars, shape (k,), on the ground: at rest, wheels straight, no request under way.
 
-        Args:
-            cars: Which cars. Shape (k,).
-            poses: x and y of the car origin in metres and yaw in radians. Shape (k, 3).
+        `poses` are x and y of the car origins in metres and yaws in radians. Shape (k, 3).
         """
         if not len(cars):
             return
@@ -266,15 +258,11 @@ class CarBatch:
         self._qpos[cars] = qpos
         self._refresh()
 
-    def drive(
-        self, steering_deg: Floats, speed_mps: Floats, moving: NDArray[np.bool_] | None = None
-    ) -> None:
-        """Let the cars move for one control step, 1/15 s.
+    def drive(self, steering_deg: Floats, speed_mps: Floats, moving: Bools | None = None) -> None:
+        """Let the cars, or those that are `moving`, move for one control step, 1/15 s.
 
-        Args:
-            steering_deg: Requested wheel angles, left positive, clipped to +-30. Shape (n,).
-            speed_mps: Requested speeds, clipped to 0.1 .. 4: a car cannot stop. Shape (n,).
-            moving: Cars to move, the others keep their state untouched. Shape (n,). Default all.
+        Requested wheel angles, left positive, are clipped to +-30 degrees, requested speeds to
+        0.1 .. 4 m/s: a car cannot stop. Shape (n,) each.
         """
         steering_rad, wheel_rad_s = motor_commands(steering_deg, speed_mps, self._parameters)
         self._ctrl[:, :2] = steering_rad[:, None]

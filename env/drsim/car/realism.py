@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints, Seeds, Singles
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Frames = NDArray[np.uint8]
 
 _WIDEST_BLUR = 12
@@ -94,7 +93,7 @@ class Disturbances:
         self._blur_px: Floats = np.zeros(num_cars)
         self._turn: Floats = np.tile(np.eye(3), (num_cars, 1, 1))
         self._shift_m: Floats = np.zeros((num_cars, 3))
-        self._noise_key: NDArray[np.uint64] = np.zeros(num_cars, np.uint64)
+        self._noise_key: Seeds = np.zeros(num_cars, np.uint64)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
         """Draw for a new episode of a car; the same count of random numbers each time."""
@@ -111,12 +110,7 @@ class Disturbances:
         self._noise_key[car] = random.integers(2**64, dtype=np.uint64)
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """Where the lenses of all cars are, given where they should be.
-
-        Args:
-            lens_pos: Positions, metres. Shape (n, 3).
-            lens_mat: Axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        """
+        """Where the lenses of all cars are, given where they should be; as in `CarBatch`."""
         if not self.realism.moves_camera:
             return lens_pos, lens_mat
         shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)
@@ -156,7 +150,7 @@ def _spoil(
     brightness: Floats,
     blur_px: Floats,
     noise: float,
-    noise_key: NDArray[np.uint64],
+    noise_key: Seeds,
 ) -> None:
     cars, eyes, rows, columns = frames.shape
     picture = np.empty((rows, columns), np.float32)
@@ -191,7 +185,7 @@ def _normal(state: int) -> float:
 
 
 @kernel
-def _blur(picture: NDArray[np.float32], sigma_px: float) -> None:
+def _blur(picture: Singles, sigma_px: float) -> None:
     """Gaussian blur, rows first, then columns; the edge is repeated outwards."""
     rows, columns = picture.shape
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)

@@ -5,14 +5,10 @@ from enum import IntEnum
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.car.car import CONTROL_HZ
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 IMMOBILIZED_M = 0.0003
 """A car that moves no further than this in a step stands still. Source: the reference simulator."""
@@ -197,12 +193,10 @@ class Episodes:
         )
 
     def begin(self, cars: Ints, start_fraction: Floats, fraction: Floats) -> None:
-        """Start episodes with their `prepare` step.
+        """Start episodes of some cars with their `prepare` step. All of shape (k,).
 
-        Args:
-            cars: Which cars. Shape (k,).
-            start_fraction: Where the car origin stands on the lap, 0 .. 1. Shape (k,).
-            fraction: Where the point ahead of the car stands, 0 .. 1. Shape (k,).
+        The origin of a car is at `start_fraction` of the lap, 0 .. 1, the point ahead of it at
+        `fraction`.
         """
         state = self.state
         for values in state:
@@ -218,12 +212,7 @@ class Episodes:
         self.state.lap_steps[cars] += 1
 
     def put_back(self, cars: Ints, fraction: Floats) -> None:
-        """Take over where cars stand after a forgiven violation.
-
-        Args:
-            cars: Which cars. Shape (k,).
-            fraction: Where the point ahead of each is now, 0 .. 1 of the lap. Shape (k,).
-        """
+        """Take over where cars stand after a forgiven violation, 0 .. 1 of the lap. Shape (k,)."""
         start, before = self.state.start_fraction[cars], self.state.progress[cars]
         # A car can be put back with its nose across the finish line. It has not driven there: the
         # lap counts with the next step that it drives.
@@ -257,13 +246,8 @@ def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats)
     negative values, and a car that has just finished a lap begins again from 0. Source: the
     reference simulator's rules, in their order.
 
-    Args:
-        previous: Progress of the step before, 0 at the start and after a finished lap. Shape (n,).
-        fraction: Where the car is along the centre line, 0 .. 1 from waypoint 0. Shape (n,).
-        start_fraction: Where its episode started, likewise. Shape (n,).
-
-    Returns:
-        Progress in percent, at most 100. Shape (n,).
+    All of shape (n,): `previous` is the progress of the step before, 0 at the start and after a
+    finished lap; a car is at `fraction` of the centre line, 0 .. 1 from waypoint 0.
     """
     progress = 100.0 * (fraction - start_fraction)
     for car in range(len(progress)):

@@ -4,15 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.episode.reward import RewardParams
-from drsim.race.objects import Objects
+from drsim.race.objects import Objects, closest, in_camera
 from drsim.track.polyline import Location
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -43,29 +40,20 @@ class Situation:
     all_on: Bools
     none_on: Bools
     progress: Floats
-    steps: NDArray[np.int64]
+    steps: Ints
     sim_time_s: Floats
     steering_deg: Floats
     speed_mps: Floats
-    backward: NDArray[np.int64]
+    backward: Ints
     crashed: Bools
     objects: Objects | None = None
 
 
-def params_of(
-    tracks: Sequence[Track], situation: Situation, cars: NDArray[np.int64]
-) -> Iterator[RewardParams]:
-    """Build the dictionaries of some cars, one at a time.
+def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iterator[RewardParams]:
+    """Build the dictionaries of some cars, shape (k,), one at a time, of plain Python values.
 
     Every dictionary is fresh, lists included, so that a reward function may alter what it gets.
-
-    Args:
-        tracks: The track as given and, where cars drive both ways, the reversed one.
-        situation: All cars.
-        cars: The cars wanted. Shape (k,).
-
-    Yields:
-        The parameters of each car, in the order given, as plain Python values.
+    `tracks` are the track as given and, where cars drive both ways, the reversed one.
     """
     s, where = situation, situation.where
     xy, heading_deg = s.xy.tolist(), s.heading_deg.tolist()
@@ -115,20 +103,20 @@ def params_of(
         yield params
 
 
-def _params_of_objects(o: Objects, s: Situation, cars: NDArray[np.int64]) -> Iterator[RewardParams]:
+def _params_of_objects(o: Objects, s: Situation, cars: Ints) -> Iterator[RewardParams]:
     """The eight parameters about objects, one car after the other."""
-    previous, following = o.closest(cars, s.where.distance_m[cars])
-    seen = o.in_camera(cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
+    previous, following = closest(o.distance_m, cars, s.where.distance_m[cars])
+    seen = in_camera(o[:3], cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
     speed_mps, xy, left = o.speed_mps.tolist(), o.xy.tolist(), o.left_of_center.tolist()
     heading_rad = np.where(o.tells_heading, o.yaw_rad, 0.0).tolist()
     from_center_m, distance_m = o.from_center_m.tolist(), o.distance_m.tolist()
     pairs = zip(previous.tolist(), following.tolist(), strict=True)
-    for car, pair, in_camera in zip(cars.tolist(), pairs, seen.tolist(), strict=True):
+    for car, pair, visible in zip(cars.tolist(), pairs, seen.tolist(), strict=True):
         yield {
             "closest_objects": list(pair),
             "objects_location": xy[car],
             "objects_left_of_center": left[car],
-            "object_in_camera": in_camera,
+            "object_in_camera": visible,
             "objects_speed": speed_mps.copy(),
             "objects_heading": heading_rad[car],
             "objects_distance_from_center": from_center_m[car],

@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles
 from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch, CarParameters
 from drsim.car.realism import Disturbances, Realism
 from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
-from drsim.episode.placing import Placing
+from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
 from drsim.episode.privileged_features import features
-from drsim.episode.progress import JUMP_M, fraction_at, without_jump
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
@@ -21,10 +20,6 @@ from drsim.sensing.scene import Scene, build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.polyline import Location
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 class Simulation:
@@ -125,7 +120,7 @@ class Simulation:
         start_fraction: Floats,
         *,
         reverse: bool | Bools = False,
-        seeds: NDArray[np.uint64] | None = None,
+        seeds: Seeds | None = None,
     ) -> StepResult:
         """Begin episodes: put cars on the track at rest, for the `prepare` step.
 
@@ -169,9 +164,7 @@ class Simulation:
     def step(self, steering_deg: Floats, speed_mps: Floats) -> StepResult:
         """Let all running cars act for 1/15 s; parked and waiting cars ignore their action.
 
-        Args:
-            steering_deg: Wheel angles asked for, left positive. Shape (n,).
-            speed_mps: Speeds asked for. Shape (n,).
+        They are asked for wheel angles, left positive, and speeds. Shape (n,) each.
 
         Raises:
             RewardError: The reward function failed.
@@ -216,7 +209,7 @@ class Simulation:
         return result
 
     @property
-    def observations(self) -> NDArray[np.uint8]:
+    def observations(self) -> Bytes:
         """Current camera frames of the first eye, grey. A live view. Shape (n, 120, 160)."""
         return self.frames[:, 0]
 
@@ -225,7 +218,7 @@ class Simulation:
         """Origins of the cars, x and y in metres, and yaws in radians. Shape (n, 3)."""
         return np.column_stack([self._cars.origin_xy, self._cars.yaw_rad])
 
-    def privileged(self, cars: Ints) -> NDArray[np.float32]:
+    def privileged(self, cars: Ints) -> Singles:
         """The `privileged_features` of some cars, shape (k,). Shape (k, PRIVILEGED_DIMS)."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
         return features(
@@ -242,7 +235,7 @@ class Simulation:
         """Stop the threads that render."""
         self._observations.close()
 
-    def _episode_seeds(self, cars: Ints) -> NDArray[np.uint64]:
+    def _episode_seeds(self, cars: Ints) -> Seeds:
         """A seed for the next episode of each car. Racers of one group meet the same traffic."""
         if self.traffic is None and not self._draws:
             return np.zeros(len(cars), np.uint64)  # nothing is drawn
@@ -256,7 +249,7 @@ class Simulation:
         self._episodes_begun[cars] += 1
         return np.array(seeds, np.uint64)
 
-    def _draw(self, cars: Ints, seeds: NDArray[np.uint64]) -> None:
+    def _draw(self, cars: Ints, seeds: Seeds) -> None:
         """Draw lights, colours, camera and car of new episodes."""
         for car, seed in zip(cars.tolist(), seeds.tolist(), strict=True):
             key = np.array([seed, car % self._race.racers], np.uint64)
@@ -269,9 +262,7 @@ class Simulation:
                 cars, friction=d.friction[cars], mass=d.mass[cars], latency_s=d.latency_s[cars]
             )
 
-    def _place_at_start(
-        self, cars: Ints, start_fraction: Floats, seeds: NDArray[np.uint64]
-    ) -> None:
+    def _place_at_start(self, cars: Ints, start_fraction: Floats, seeds: Seeds) -> None:
         if self.traffic is None:
             self._cars.place(cars, self._placing.on(cars, start_fraction))
             return

@@ -3,12 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from drsim.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)

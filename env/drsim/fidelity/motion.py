@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints
 from drsim.car.car import (
     COMMAND_RADIUS_M,
     MAX_SPEED_MPS,
@@ -28,13 +28,10 @@ from drsim.car.car import (
     REFERENCE_POINT_AHEAD_M,
     WHEELBASE_M,
     CarParameters,
-    Floats,
     car_model,
     motor_commands,
 )
 from drsim.fidelity.recordings import Recording
-
-Ints = NDArray[np.int64]
 
 SETTLING_ROWS = 3
 """Rows after the start of an episode that no window begins at: the reference may put a car at its

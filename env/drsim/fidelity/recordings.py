@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from drsim.arrays import Floats, Ints
 
 _NEEDED = ("X", "Y", "yaw", "tstamp")
 

@@ -6,6 +6,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats
+
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
     """Raise ValueError for a value that is not one of the choices; the message lists them."""
@@ -25,10 +27,7 @@ def check_start(start: Any) -> None:
 def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
     """Actions as an array. Continuous ones beyond -1 .. 1 are accepted: they count as -1 or 1.
 
-    Args:
-        given: The action of one car, or those of many.
-        space: Action space of one car.
-        batch: `(n,)` for n cars.
+    `given` is the action of one car, or with the batch `(n,)` those of n cars.
 
     Raises:
         ValueError: They do not have the shape or the type of the space, are not among its choices,
@@ -53,7 +52,7 @@ def start_of(
     start: float | None,
     reverse: bool,
     options: dict[str, Any] | None,
-) -> tuple[NDArray[np.float64], bool]:
+) -> tuple[Floats, bool]:
     """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether they drive in reverse.
 
     Options win over the arguments; ValueError for an unknown one or a start that is not 0 .. 1.

@@ -9,6 +9,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Ints
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.realism import Realism
@@ -104,7 +105,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         self._over[:] = False
         self._begun = True
         result = self._begin(np.arange(self.num_envs), options)
-        return self._perceived(), info_of(result)
+        return perceived(self._simulation, self._sensors, slice(None)), info_of(result)
 
     def step(
         self, actions: Any
@@ -127,7 +128,8 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             self._over[begins] = False
         # A racer that is done waits for its opponent: both begin their next episodes together.
         self._over |= result.done
-        return self._perceived(), result.reward, result.terminated, result.truncated, info
+        seen = perceived(self._simulation, self._sensors, slice(None))
+        return seen, result.reward, result.terminated, result.truncated, info
 
     def render(self) -> tuple[Frame, ...] | None:
         """One picture of the chosen view for each car, or None without a render mode."""
@@ -141,12 +143,12 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         """Free the threads of the simulation."""
         self._simulation.close()
 
-    def _begins(self) -> NDArray[np.bool_]:
+    def _begins(self) -> Bools:
         """Cars that begin an episode with the next step: those whose whole race is over."""
         races = self._over.reshape(-1, self._race.racers)
         return np.repeat(races.all(axis=1), self._race.racers)
 
-    def _begin(self, cars: NDArray[np.int64], options: dict[str, Any] | None) -> StepResult:
+    def _begin(self, cars: Ints, options: dict[str, Any] | None) -> StepResult:
         races = len(cars) // self._race.racers
         fractions, reverse = start_of(self.np_random, races, self._start, self._reverse, options)
         seeds = self.np_random.integers(2**64, size=races, dtype=np.uint64)
@@ -156,6 +158,3 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             reverse=reverse,
             seeds=np.repeat(seeds, self._race.racers),
         )
-
-    def _perceived(self) -> Perceived:
-        return perceived(self._simulation, self._sensors, slice(None))

@@ -3,16 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.car.car import CONTROL_HZ
 from drsim.jit import kernel
 from drsim.race.race import BotRules
 from drsim.track.lanes import LanePlaces
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _SHORTEST_CHANGE_M = 0.01
 """No lane change is shorter, so that none divides by nothing."""
@@ -54,13 +50,9 @@ class Bots:
         return self._rules.lane_change and self._rules.speed_mps > 0
 
     def begin(self, car: int, places_m: Floats, lanes: Ints, random: np.random.Generator) -> None:
-        """Put the bots of a car at the start of its episode.
+        """Put the k bots of a car at the start of its episode, on lanes 0 (inner) or 1 (outer).
 
-        Args:
-            car: Which car.
-            places_m: Distances along the centre line. Shape (k,).
-            lanes: 0 inner, 1 outer. Shape (k,).
-            random: Where lane changes are drawn from, now and during the episode.
+        Lane changes are drawn from `random` now and during the episode.
         """
         self.places.distance_m[car] = places_m
         self.places.share[car] = lanes

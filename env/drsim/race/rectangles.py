@@ -3,13 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
 
 Rectangles = tuple[Floats, Floats, Floats]
 """Rectangles, n of one size, or k of different sizes around each of n: centres in metres, shape

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints
 from drsim.jit import kernel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 RGB = tuple[float, float, float]
 
 CUBOID = np.dtype(
@@ -115,22 +114,11 @@ class Solids:
         self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
 
     def move(self, cars: Ints, xy: Floats, yaw_rad: Floats) -> None:
-        """Place the solids of some cars.
-
-        Args:
-            cars: Which cars. Shape (c,).
-            xy: Where each solid stands, metres. Shape (c, k, 2).
-            yaw_rad: Where it looks. Shape (c, k).
-        """
+        """Place the solids of c cars: `xy`, shape (c, k, 2), and `yaw_rad`, shape (c, k)."""
         _move(self.boxes, cars, xy, yaw_rad, (self._shape_of, self._center_m))
 
     def paint(self, cars: Ints, colors: Floats) -> None:
-        """Paint whole solids of some cars in one colour each; tyres stay black.
-
-        Args:
-            cars: Which cars. Shape (c,).
-            colors: Texture colours, 0 to 255. Shape (c, k, 3).
-        """
+        """Paint whole solids of c cars in one colour each, 0 to 255, shape (c, k, 3); no tyres."""
         painted = np.flatnonzero(~self._keeps_color)
         self.boxes["color"][cars[:, None], painted] = colors[:, self._shape_of[painted]]
 

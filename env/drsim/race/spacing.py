@@ -1,11 +1,9 @@
 """Places along the track for objects that keep a distance from each other."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
 
 LAST_PLACE_M = 1.0
 """How far before the end of the lap the last even place lies. Source: the reference simulator."""

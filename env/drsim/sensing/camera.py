@@ -5,43 +5,34 @@ sky, then `drsim.sensing.cuboids` draws what stands on the ground.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Singles
 from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.race.solids import Cuboids
 from drsim.sensing import cuboids, raycast
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Frames = NDArray[np.uint8]
 
 
 def lens_pose(
     body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
 ) -> tuple[Floats, Floats]:
-    """Where the lenses of cars are and where they look.
+    """Where the lenses of cars are and where they look, given the same of their base frames.
 
-    Args:
-        body_pos: Car origins (base frame) in the world, metres. Shape (n, 3).
-        body_mat: Car axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        camera: The camera's numbers.
-
-    Returns:
-        Lens positions, metres, shape (n, 3), and lens axes in the world, columns forward, left,
-        up, shape (n, 3, 3).
+    Positions are in metres, shape (n, 3), axes are columns forward, left, up, shape (n, 3, 3).
     """
     cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
     tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
     return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
 
 
-@dataclass(frozen=True)
-class Light:
+class Light(NamedTuple):
     """What the light makes of a scene, for each lens; the light of most worlds when left out.
 
     Attributes:

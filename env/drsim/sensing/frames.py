@@ -5,16 +5,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bytes, Floats, Ints
 from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.race.solids import Solids
 from drsim.sensing.camera import render
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _FRAMES_PER_JOB = 4
 """Small enough to share the work evenly; starting a job costs about half a frame."""
@@ -47,9 +44,7 @@ class FrameRenderer:
         `solids` must not move between `start` and `finish`. `after` is called with the rows of
         frames that have just been rendered, on the thread that rendered them.
         """
-        self.frames: NDArray[np.uint8] = np.zeros(
-            (num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8
-        )
+        self.frames: Bytes = np.zeros((num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8)
         self._scene = scene
         self._solids = solids
         self._lighting = lighting
@@ -69,13 +64,7 @@ class FrameRenderer:
         self._pool = _pool(self._num_threads)
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
-        """Begin to render the frames of some cars.
-
-        Args:
-            cars: Which cars, in rising order. Shape (k,).
-            lens_pos: Lenses of all cars, metres; copied. Shape (n, 3).
-            lens_mat: Their axes in the world; copied. Shape (n, 3, 3).
-        """
+        """Begin to render the frames of some cars, in rising order, with the lenses of all."""
         # Copied, because the caller may move the cars while other threads render.
         lens_pos, lens_mat = lens_pos.copy(), lens_mat.copy()
         for first, last in _runs(cars):

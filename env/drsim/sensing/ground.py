@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Bytes, Floats, Singles
 from drsim.jit import kernel
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
 from drsim.track.track import Track
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
 Single = np.float32
 
 _FINE = 4
@@ -100,7 +97,7 @@ def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
 
 
 @kernel
-def _cross_ring(ring: Floats, crossed: NDArray[np.bool_]) -> None:
+def _cross_ring(ring: Floats, crossed: Bools) -> None:
     """Flip, in every row, the first texel to the right of each crossing of a ring."""
     rows, columns = crossed.shape
     for i in range(len(ring)):
@@ -114,7 +111,7 @@ def _cross_ring(ring: Floats, crossed: NDArray[np.bool_]) -> None:
 
 
 @kernel
-def _sign_off_road(crossed: NDArray[np.bool_], side: Singles) -> None:
+def _sign_off_road(crossed: Bools, side: Singles) -> None:
     """Make the distance negative wherever an even number of ring crossings lies to the left."""
     rows, columns = crossed.shape
     for row in range(rows):

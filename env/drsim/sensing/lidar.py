@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Singles
 from drsim.jit import kernel
 from drsim.race.solids import Cuboids
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -61,18 +58,10 @@ def scan(
     yaw_rad: Floats,
     lidar: LidarModel = LIDAR,
 ) -> Singles:
-    """Measure all rays of all cars, without noise.
+    """Distances of all rays of n cars in metres; infinite where nothing is in range.
 
-    Args:
-        walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
-        wall_height_m: Their height; walls lower than the scanner are not seen.
-        boxes: Cuboids around each car, of the type `solids.CUBOID`. Shape (n, m).
-        body_xy: Car origins in the world, metres. Shape (n, 2).
-        yaw_rad: Their headings. Shape (n,).
-        lidar: The
-
-    Returns:
-        Distances in metres; infinite where nothing is in range. Shape (n, samples).
+    Walls, as in `Scene`, that are lower than the scanner are not seen. `boxes` are the cuboids
+    around each car, shape (n, m), `body_xy` the origins of the cars. Shape (n, samples).
     """
     forward_m, height_m = lidar.mount_m
     least_m, most_m = lidar.range_m

@@ -6,13 +6,11 @@ them, which belong to grain and to the edges of paint, become something in betwe
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bytes, Floats
 from drsim.sensing.camera import Light
 from drsim.sensing.cuboids import TO_SUN
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint
-
-Floats = NDArray[np.float64]
 
 _USUAL_SUN = np.array([1.0, 1.0, 0.8])
 """Colour of the sun. Source: the reference simulator's worlds, as for the lamp."""
@@ -56,14 +54,7 @@ class Lighting:
 
     def of(self, cars: slice) -> Light:
         """The light of some cars, as a live view."""
-        whole = self._light
-        return Light(
-            palettes=whole.palettes[cars],
-            wall_greys=whole.wall_greys[cars],
-            sky_greys=whole.sky_greys[cars],
-            ambient=whole.ambient[cars],
-            sun=whole.sun[cars],
-        )
+        return Light._make(part[cars] for part in self._light)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
         """Draw the light of a new episode of a car.
@@ -121,7 +112,7 @@ def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) 
     return colors
 
 
-def _palette(paints: list[Paint], greys: Floats) -> NDArray[np.uint8]:
+def _palette(paints: list[Paint], greys: Floats) -> Bytes:
     """What becomes of the greys 0..255 when materials get other greys. Shape (256,)."""
     olds = [paint.grey for paint in paints]
     contrasts = [new / max(old, 1.0) for old, new in zip(olds, greys, strict=True)]
@@ -139,5 +130,5 @@ def _palette(paints: list[Paint], greys: Floats) -> NDArray[np.uint8]:
     anchors.append(256.0)
     values.append(256.0 * contrasts[-1])
     palette = np.interp(np.arange(256), anchors, values)
-    whole: NDArray[np.uint8] = np.clip(np.round(palette), 0, 255).astype(np.uint8)
+    whole: Bytes = np.clip(np.round(palette), 0, 255).astype(np.uint8)
     return whole

@@ -3,8 +3,8 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Ints, Singles
 from drsim.car.car import CarBatch
 from drsim.car.realism import Disturbances
 from drsim.race.solids import CUBOID, Solids
@@ -15,9 +15,6 @@ from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.appearance import look_of
-
-Ints = NDArray[np.int64]
-Singles = NDArray[np.float32]
 
 Randomize = Literal["nothing", "lights", "textures"]
 """What changes from episode to episode: `lights` are those of the reference's domain randomisation
@@ -80,12 +77,7 @@ class Observations:
             self._solids.paint(np.array([car]), colors)
 
     def start(self, cars: Ints, bodies: CarBatch) -> None:
-        """Begin to refresh the observations of some cars.
-
-        Args:
-            cars: Which cars, in rising order. Shape (k,).
-            bodies: Where the cars are.
-        """
+        """Begin to refresh the observations of some cars, in rising order. Shape (k,)."""
         if self._solids is not None and self._traffic is not None:
             self._solids.move(cars, self._traffic.xy[cars], self._traffic.yaw_rad[cars])
         lens_pos, lens_mat = self._disturbances.lenses(bodies.lens_pos, bodies.lens_mat)

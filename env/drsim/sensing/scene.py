@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Bytes, Singles
 from drsim.jit import kernel
-from drsim.sensing.ground import Bytes, Grid, paint_ground
+from drsim.sensing.ground import Grid, paint_ground
 from drsim.sensing.raycast import Backdrop, Ground
 from drsim.track.appearance import Look, look_of
 from drsim.track.track import Track
 
 Words = NDArray[np.uint32]
 Pairs = NDArray[np.uint16]
-Ints = NDArray[np.int32]
+Ints32 = NDArray[np.int32]
 
 FINEST_TEXEL_M = 0.003
 """Side of a texel of the full-size ground picture, on tracks small enough for it."""
@@ -48,13 +49,13 @@ class Scene:
     """
 
     texels: Words
-    levels: Ints
+    levels: Ints32
     x_m: float
     y_m: float
     texel_m: float
-    walls_m: NDArray[np.float32]
+    walls_m: Singles
     wall_height_m: float
-    wall_greys: NDArray[np.float32]
+    wall_greys: Singles
     sky_grey: float
 
     def __deepcopy__(self, _: dict[int, Any]) -> "Scene":

@@ -74,13 +74,9 @@ class Walls:
     field_half_m: float | None = None
 
     def around(self, road: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Where the field ends.
+        """Least x, greatest x, least y and greatest y of the field, metres.
 
-        Args:
-            road: Least x, least y, greatest x and greatest y of the road in metres.
-
-        Returns:
-            Least x, greatest x, least y and greatest y of the field in metres.
+        `road` is least x, least y, greatest x and greatest y of the road.
         """
         low_x, low_y, high_x, high_y = road
         half_m = -math.inf if self.field_half_m is None else self.field_half_m
@@ -150,12 +146,7 @@ class Look:
 
         A scene built from it shows that channel as grey; three of them make a coloured picture. The
         sky keeps its grey: it has no hue. Source: measured on a frame of the reference simulator.
-
-        Args:
-            channel: 0 for red, 1 for green, 2 for blue.
-
-        Returns:
-            A look whose greys are the values of that channel, 0..255.
+        `channel` is 0 for red, 1 for green, 2 for blue.
         """
         materials = {f.name: getattr(self, f.name) for f in fields(self)}
         seen: dict[str, Any] = {
@@ -174,7 +165,7 @@ def look_of(world: str) -> Look:
     worlds get plain walls. Assumed, as no frame shows them: every world has a start line, its dark
     fields are nearly black, and the sky is as grey in all worlds as in the measured one.
     """
-    name = _base_name(world)
+    name = world.removesuffix("_ccw").removesuffix("_cw")
     look = _COMMON
     if world in _WITHOUT_WALLS:
         look = replace(look, walls=_OPEN_FIELD)
@@ -192,11 +183,6 @@ def look_of(world: str) -> Look:
         width_m, kerb_m = _LINE_OUTSIDE[name]
         look = replace(look, border_side="out", border_width_m=width_m, kerb_width_m=kerb_m)
     return look
-
-
-def _base_name(world: str) -> str:
-    """Name of a world without the suffix that chooses its driving direction."""
-    return world.removesuffix("_ccw").removesuffix("_cw")
 
 
 def _lit(rgb: RGB, grain: float = 0.0) -> Paint:

@@ -1,13 +1,10 @@
 """A road of given width along a centre line: evenly resampled, no loops where it bends sharply."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.errors import TrackError
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SPACING_M = 0.2
 """Distance between waypoints. Most routes of the reference simulator have 0.15 or 0.3 m."""
@@ -163,19 +160,11 @@ def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> Bools:
-    """Whether the segment a b crosses segments c d.
+    """Whether the segment a b crosses each of m segments c d; no parallel one. Shape (m,).
 
-    Args:
-        a: Start. Shape (2,).
-        b: End. Shape (2,).
-        c: Starts. Shape (m, 2).
-        d: Ends. Shape (m, 2).
-        touching: An end that lies on the other segment counts as lying to the right of it, so that
-            a line through a vertex of the other one crosses it once. Otherwise touching is not
-            crossing.
-
-    Returns:
-        One answer a segment; False for parallel ones. Shape (m,).
+    With `touching`, an end that lies on the other segment counts as lying to the right of it, so
+    that a line through a vertex of the other one crosses it once. Otherwise touching is not
+    crossing.
     """
     ab, cd = b - a, d - c
     sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)

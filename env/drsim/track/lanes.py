@@ -4,13 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Floats, Ints
 from drsim.jit import kernel
 from drsim.track.track import Lane, Track
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _LANES: tuple[Lane, Lane] = ("inner", "outer")
 _TABLE_STEP_M = 0.02
@@ -61,26 +58,19 @@ class LanePaths:
         )
 
     def poses(self, backward: Ints, places: LanePlaces) -> tuple[Floats, Floats]:
-        """Where bots are, and where they look; k bots for each of n cars.
+        """Centres of k bots for each of n cars in metres, shape (n, k, 2), and yaws in radians.
 
-        Args:
-            backward: 1 for cars on the reversed track. Shape (n,).
-            places: Where they are. Distances wrap: at the end of an open track a bot begins again,
-                so that none blocks the finish.
-
-        Returns:
-            Centres in metres, shape (n, k, 2), and yaws in radians, shape (n, k).
+        `backward` is 1 for cars on the reversed track. Distances wrap: at the end of an open track
+        a bot begins again, so that none blocks the finish.
         """
         here_m = places.distance_m % self._length_m
         return _poses(self._xy, self._step_m, backward, (here_m, places.share, places.drift))
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
-    """Vertices of a lane and where they project on the centre line, rising.
+    """Vertices of a lane, shape (k, 2), and where they project on the centre line, rising.
 
-    Returns:
-        Points in metres, shape (k, 2), and distances in metres, shape (k,); those of a loop are
-        continued on either side.
+    Those of a loop are continued on either side.
     """
     border = track.inner if lane == "inner" else track.outer
     vertices = (track.center + border) / 2

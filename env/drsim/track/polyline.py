@@ -4,13 +4,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats, Ints
 from drsim.jit import kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 SAME_M = 1e-9
 """Neighbouring points no farther apart count as one point. Source: the reference simulator."""
@@ -82,13 +78,9 @@ class Location(NamedTuple):
 
 
 def vertices(points: Floats) -> tuple[Ints, Ints]:
-    """Rows of a polyline that are one and the same point, because a row repeats the one before.
+    """First and last row of each vertex of a polyline: rows may repeat the one before.
 
-    Args:
-        points: Rows in metres. Shape (n, 2).
-
-    Returns:
-        First and last row of each vertex. Each of shape (m,), m <= n.
+    Shape (m,) each for rows of shape (n, 2) in metres; m <= n.
     """
     first = [0]
     for row in range(1, len(points)):
@@ -99,14 +91,7 @@ def vertices(points: Floats) -> tuple[Ints, Ints]:
 
 
 def without_repeats(points: Floats) -> Floats:
-    """The vertices of a polyline, each once; the very last row, which closes a ring, stays.
-
-    Args:
-        points: Rows in metres. Shape (n, 2).
-
-    Returns:
-        Shape (m, 2), m <= n.
-    """
+    """The vertices of a polyline, each once; the very last row, which closes a ring, stays."""
     first, last = vertices(points)
     return points[[*first[:-1], last[-1]]]
 
@@ -117,12 +102,9 @@ def segments(points: Floats) -> Floats:
     The numbers are the same on every processor: none comes from a routine that NumPy implements
     differently for different processors.
 
-    Args:
-        points: Rows in metres; a row may repeat the one before. Shape (n, 2).
-
-    Returns:
-        Rows from `START_X` to `YAW_RAD`, in metres and radians. The length of the whole line does
-        not depend on the end it is measured from. Shape (8, m - 1) for m vertices.
+    A row of `points` may repeat the one before. The result has rows from `START_X` to `YAW_RAD`, in
+    metres and radians. The length of the whole line does not depend on the end it is measured from.
+    Shape (8, m - 1) for m vertices.
     """
     line = without_repeats(points)
     start, end = line[:-1], line[1:]
@@ -137,14 +119,10 @@ def segments(points: Floats) -> Floats:
 
 @kernel
 def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The parts of the `Location` of points relative to a track.
+    """The parts of the `Location` of m points relative to a track, given the parts of its `Road`.
 
     The driving direction only decides how the result is expressed, never what is measured: a width
     or a distance is the same number for a car that has turned round.
-
-    Args:
-        xy: Points in metres. Shape (m, 2).
-        road_parts: The parts of the track, a `Road`.
     """
     road = Road(*road_parts)
     center, first, last = road.center, road.first, road.last
@@ -190,15 +168,7 @@ def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @kernel
 def project(xy: Floats, line: Floats) -> Floats:
-    """Distance along a polyline of its points nearest to the given ones.
-
-    Args:
-        xy: Points in metres. Shape (m, 2).
-        line: Segments. Shape (8, n - 1).
-
-    Returns:
-        Distances in metres. Shape (m,).
-    """
+    """Distances along a line of `segments` of its points nearest to m given ones. Shape (m,)."""
     distance_m, scratch = np.empty(xy.shape[0]), np.empty(line.shape[1])
     for i in range(xy.shape[0]):
         k, along, _, _ = _nearest(line, xy[i, 0], xy[i, 1], scratch)
@@ -210,13 +180,8 @@ def project(xy: Floats, line: Floats) -> Floats:
 def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
     """Whether points lie strictly inside the outer ring and strictly outside the inner one.
 
-    Args:
-        xy: Points in metres. Shape (m, 2).
-        outer: Vertices of the outer ring, the last equal to the first. Shape (n, 2).
-        inner: Vertices of the hole, likewise, or none at all. Shape (k, 2).
-
-    Returns:
-        True where the point is on the road; a point exactly on a border is not. Shape (m,).
+    The last vertex of a ring equals the first; the inner ring may have none at all. A point exactly
+    on a border is not on the road. Shape (m,) for m points.
     """
     m = xy.shape[0]
     inside = np.empty(m, np.bool_)

@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Floats
 from drsim.errors import TrackError
 from drsim.track import svg_file
 from drsim.track.borders import LENGTHS_M, checked_length, road_along
 from drsim.track.polyline import SAME_M, vertices
 from drsim.track.track import Track
-
-Floats = NDArray[np.float64]
 
 DEFAULT_WIDTH_M = 1.07
 """Width of a road of which only the centre line is known: 3.5 feet, as on 97 of the reference

@@ -1,9 +1,8 @@
 """A closed cubic spline through points, and points at given distances along it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from drsim.arrays import Floats, Ints
 
 _STEPS_PER_PIECE = 200
 """Chords that measure the length of one piece of the spline; the error is far below 0.1 mm."""
@@ -12,9 +11,8 @@ _STEPS_PER_PIECE = 200
 class ClosedSpline:
     """The smoothest closed curve through points: cubic pieces, continuous in curvature.
 
-    Args:
-        points: Points to pass through in metres, in order, no two neighbours equal; the curve
-            returns to the first one by itself. Shape (k, 2), k >= 3.
+    No two neighbouring points are equal; the curve returns to the first one by itself. Metres,
+    shape (k, 2), k >= 3.
     """
 
     def __init__(self, points: Floats) -> None:
@@ -33,13 +31,9 @@ class ClosedSpline:
         return float(self._along_m[-1])
 
     def at(self, distance_m: Floats) -> tuple[Floats, Floats]:
-        """Points on the curve and the unit vectors along it.
+        """Points on the curve, metres, and the unit vectors along it. Shape (m, 2) each.
 
-        Args:
-            distance_m: Distances along the curve from its first point. Shape (m,).
-
-        Returns:
-            Points in metres and directions. Shapes (m, 2).
+        `distance_m` are distances along the curve from its first point. Shape (m,).
         """
         wrapped_m = distance_m % self.length_m
         parameter = np.interp(wrapped_m, self._along_m, np.arange(len(self._along_m)))
@@ -47,7 +41,7 @@ class ClosedSpline:
         xy, slope = self._evaluate(piece.astype(np.int64) % len(self._points), share)
         return xy, slope / np.hypot(*slope.T)[:, None]
 
-    def _evaluate(self, piece: NDArray[np.int64], share: Floats) -> tuple[Floats, Floats]:
+    def _evaluate(self, piece: Ints, share: Floats) -> tuple[Floats, Floats]:
         """Hermite form: points, and their change per metre of chord, at shares 0 .. 1 of pieces."""
         following = (piece + 1) % len(self._points)
         p, q = self._points[piece], self._points[following]

@@ -5,13 +5,11 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drsim.arrays import Bools, Floats
 from drsim.track import polyline
 from drsim.track.polyline import END_M, END_X, START_M, START_X, YAW_RAD, Location
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Lane = Literal["center", "inner", "outer"]
 
 
@@ -103,38 +101,24 @@ class Track:
         )
 
     def locate(self, xy: Floats) -> Location:
-        """Where points lie along and across the track.
-
-        Args:
-            xy: Points in metres. Shape (m, 2).
-        """
+        """Where points, shape (m, 2), lie along and across the track."""
         points = np.ascontiguousarray(xy, dtype=np.float64)
         return Location(*polyline.locate(points, self._road))
 
     def on_road(self, xy: Floats) -> Bools:
         """Whether points lie strictly between the borders; a point exactly on one does not.
 
-        Args:
-            xy: Points in metres. Shape (..., 2).
-
-        Returns:
-            One answer a point. Shape (...).
+        Shape (...) for points of shape (..., 2).
         """
         points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
         return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
 
     def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
-        """Poses on a lane that look along it.
+        """Poses on a lane, each towards its next vertex: x and y in metres and yaw in radians.
 
-        Args:
-            distance_m: Distances along the centre line from waypoint 0. They wrap on a closed
-                track and end at the ends of an open one. Shape (m,).
-            lane: The centre line, or the line midway between it and a border, at its point
-                nearest to the one on the centre line.
-
-        Returns:
-            x and y in metres and yaw in radians, each towards the next vertex of the lane.
-            Shape (m, 3).
+        Distances along the centre line from waypoint 0, shape (m,), wrap on a closed track and end
+        at the ends of an open one. The inner and the outer lane are midway between it and a border;
+        a pose is at their point nearest to the one on the centre line. Shape (m, 3).
         """
         part = np.asarray(distance_m, dtype=np.float64) / self.length_m
         part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from drsim.arrays import Floats
 from drsim.track.track import Track
 
-Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 RGB = tuple[int, int, int]
 
@@ -29,13 +29,7 @@ _MARGIN_M = 0.4
 def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
     """A map of braille dots: S is the start, arrows show the driving direction.
 
-    Args:
-        track: The track.
-        columns: Most letters in a line.
-        rows: Most lines.
-
-    Returns:
-        Lines, the first at the top; the map keeps its proportions.
+    At most `rows` lines, the first at the top, of `columns` letters; it keeps its proportions.
     """
     low_x, low_y, high_x, high_y = track.bounds
     width_m, height_m = high_x - low_x, high_y - low_y
@@ -63,12 +57,7 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
 def picture_map(track: Track, width_px: int = 800) -> Picture:
     """A picture: road, dashed centre line, the start as a white bar, the direction as arrow heads.
 
-    Args:
-        track: The track.
-        width_px: Width of the picture; very high tracks get a narrower one.
-
-    Returns:
-        RGB, shape (rows, columns, 3).
+    Very high tracks get one narrower than `width_px`. RGB, shape (rows, columns, 3).
     """
     low_x, low_y, high_x, high_y = track.bounds
     width_m, height_m = high_x - low_x + 2 * _MARGIN_M, high_y - low_y + 2 * _MARGIN_M
@@ -107,11 +96,7 @@ def picture_map(track: Track, width_px: int = 800) -> Picture:
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """A picture as the content of a PNG file.
-
-    Args:
-        picture: Grey, shape (rows, columns), or RGB, shape (rows, columns, 3).
-    """
+    """A picture, grey (rows, columns) or RGB (rows, columns, 3), as the content of a PNG file."""
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "PNG", optimize=True)
     return file.getvalue()

@@ -5,7 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from drsim.sensing.ground import Bytes, Grid, paint_ground
+from drsim.arrays import Bytes
+from drsim.sensing.ground import Grid, paint_ground
 from drsim.track.appearance import LUMA, Look, Paint, Walls, look_of
 from drsim.track.track import Track
 
