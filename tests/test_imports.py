@@ -135,6 +135,7 @@ def test_few_modules_stand_in_the_root_of_a_tree():
     assert len(list((ROOT / "drcli").glob("*.py"))) <= 3
     assert {path.stem for path in (ROOT / "env" / "drsim").glob("*.py")} == {
         "__init__",
+        "arrays",
         "errors",
         "jit",
         "replay",
