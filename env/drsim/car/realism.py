@@ -110,12 +110,7 @@ class Disturbances:
         self._noise_key[car] = random.integers(2**64, dtype=np.uint64)
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """Where the lenses of all cars are, given where they should be.
-
-        Args:
-            lens_pos: Positions, metres. Shape (n, 3).
-            lens_mat: Axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        """
+        """Where the lenses of all cars are, given where they should be; as in `CarBatch`."""
         if not self.realism.moves_camera:
             return lens_pos, lens_mat
         shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)

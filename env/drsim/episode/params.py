@@ -7,7 +7,7 @@ import numpy as np
 
 from drsim.arrays import Bools, Floats, Ints
 from drsim.episode.reward import RewardParams
-from drsim.race.objects import Objects
+from drsim.race.objects import Objects, closest, in_camera
 from drsim.track.polyline import Location
 from drsim.track.track import Track
 
@@ -105,18 +105,18 @@ def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iter
 
 def _params_of_objects(o: Objects, s: Situation, cars: Ints) -> Iterator[RewardParams]:
     """The eight parameters about objects, one car after the other."""
-    previous, following = o.closest(cars, s.where.distance_m[cars])
-    seen = o.in_camera(cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
+    previous, following = closest(o.distance_m, cars, s.where.distance_m[cars])
+    seen = in_camera(o[:3], cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
     speed_mps, xy, left = o.speed_mps.tolist(), o.xy.tolist(), o.left_of_center.tolist()
     heading_rad = np.where(o.tells_heading, o.yaw_rad, 0.0).tolist()
     from_center_m, distance_m = o.from_center_m.tolist(), o.distance_m.tolist()
     pairs = zip(previous.tolist(), following.tolist(), strict=True)
-    for car, pair, in_camera in zip(cars.tolist(), pairs, seen.tolist(), strict=True):
+    for car, pair, visible in zip(cars.tolist(), pairs, seen.tolist(), strict=True):
         yield {
             "closest_objects": list(pair),
             "objects_location": xy[car],
             "objects_left_of_center": left[car],
-            "object_in_camera": in_camera,
+            "object_in_camera": visible,
             "objects_speed": speed_mps.copy(),
             "objects_heading": heading_rad[car],
             "objects_distance_from_center": from_center_m[car],

@@ -36,17 +36,8 @@ def features(
     nearest objects ahead, the distance along the lap as a share of 4 m (1 for none) and the offset
     from the centre line in half widths.
 
-    Args:
-        tracks: The track as given, and reversed.
-        cars: Which cars. Shape (k,).
-        backward: Index of each of these cars into the tracks. Shape (k,).
-        poses: Their reference points, metres, and yaws, radians. Shape (k, 3).
-        speed_mps: Their speeds. Shape (k,).
-        along_m: How far along the lap they are. Shape (k,).
-        traffic: What else is on the track.
-
-    Returns:
-        Shape (k, PRIVILEGED_DIMS).
+    `backward` is the index of each of the k cars into the tracks; `poses` are their reference
+    points, metres, and yaws, radians, shape (k, 3). Shape (k, PRIVILEGED_DIMS).
     """
     rows = np.zeros((len(cars), PRIVILEGED_DIMS), np.float32)
     for direction, track in enumerate(tracks):

@@ -90,13 +90,8 @@ def checked_rewards(
     seconds ends the process; `sys.excepthook` gets the reason. An operation that Python cannot
     interrupt ends it too, by the signal `reward_deadline.STUCK`.
 
-    Args:
-        functions: The user's function, or one for each call.
-        calls: Parameters of each call; the function may keep and alter them.
-        deadline_s: How long one call may take, in seconds.
-
-    Returns:
-        The rewards, in the order of the calls.
+    `functions` are the user's function, or one for each call; it may keep and alter its parameters.
+    One call may take `deadline_s`. The rewards are in the order of the calls.
 
     Raises:
         RewardError: The function raised, did not return in time, or returned something that is not

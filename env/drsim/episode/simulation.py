@@ -9,9 +9,8 @@ from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch, CarParameters
 from drsim.car.realism import Disturbances, Realism
 from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
-from drsim.episode.placing import Placing
+from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
 from drsim.episode.privileged_features import features
-from drsim.episode.progress import JUMP_M, fraction_at, without_jump
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
@@ -165,9 +164,7 @@ class Simulation:
     def step(self, steering_deg: Floats, speed_mps: Floats) -> StepResult:
         """Let all running cars act for 1/15 s; parked and waiting cars ignore their action.
 
-        Args:
-            steering_deg: Wheel angles asked for, left positive. Shape (n,).
-            speed_mps: Speeds asked for. Shape (n,).
+        They are asked for wheel angles, left positive, and speeds. Shape (n,) each.
 
         Raises:
             RewardError: The reward function failed.

@@ -26,12 +26,9 @@ class Agreement:
     """Shares of recorded rows whose columns agree, 0 .. 1; NaN where the column is missing.
 
     Attributes:
-        progress: Within `PROGRESS_TOLERANCE`, given the row before.
-        closest_waypoint: Equal.
-        all_wheels_on_track: Equal.
+        progress: Within `PROGRESS_TOLERANCE`, given the row before; the others are equal.
         rows: How many rows were compared.
-        length_m: Length of the track.
-        recorded_length_m: Its length in the recording; NaN if not recorded.
+        recorded_length_m: Length of the track in the recording; NaN if not recorded.
         reverse: The recording was driven against the direction of the track.
         fits: The recording may have been driven on this track.
     """
@@ -74,12 +71,9 @@ def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreemen
 
 
 def all_wheels_on(poses: Floats, track: Track) -> Bools:
-    """Whether all four wheels are on the road while a car stands at poses of its front point.
+    """Whether all four wheels are on the road while a car stands at poses, shape (n, 3).
 
-    Args:
-        poses: x and y in metres of the point 0.14 m ahead of the origin, yaw in radians.
-            Shape (n, 3).
-        track: The track.
+    They are x and y in metres of the point 0.14 m ahead of the origin, and yaw in radians.
     """
     if not len(poses):
         return np.zeros(0, np.bool_)

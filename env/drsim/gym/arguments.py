@@ -27,10 +27,7 @@ def check_start(start: Any) -> None:
 def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
     """Actions as an array. Continuous ones beyond -1 .. 1 are accepted: they count as -1 or 1.
 
-    Args:
-        given: The action of one car, or those of many.
-        space: Action space of one car.
-        batch: `(n,)` for n cars.
+    `given` is the action of one car, or with the batch `(n,)` those of n cars.
 
     Raises:
         ValueError: They do not have the shape or the type of the space, are not among its choices,

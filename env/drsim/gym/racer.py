@@ -166,9 +166,8 @@ class RacerEnv(gym.Env[Perceived, Any]):
     ) -> tuple[Perceived, dict[str, Any]]:
         """Begin an episode, and return what the car perceives and info.
 
-        Args:
-            seed: Seed of everything random; None goes on with the generator as it is.
-            options: `start`, 0 .. 1, and `reverse`.
+        From `seed` comes everything random; None goes on with the generator as it is. `options` are
+        `start`, 0 .. 1, and `reverse`.
         """
         super().reset(seed=seed)
         fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
@@ -178,13 +177,10 @@ class RacerEnv(gym.Env[Perceived, Any]):
         if self._viewer is not None:
             self._viewer.cut()
         self._show()
-        return self._perceived(), _info_of_one(result)
+        return perceived(self._simulation, self._sensors, 0), _info_of_one(result)
 
     def step(self, action: Any) -> tuple[Perceived, float, bool, bool, dict[str, Any]]:
-        """Act for 1/15 s.
-
-        Returns:
-            What the car perceives, reward, terminated, truncated and info.
+        """Act for 1/15 s: what the car perceives, reward, terminated, truncated and info.
 
         Raises:
             RewardError: The reward function failed.
@@ -198,7 +194,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         self._running = not bool(result.done[0])
         self._show()
         return (
-            self._perceived(),
+            perceived(self._simulation, self._sensors, 0),
             float(result.reward[0]),
             bool(result.terminated[0]),
             bool(result.truncated[0]),
@@ -215,9 +211,6 @@ class RacerEnv(gym.Env[Perceived, Any]):
         if self._window is not None:
             self._window.close()
             self._window = None
-
-    def _perceived(self) -> Perceived:
-        return perceived(self._simulation, self._sensors, 0)
 
     def _picture(self) -> Frame:
         if self._viewer is None:

@@ -105,7 +105,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         self._over[:] = False
         self._begun = True
         result = self._begin(np.arange(self.num_envs), options)
-        return self._perceived(), info_of(result)
+        return perceived(self._simulation, self._sensors, slice(None)), info_of(result)
 
     def step(
         self, actions: Any
@@ -128,7 +128,8 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             self._over[begins] = False
         # A racer that is done waits for its opponent: both begin their next episodes together.
         self._over |= result.done
-        return self._perceived(), result.reward, result.terminated, result.truncated, info
+        seen = perceived(self._simulation, self._sensors, slice(None))
+        return seen, result.reward, result.terminated, result.truncated, info
 
     def render(self) -> tuple[Frame, ...] | None:
         """One picture of the chosen view for each car, or None without a render mode."""
@@ -157,6 +158,3 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             reverse=reverse,
             seeds=np.repeat(seeds, self._race.racers),
         )
-
-    def _perceived(self) -> Perceived:
-        return perceived(self._simulation, self._sensors, slice(None))

@@ -44,26 +44,14 @@ class Objects(NamedTuple):
     speed_mps: Floats
     tells_heading: Bools
 
-    def closest(self, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
-        """Indices of the objects before and after c cars, along the lap and round its end.
-
-        `along_m` is where the cars are along the centre line. Shape (c,).
-        """
-        return _closest(self.distance_m, cars, along_m)
-
-    def in_camera(self, cars: Ints, which: Ints, front_xy: Floats, heading_rad: Floats) -> Bools:
-        """Whether a car's camera sees the centre or a floor corner of one of its objects.
-
-        `which` is an object of each car, shape (c,), `front_xy` the car's point 0.14 m ahead of its
-        origin. The camera is taken at its nominal place, as the reference does.
-        """
-        there = self.xy, self.yaw_rad, self.footprint_m
-        return _in_camera(there, cars, which, front_xy, heading_rad)
-
 
 @kernel
-def _closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
-    """Of equally far objects the last one counts as before a car, the first one as after it."""
+def closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
+    """Indices of the objects before and after c cars, along the lap and round its end.
+
+    `distance_m` as in `Objects`; the cars are at `along_m` of the centre line. Shape (c,). Of
+    equally far objects the last one counts as before a car, the first one as after it.
+    """
     previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
     for i in range(len(cars)):
         there_m, here_m = distance_m[cars[i]], along_m[i]
@@ -83,14 +71,19 @@ def _closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Int
 
 
 @kernel
-def _in_camera(
+def in_camera(
     objects: tuple[Floats, Floats, Floats],
     cars: Ints,
     which: Ints,
     front_xy: Floats,
     heading_rad: Floats,
 ) -> Bools:
-    """Turn each point into the frame of the lens and compare it with the edges of the frame."""
+    """Whether a car's camera sees the centre or a floor corner of one of its objects.
+
+    `objects` are the first three parts of `Objects`, `which` an object of each car, shape (c,),
+    `front_xy` the car's point 0.14 m ahead of its origin. The camera is taken at its nominal place,
+    as the reference does.
+    """
     xy, yaw_rad, footprint_m = objects
     seen = np.zeros(len(cars), np.bool_)
     for i in range(len(cars)):

@@ -85,10 +85,7 @@ class BotRules:
 class Race:
     """A kind of race; without any of it, a time trial.
 
-    Attributes:
-        obstacles: What stands on the track.
-        bots: What drives on it slowly.
-        racers: How many cars of a batch share a track: with 2, cars 2i and 2i + 1 meet.
+    `racers` is how many cars of a batch share a track: with 2, cars 2i and 2i + 1 meet.
     """
 
     obstacles: ObstacleRules | None = None

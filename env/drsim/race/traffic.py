@@ -8,7 +8,7 @@ from drsim.arrays import Bools, Floats, Ints, Seeds
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.race.bots import Bots
 from drsim.race.objects import Objects
-from drsim.race.race import ObstacleRules, Race
+from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.rectangles import overlaps
 from drsim.race.solids import SHAPES, Shape
 from drsim.race.spacing import check_room, drawn_places, even_places
@@ -65,7 +65,9 @@ class Traffic:
         self._tracks = tracks
         self._race = race
         self._opponents = race.racers - 1
-        self._obstacles = _number_of(race.obstacles)
+        self._obstacles = 0
+        if race.obstacles is not None:
+            self._obstacles = len(race.obstacles.positions) or race.obstacles.count
         number_of_bots = race.bots.count if race.bots is not None else 0
         if race.obstacles is not None and not race.obstacles.positions:
             check_room(tracks[0], race.obstacles.count, race.obstacles.min_gap_m)
@@ -96,7 +98,7 @@ class Traffic:
         self._paths = LanePaths(tracks) if race.bots is not None else None
         box = race.obstacles is not None and race.obstacles.kind != "bot_car"
         self._tells_heading = np.array(
-            [not (box and self._stands(k)) for k in range(count)], np.bool_
+            [not (box and shape.name == kind) for shape in self.shapes], np.bool_
         )
         self._speed_mps = np.zeros(count)
         if race.bots is not None:
@@ -204,14 +206,7 @@ class Traffic:
         """Where cars go on that are put back: not in an obstacle.
 
         Near an obstacle they go on behind it on the other lane; every `mercy` times ahead of it.
-
-        Args:
-            cars: Which cars. Shape (k,).
-            fraction: Where on the lap they would be put back, 0 .. 1. Shape (k,).
-            lanes: On which lane, as a number. Shape (k,).
-
-        Returns:
-            Fractions and lanes. Each of shape (k,).
+        Otherwise at the `fraction` of the lap, 0 .. 1, and the lane given. All of shape (k,).
         """
         rules = self._race.obstacles
         if rules is None or not self._obstacles:
@@ -263,9 +258,7 @@ class Traffic:
             places_m = np.array([fraction for fraction, _ in rules.positions]) * track.length_m
             lanes = np.array([OUTER if lane == -1 else INNER for _, lane in rules.positions])
         else:
-            places_m, lanes = self._places(
-                car, track, rules.count, rules.min_gap_m, rules.randomize, random
-            )
+            places_m, lanes = self._places(car, track, rules, random)
         group = self._standing
         poses = np.where(
             (lanes == INNER)[:, None],
@@ -284,22 +277,19 @@ class Traffic:
         rules = self._race.bots
         assert rules is not None, "there are bots only in a race that has them"
         assert self._bots is not None, "there are bots only in a race that has them"
-        places_m, lanes = self._places(
-            car, track, rules.count, rules.min_gap_m, rules.randomize, random
-        )
+        places_m, lanes = self._places(car, track, rules, random)
         self._bots.begin(car, places_m, lanes - INNER, random)
 
     def _places(
         self,
         car: int,
         track: Track,
-        count: int,
-        gap_m: float,
-        drawn: bool,
+        rules: ObstacleRules | BotRules,
         random: np.random.Generator,
     ) -> tuple[Floats, Ints]:
         """Distances along the lap and lanes, as numbers, of the objects of a kind."""
-        if drawn:
+        count, gap_m = rules.count, rules.min_gap_m
+        if rules.randomize:
             start_m = float(self._start_m[car])
             places_m = drawn_places(track, count, gap_m, start_m, random)
             return places_m, random.integers(INNER, OUTER + 1, count)
@@ -326,9 +316,6 @@ class Traffic:
             self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
             self._left[cars, group] = where.left_of_center.reshape(shape)
 
-    def _stands(self, index: int) -> bool:
-        return self._standing.start <= index < self._standing.stop
-
     def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
         """Signed distance along the lap, forward positive, the shorter way round a loop."""
         gap_m: Floats = there_m - here_m
@@ -347,12 +334,6 @@ class Traffic:
 
 _STREAM = 1 << 32
 """Second half of the key of a traffic's random numbers; lights and disturbances use others."""
-
-
-def _number_of(rules: ObstacleRules | None) -> int:
-    if rules is None:
-        return 0
-    return len(rules.positions) or rules.count
 
 
 def _nearest_on(lanes: Ints, apart_m: Floats) -> tuple[Floats, Floats]:

@@ -5,7 +5,7 @@ sky, then `drsim.sensing.cuboids` draws what stands on the ground.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,7 @@ def lens_pose(
     return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
 
 
-@dataclass(frozen=True)
-class Light:
+class Light(NamedTuple):
     """What the light makes of a scene, for each lens; the light of most worlds when left out.
 
     Attributes:

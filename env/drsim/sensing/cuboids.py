@@ -240,7 +240,9 @@ def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
     for i in range(count):
         for j in range(i):
             a, b = rest[i], rest[j]
-            if _overlap(windows[a], windows[b]):
+            one, other = windows[a], windows[b]
+            rows_overlap = max(one[0], other[0]) < min(one[1], other[1])
+            if rows_overlap and max(one[2], other[2]) < min(one[3], other[3]):
                 nearer = _nearer(boxes[a], boxes[b], pos)
                 hides[i, j], hides[j, i] = nearer > 0, nearer < 0
                 waits_for[i] += nearer > 0
@@ -257,14 +259,6 @@ def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
         order[place] = rest[following]
         for i in range(count):
             waits_for[i] -= hides[i, following]
-
-
-@kernel
-def _overlap(one: Ints, other: Ints) -> bool:
-    return bool(
-        max(one[0], other[0]) < min(one[1], other[1])
-        and max(one[2], other[2]) < min(one[3], other[3])
-    )
 
 
 @kernel

@@ -54,14 +54,7 @@ class Lighting:
 
     def of(self, cars: slice) -> Light:
         """The light of some cars, as a live view."""
-        whole = self._light
-        return Light(
-            palettes=whole.palettes[cars],
-            wall_greys=whole.wall_greys[cars],
-            sky_greys=whole.sky_greys[cars],
-            ambient=whole.ambient[cars],
-            sun=whole.sun[cars],
-        )
+        return Light._make(part[cars] for part in self._light)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
         """Draw the light of a new episode of a car.

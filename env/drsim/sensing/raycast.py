@@ -188,26 +188,17 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
     greys, sky_grey = walls.greys, Single(walls.sky_grey)
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
     upright = lens.up[2] > 0.5
-    near = _Nearness(
+    near = (
         _nearness(walls_m[0] - pos[0]),
         _nearness(walls_m[1] - pos[0]),
         _nearness(walls_m[2] - pos[1]),
         _nearness(walls_m[3] - pos[1]),
     )
-    edges = _Edges(Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / _EDGE_BLUR))
+    edges = Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / _EDGE_BLUR)
     first = rows
     for row in range(rows):
         ahead, step = _ray(lens, row + 0.5, rows, columns)
-        _backdrop_row(
-            near,
-            edges,
-            greys,
-            sky_grey,
-            ahead,
-            step,
-            behind[row],
-            share[row],
-        )
+        _backdrop_row(near, edges, greys, sky_grey, ahead, step, behind[row], share[row])
         if first == rows and min(ahead[2], ahead[2] + columns * step[2]) < 1.0 / focal_px:
             for column in range(columns):
                 if share[row, column] > 0.0:
@@ -244,27 +235,10 @@ def _nearness(distance_m: float) -> Single:
     return Single(1.0 / distance_m) if abs(distance_m) > 1e-6 else Single(1e6)
 
 
-class _Nearness(NamedTuple):
-    """One over the signed distances of the four walls."""
-
-    low_x: Single
-    high_x: Single
-    low_y: Single
-    high_y: Single
-
-
-class _Edges(NamedTuple):
-    """Heights of the lens over the floor and over the walls' upper edges, and pixels per blur."""
-
-    over_floor: Single
-    over_walls: Single
-    sharpness: Single
-
-
 @kernel
 def _backdrop_row(
-    near: _Nearness,
-    edges: _Edges,
+    near: tuple[Single, Single, Single, Single],
+    edges: tuple[Single, Single, Single],
     wall_greys: Singles,
     sky_grey: Single,
     ahead: Vector,
@@ -272,7 +246,11 @@ def _backdrop_row(
     behind: Singles,
     share: Singles,
 ) -> None:
-    """One row of `_backdrop`. Works with one over the depth of a wall, and so without division."""
+    """One row of `_backdrop`. Works with one over the depth of a wall, and so without division.
+
+    `near` is one over the signed distances of the walls; `edges` are the heights of the lens over
+    the floor and over the walls' upper edges, and pixels per blur.
+    """
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     ahead_x, ahead_y, ahead_z = Single(ahead[0]), Single(ahead[1]), Single(ahead[2])
     step_x, step_y, step_z = Single(step[0]), Single(step[1]), Single(step[2])

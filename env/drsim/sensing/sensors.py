@@ -105,10 +105,9 @@ class Sensors:
         return gym.spaces.Dict({self.camera: frame, self.lidar: values})
 
     def process(self, rays_m: Singles) -> Singles:
-        """Turn scans into the values that the model gets, with the reference's filters.
+        """Turn scans, shape (n, 64), into the values that the model gets, as the reference does.
 
-        Args:
-            rays_m: Distances, infinite where nothing was met. Shape (n, 64).
+        Distances are infinite where nothing was met.
 
         Returns:
             LIDAR: distances clipped to 0.15 .. 1 m. SECTOR_LIDAR: 1 where the nearest of 8 rays is

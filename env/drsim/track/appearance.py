@@ -165,7 +165,7 @@ def look_of(world: str) -> Look:
     worlds get plain walls. Assumed, as no frame shows them: every world has a start line, its dark
     fields are nearly black, and the sky is as grey in all worlds as in the measured one.
     """
-    name = _base_name(world)
+    name = world.removesuffix("_ccw").removesuffix("_cw")
     look = _COMMON
     if world in _WITHOUT_WALLS:
         look = replace(look, walls=_OPEN_FIELD)
@@ -183,11 +183,6 @@ def look_of(world: str) -> Look:
         width_m, kerb_m = _LINE_OUTSIDE[name]
         look = replace(look, border_side="out", border_width_m=width_m, kerb_width_m=kerb_m)
     return look
-
-
-def _base_name(world: str) -> str:
-    """Name of a world without the suffix that chooses its driving direction."""
-    return world.removesuffix("_ccw").removesuffix("_cw")
 
 
 def _lit(rgb: RGB, grain: float = 0.0) -> Paint:

@@ -102,12 +102,9 @@ def segments(points: Floats) -> Floats:
     The numbers are the same on every processor: none comes from a routine that NumPy implements
     differently for different processors.
 
-    Args:
-        points: Rows in metres; a row may repeat the one before. Shape (n, 2).
-
-    Returns:
-        Rows from `START_X` to `YAW_RAD`, in metres and radians. The length of the whole line does
-        not depend on the end it is measured from. Shape (8, m - 1) for m vertices.
+    A row of `points` may repeat the one before. The result has rows from `START_X` to `YAW_RAD`, in
+    metres and radians. The length of the whole line does not depend on the end it is measured from.
+    Shape (8, m - 1) for m vertices.
     """
     line = without_repeats(points)
     start, end = line[:-1], line[1:]
@@ -122,14 +119,10 @@ def segments(points: Floats) -> Floats:
 
 @kernel
 def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The parts of the `Location` of points relative to a track.
+    """The parts of the `Location` of m points relative to a track, given the parts of its `Road`.
 
     The driving direction only decides how the result is expressed, never what is measured: a width
     or a distance is the same number for a car that has turned round.
-
-    Args:
-        xy: Points in metres. Shape (m, 2).
-        road_parts: The parts of the track, a `Road`.
     """
     road = Road(*road_parts)
     center, first, last = road.center, road.first, road.last

@@ -11,9 +11,8 @@ _STEPS_PER_PIECE = 200
 class ClosedSpline:
     """The smoothest closed curve through points: cubic pieces, continuous in curvature.
 
-    Args:
-        points: Points to pass through in metres, in order, no two neighbours equal; the curve
-            returns to the first one by itself. Shape (k, 2), k >= 3.
+    No two neighbouring points are equal; the curve returns to the first one by itself. Metres,
+    shape (k, 2), k >= 3.
     """
 
     def __init__(self, points: Floats) -> None:
@@ -32,13 +31,9 @@ class ClosedSpline:
         return float(self._along_m[-1])
 
     def at(self, distance_m: Floats) -> tuple[Floats, Floats]:
-        """Points on the curve and the unit vectors along it.
+        """Points on the curve, metres, and the unit vectors along it. Shape (m, 2) each.
 
-        Args:
-            distance_m: Distances along the curve from its first point. Shape (m,).
-
-        Returns:
-            Points in metres and directions. Shapes (m, 2).
+        `distance_m` are distances along the curve from its first point. Shape (m,).
         """
         wrapped_m = distance_m % self.length_m
         parameter = np.interp(wrapped_m, self._along_m, np.arange(len(self._along_m)))

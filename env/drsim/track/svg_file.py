@@ -3,13 +3,36 @@
 import itertools
 import math
 import re
+from collections.abc import Iterator
 from xml.etree import ElementTree
 
 import numpy as np
 
 from drsim.arrays import Floats
 from drsim.errors import TrackError
-from drsim.track.svg_path import FURTHEST, numbers, path_curves, straight
+
+Curve = tuple[complex, complex, complex, complex]
+"""A cubic Bezier curve: start, two control points, end, as x + y i."""
+
+_FURTHEST = 1e9
+"""Larger numbers are refused: rounding would swallow the drawing."""
+
+_NUMBER = re.compile(r"[\s,]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
+_FLAG = re.compile(r"[\s,]*([01])")
+_REST = re.compile(r"[\s,]*\Z")
+_COMMAND = re.compile(r"([MLHVCSQTAZ])([^MLHVCSQTAZ]*)", re.IGNORECASE)
+_KINDS = {
+    "M": "nn",
+    "L": "nn",
+    "H": "n",
+    "V": "n",
+    "C": "nnnnnn",
+    "S": "nnnn",
+    "Q": "nnnn",
+    "T": "nn",
+    "A": "nnnffnn",
+}
+"""What follows each command: numbers and flags."""
 
 _SHAPES = {"path", "polyline", "polygon"}
 _NOT_DRAWN = {"defs", "symbol", "clipPath", "mask", "marker", "pattern"}
@@ -27,21 +50,17 @@ _TRANSFORM = re.compile(r"[\s,]*(\w+)\s*\(([^()]*)\)")
 def read_line(text: str, chords: int) -> Floats:
     """Points along the first path, polyline or polygon of a drawing.
 
-    Args:
-        text: An SVG document. Entities of its own are refused: they can multiply without end.
-        chords: About how many chords the whole line is to have; each curve has at least one.
-
-    Returns:
-        Points in the unit of the drawing, x to the right and y up, all finite. Shape (k, 2),
-        k >= 2.
+    The whole line gets about so many `chords`, each curve at least one. An SVG document with
+    entities is refused: they can multiply without end. Points are in the unit of the drawing, x to
+    the right and y up, all finite. Shape (k, 2), k >= 2.
 
     Raises:
         TrackError: The text is not a drawing with such a line.
     """
     shape, matrix = _first_shape(_parsed(text))
     curves = _curves(shape) @ matrix[:, :2].T + matrix[:, 2]
-    if not (np.abs(curves) <= FURTHEST).all():
-        raise TrackError(f"the transforms lead beyond {FURTHEST:.0e}. Draw the line smaller.")
+    if not (np.abs(curves) <= _FURTHEST).all():
+        raise TrackError(f"the transforms lead beyond {_FURTHEST:.0e}. Draw the line smaller.")
     points = _flattened(curves, chords)
     return points * [1.0, -1.0]  # SVG counts y downwards
 
@@ -78,11 +97,11 @@ def _combined(outside: Floats, transform: str) -> Floats:
     matrix, place = outside, 0
     while match := _TRANSFORM.match(transform, place):
         place = match.end()
-        inner = _matrix(match[1], list(numbers(match[2])))
+        inner = _matrix(match[1], list(_numbers(match[2])))
         shift = matrix[:, :2] @ inner[:, 2] + matrix[:, 2]
         matrix = np.column_stack([matrix[:, :2] @ inner[:, :2], shift])
-        if not (np.abs(matrix) <= FURTHEST).all():
-            raise TrackError(f"the transforms lead beyond {FURTHEST:.0e}. Draw the line smaller.")
+        if not (np.abs(matrix) <= _FURTHEST).all():
+            raise TrackError(f"the transforms lead beyond {_FURTHEST:.0e}. Draw the line smaller.")
     if transform[place:].strip(" \t\r\n,"):
         raise TrackError(f"transform '{transform[place:][:40]}' is not understood. Remove it.")
     return matrix
@@ -109,13 +128,13 @@ def _matrix(name: str, values: list[float]) -> Floats:
 def _curves(shape: ElementTree.Element) -> Floats:
     """The line as cubic Bezier curves, each starting where the last one ends. Shape (k, 4, 2)."""
     if str(shape.tag).endswith("path"):
-        curves = path_curves(shape.get("d", ""))
+        curves = _Pen().drawn(shape.get("d", ""))
     else:
-        values = list(numbers(shape.get("points", "")))
+        values = list(_numbers(shape.get("points", "")))
         points = [complex(x, y) for x, y in zip(values[::2], values[1::2], strict=False)]
         if str(shape.tag).endswith("polygon"):
             points += points[:1]
-        curves = [straight(*ends) for ends in itertools.pairwise(points)]
+        curves = [_straight(*ends) for ends in itertools.pairwise(points)]
     if not curves:
         raise TrackError("the first path of the drawing is empty. Remove it.")
     if len(curves) > _MAX_CURVES:
@@ -151,3 +170,165 @@ def _on(curves: Floats, share: Floats) -> Floats:
         start=np.zeros((len(curves), len(share), 2)),
     )
     return total
+
+
+def _straight(start: complex, end: complex) -> Curve:
+    """A straight line as a curve."""
+    return start, start + (end - start) / 3, end - (end - start) / 3, end
+
+
+def _numbers(text: str) -> Iterator[float]:
+    """The numbers of a list, separated by blanks or commas."""
+    place = 0
+    while not _REST.match(text, place):
+        value, place = _value(text, place, "n")
+        yield value
+
+
+def _value(text: str, place: int, kind: str) -> tuple[float, int]:
+    """The number or flag at a place in a text, and the place behind it."""
+    match = (_NUMBER if kind == "n" else _FLAG).match(text, place)
+    value = float(match[1]) if match else math.inf
+    if match is None or abs(value) > _FURTHEST:
+        raise TrackError(
+            f"'{text[place : place + 40].strip()}' does not start with a usable number. Save the "
+            "drawing again as plain SVG."
+        )
+    return value, match.end()
+
+
+class _Pen:
+    """Follows the commands M L H V C S Q T A Z of a path. Source: SVG 1.1, chapter 8."""
+
+    def __init__(self) -> None:
+        self.at = self.start = 0j
+        self.curves: list[Curve] = []
+        self._ended = False
+        self._command = ""
+        self._control = 0j
+        """Last control point of the curve before, which S and T mirror."""
+
+    def drawn(self, path: str) -> list[Curve]:
+        place = 0
+        for match in _COMMAND.finditer(path):
+            if match.start() != place:
+                break
+            place = match.end()
+            self._obey(match[1], match[2])
+        if path[place:].strip():
+            raise TrackError(
+                f"'{path[place : place + 40].strip()}' is not a path command. Save the drawing "
+                "again as plain SVG."
+            )
+        return self.curves
+
+    def _obey(self, letter: str, text: str) -> None:
+        command = letter.upper()
+        if command == "Z":
+            self._draw(_straight(self.at, self.start))
+            self._ended, self._command = True, command
+            return
+        place = 0
+        while True:
+            values = []
+            for kind in _KINDS[command]:
+                value, place = _value(text, place, kind)
+                values.append(value)
+            base = self.at if letter.islower() else 0j
+            self._step(command, values, base)
+            self._command = command
+            if _REST.match(text, place):
+                return
+            command = "L" if command == "M" else command
+
+    def _step(self, command: str, values: list[float], base: complex) -> None:
+        at = self.at
+        if command == "H":
+            return self._draw(_straight(at, complex(base.real + values[0], at.imag)))
+        if command == "V":
+            return self._draw(_straight(at, complex(at.real, base.imag + values[0])))
+        if command == "A":
+            end = base + complex(values[5], values[6])
+            for curve in _arc(at, end, *values[:3], large=values[3] > 0, sweep=values[4] > 0):
+                self._draw(curve)
+            return None
+        points = [base + complex(x, y) for x, y in zip(values[::2], values[1::2], strict=True)]
+        if command == "M":
+            return self._move(points[0])
+        if command == "L":
+            return self._draw(_straight(at, points[0]))
+        if command in "ST":
+            family = "CS" if command == "S" else "QT"
+            mirrored = 2 * at - self._control if self._command and self._command in family else at
+            points.insert(0, mirrored)
+        self._control = points[-2]
+        if command in "QT":
+            control, end = points
+            points = [at + (control - at) * 2 / 3, end + (control - end) * 2 / 3, end]
+        return self._draw((at, points[0], points[1], points[2]))
+
+    def _move(self, to: complex) -> None:
+        self.at = self.start = to
+        self._ended = bool(self.curves)
+
+    def _draw(self, curve: Curve) -> None:
+        if curve[0] != curve[3] or curve[1] != curve[2]:
+            if self._ended:
+                raise TrackError(
+                    "the first path of the drawing has several pieces. Draw the centre line, not "
+                    "the borders, as one path without gaps, and put it first."
+                )
+            self.curves.append(curve)
+        self.at = curve[3]
+
+
+def _arc(
+    start: complex,
+    end: complex,
+    radius_x: float,
+    radius_y: float,
+    turned_deg: float,
+    *,
+    large: bool,
+    sweep: bool,
+) -> Iterator[Curve]:
+    """An arc of an ellipse, in pieces of at most 90 degrees. Source: SVG 1.1, appendix F.6."""
+    if start == end:
+        return
+    radius_x, radius_y = abs(radius_x), abs(radius_y)
+    if min(radius_x, radius_y) < 1e-9:
+        yield _straight(start, end)
+        return
+    turn = complex(math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg)))
+
+    def on_circle(point: complex) -> complex:
+        level = point / turn
+        return complex(level.real / radius_x, level.imag / radius_y)
+
+    def on_ellipse(point: complex) -> complex:
+        return complex(point.real * radius_x, point.imag * radius_y) * turn
+
+    a, b = on_circle(start), on_circle(end)
+    half = abs(b - a) / 2
+    grown = max(1.0, half)  # radii that do not reach are scaled up
+    away = math.sqrt(max(0.0, grown**2 - half**2)) * (1 if large == sweep else -1)
+    middle = (a + b) / 2 + (b - a) / abs(b - a) * complex(0, -away)
+    first = math.atan2((a - middle).imag, (a - middle).real)
+    swept = math.atan2((b - middle).imag, (b - middle).real) - first
+    if sweep and swept < 0:
+        swept += 2 * math.pi
+    if not sweep and swept > 0:
+        swept -= 2 * math.pi
+    pieces = max(1, math.ceil(abs(swept) / (math.pi / 2) - 1e-9))
+    step = swept / pieces
+    handle = 4 / 3 * math.tan(step / 4) * grown
+    at = start
+    for k in range(pieces):
+        u, v = (
+            complex(math.cos(t), math.sin(t)) for t in (first + k * step, first + (k + 1) * step)
+        )
+        p = on_ellipse(middle + grown * u + handle * u * 1j)
+        q = on_ellipse(middle + grown * v - handle * v * 1j)
+        stop = end if k == pieces - 1 else on_ellipse(middle + grown * v)
+        yield at, p, q, stop
+        at = stop

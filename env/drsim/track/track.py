@@ -114,17 +114,11 @@ class Track:
         return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
 
     def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
-        """Poses on a lane that look along it.
+        """Poses on a lane, each towards its next vertex: x and y in metres and yaw in radians.
 
-        Args:
-            distance_m: Distances along the centre line from waypoint 0. They wrap on a closed
-                track and end at the ends of an open one. Shape (m,).
-            lane: The centre line, or the line midway between it and a border, at its point
-                nearest to the one on the centre line.
-
-        Returns:
-            x and y in metres and yaw in radians, each towards the next vertex of the lane.
-            Shape (m, 3).
+        Distances along the centre line from waypoint 0, shape (m,), wrap on a closed track and end
+        at the ends of an open one. The inner and the outer lane are midway between it and a border;
+        a pose is at their point nearest to the one on the centre line. Shape (m, 3).
         """
         part = np.asarray(distance_m, dtype=np.float64) / self.length_m
         part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)

@@ -43,8 +43,6 @@ class WorldInfo:
 
     Attributes:
         name: Its name, without folder and ending.
-        length_m: Length of the centre line.
-        width_m: Width of the road.
         direction: Which way round it is driven; "open" if it is not a loop.
         waypoints: Their number; on a loop the last one repeats the first.
         repeated: Indices of those that repeat the one before.

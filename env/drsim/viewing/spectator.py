@@ -63,11 +63,8 @@ class Spectator:
     ) -> None:
         """Paint the world in colour: three pictures, 0.3 to 2 s, 54 to 165 MB.
 
-        Args:
-            track: The track.
-            shapes: What stands on it beside the car, in the order of the poses given later.
-            look: Its appearance; that of the world of the same name when left out.
-            car: Shape of the car.
+        `shapes` stand on the track beside the car, in the order of the poses given later. Without
+        `look` the track gets the appearance of the world of the same name.
         """
         look = look or look_of(track.name)
         self._scenes = [build_scene(track, look.in_channel(c)) for c in range(_CHANNELS)]
@@ -86,10 +83,8 @@ class Spectator:
     ) -> Frame:
         """The view from behind the car, which swings after it as it turns.
 
-        Args:
-            pose: Pose of the car. Shape (3,).
-            objects: Poses of the shapes; left out when there are none. Shape (k, 3).
-            step_s: Simulated time since the last such frame, seconds.
+        `pose` is that of the car, shape (3,), `objects` those of the k shapes, shape (k, 3);
+        `step_s` is the simulated time since the last such frame.
 
         Raises:
             ValueError: When there is not one pose for each shape.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drsim.car.camera_mount import FRONT
 from drsim.episode.params import Situation, params_of
 from drsim.episode.simulation import Simulation
-from drsim.race.objects import Objects
+from drsim.race.objects import Objects, closest, in_camera
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
 from drsim.sensing.scene import build_scene
@@ -170,7 +170,7 @@ def test_the_only_object_is_both_before_and_after() -> None:
 def test_the_closest_objects_are_those_that_sorting_finds(distance_m, here_m) -> None:
     objects = objects_at(distance_m)
 
-    previous, following = objects.closest(np.array([0]), np.array([here_m]))
+    previous, following = closest(objects.distance_m, np.array([0]), np.array([here_m]))
 
     order = sorted(range(len(distance_m)), key=lambda k: distance_m[k])
     passed = sum(there_m <= here_m for there_m in distance_m)
@@ -195,8 +195,8 @@ def test_the_camera_sees_the_next_object_where_it_is_in_the_picture(ahead_m, lef
     # Nose at the origin, looking along +y.
     objects = objects_at([3.0], xy=[[-left_m, ahead_m]], yaw_rad=[math.pi / 2])
 
-    found = objects.in_camera(
-        np.array([0]), np.array([0]), np.zeros((1, 2)), np.array([math.pi / 2])
+    found = in_camera(
+        objects[:3], np.array([0]), np.array([0]), np.zeros((1, 2)), np.array([math.pi / 2])
     )
 
     assert found.tolist() == [seen]
@@ -228,8 +228,12 @@ def test_what_the_camera_sees_is_what_its_lens_projects_into_the_picture(
         margins.append(min(depth - 0.2, wide - abs(left), high - abs(up)))
     assume(abs(max(margins)) > 1e-9)
 
-    found = objects_at([3.0], xy=[place], yaw_rad=[yaw_rad]).in_camera(
-        np.array([0]), np.array([0]), np.array([nose]), np.array([heading_rad])
+    found = in_camera(
+        objects_at([3.0], xy=[place], yaw_rad=[yaw_rad])[:3],
+        np.array([0]),
+        np.array([0]),
+        np.array([nose]),
+        np.array([heading_rad]),
     )
 
     assert found.tolist() == [max(margins) > 0]

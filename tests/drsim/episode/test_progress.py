@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drsim.episode.episode import advance_progress
-from drsim.episode.progress import fraction_at, without_jump
+from drsim.episode.placing import fraction_at, without_jump
 from drsim.track.track import Track
 
 
