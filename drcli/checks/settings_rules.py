@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings, catalogue, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings, catalogue
 
 MOST_REPAIRS = 5
 """How often lines are taken out: a removed line may reveal a problem behind it."""

@@ -13,7 +13,7 @@ from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
 from drcli.config import activation
 from drcli.config.settings import catalogue
-from drcli.config.shell import shell_change
+from drcli.config.shell_variables import shell_change
 from drcli.config.worlds import built_in, own
 
 MOST_FOLDERS = 2000

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.cli import console
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 
 
 def working_folder() -> Path:

@@ -9,14 +9,15 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Place, ProblemsError, shown
-from drcli.config.env_file import content_of, parse_env, read_env_file, with_any_value
-from drcli.config.experiment import EXPERIMENT
-from drcli.config.folder_files import FolderPlan, NewFile
+from drcli.config.editing import with_any_value
+from drcli.config.example_files import activate_script, model_file, settings_file
+from drcli.config.loading import load_settings
 from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import Settings, load_settings
-from drcli.config.shipped import activate_script, model_file, settings_file
+from drcli.config.settings import Settings
+from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
 from drcli.config.value_types import FOLDER_NAME
 from drcli.config.worlds import ROUTE_FILES, built_in, is_installed, own
+from drcli.config.write_folder import FolderPlan, NewFile
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
@@ -218,7 +219,8 @@ def _free_run_id(folder: Path) -> int:
     files: Iterable[Path] = (folder / "run.env", *folder.glob("experiments/*/run.env"))
     used = set()
     for file in files:
-        entries = read_env_file(file, str(file.relative_to(folder))).entries
+        name = str(file.relative_to(folder))
+        entries = parse_env(content_of(file, name), name).entries
         numbers = [entry.value.strip() for entry in entries if entry.name == "DR_RUN_ID"]
         used.add(numbers[-1] if numbers and numbers[-1] else "0")
     return next(number for number in range(len(used) + 1) if str(number) not in used)

@@ -9,8 +9,10 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
-from drcli.config.env_file import parse_env, with_values
-from drcli.config.settings import Settings, active_run_file
+from drcli.config.editing import with_values
+from drcli.config.loading import active_run_file
+from drcli.config.settings import Settings
+from drcli.config.settings_files import parse_env
 
 DELIMITER = "-"
 """Stands before the number of a name that has none yet."""

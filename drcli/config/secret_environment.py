@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
-from drcli.config.secrets import hidden
+from drcli.config.setting_problems import hidden
 
 _MORE = re.compile(r"PASSPHRASE|PRIVATE_?KEY|AUTHORIZATION|_PASS$|^RCLONE_AUTH_KEY$", re.IGNORECASE)
 """Names of secrets beside those that are never shown."""

@@ -10,7 +10,7 @@ from drcli.base.problems import Problem, closest, shown
 from drcli.config.setting_problems import setting_problem
 
 if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
-    from drcli.config.run_config import RaceConfig
+    from drcli.config.settings import RaceConfig
 
 ROUTE_FILES = (".npy", ".csv")
 

@@ -2,7 +2,7 @@
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import ModelConfig
+from drcli.config.settings import ModelConfig
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import Item
 from drcli.store import keys

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
-from drcli.config.run_config import PretrainedConfig
 from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import PretrainedConfig
 from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, misfits

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import RaceConfig
+from drcli.config.settings import RaceConfig
 from drcli.rewards.drivers import (
     FAST,
     LEAVING,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
+from drcli.config.example_files import model_file
 from drcli.config.settings import Settings
-from drcli.config.shipped import model_file
 from drcli.store import keys
 
 

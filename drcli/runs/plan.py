@@ -14,8 +14,7 @@ from drcli.base.file_lock import only_writer
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
-from drcli.config.run_config import CustomFilesConfig
-from drcli.config.settings import Settings, catalogue
+from drcli.config.settings import CustomFilesConfig, Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.config.run_config import RunConfig
+from drcli.config.settings import RunConfig
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.trace import STEP_S
 from drcli.runs.status import Process

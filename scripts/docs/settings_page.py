@@ -4,8 +4,9 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from drcli.config.fields import Setting
-from drcli.config.former_names import FORMER
-from drcli.config.model import WORKER_NAMES, WORKER_STEMS, catalogue
+from drcli.config.loading import WORKER_NAMES, WORKER_STEMS
+from drcli.config.settings import catalogue
+from drcli.config.unused_names import FORMER
 
 HEAD = """\
 # Settings

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from drcli.base.json_record import Misfit, built, parsed, written
 from drcli.base.problems import Problem
-from drcli.config.run_config import RaceConfig
+from drcli.config.settings import RaceConfig
 
 FAULTS_FILE = "faults.txt"
 """What Python writes when it ends the process: stacks, or the traceback of an exception."""

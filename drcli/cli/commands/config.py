@@ -9,7 +9,7 @@ from drcli.cli import candidates, console
 from drcli.cli.options import AsJson
 from drcli.cli.views import settings_view
 from drcli.cli.working_folder import settings, working_folder
-from drcli.config import editing, inspection
+from drcli.config import editing, settings_report
 from drcli.config.fields import FileName
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and change the settings.")
@@ -41,7 +41,7 @@ def show(
     """
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
-    report = inspection.inspect_values(loaded, wanted, changed=changed)
+    report = settings_report.inspect_values(loaded, wanted, changed=changed)
     rendered = settings_view.explained(report) if wanted else settings_view.values(report)
     console.emit(report, rendered, as_json=as_json)
 
@@ -138,11 +138,11 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
-    name = inspection.find_name(written, others)
+    name = settings_report.find_name(written, others)
     if name is None:
         from drcli.modelfiles.hyperparameters import KEYS
 
-        hint = _HYPERPARAMETER if written.lower() in KEYS else inspection.suggestion(written)
+        hint = _HYPERPARAMETER if written.lower() in KEYS else settings_report.suggestion(written)
         raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name
 

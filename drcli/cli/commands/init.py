@@ -14,8 +14,8 @@ from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson
 from drcli.cli.setup_questions import with_answers
 from drcli.cli.working_folder import current_folder, working_folder
-from drcli.config.folder_files import write
 from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
+from drcli.config.write_folder import write
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",

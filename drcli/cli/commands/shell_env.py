@@ -6,7 +6,7 @@ import typer
 
 from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
-from drcli.config.shell import shell_change
+from drcli.config.shell_variables import shell_change
 
 EXPERIMENT = "_DR_EXPERIMENT"
 """Variable in which the script names an experiment."""

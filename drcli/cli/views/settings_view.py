@@ -15,7 +15,7 @@ from drcli.cli.views.layout import INDENT, Fitted, indented
 if TYPE_CHECKING:
     from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
-    from drcli.config.inspection import Value, Values
+    from drcli.config.settings_report import Value, Values
 
 PLACE_COLUMN = 46
 """Column of a value's place, unless the value is longer or the terminal is narrow."""

@@ -23,9 +23,7 @@ class ObstacleSettings(Group):
         low=0,
     )
     oa_randomize_obstacle_locations: bool = setting(
-        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS",
-        False,
-        "Move the obstacles in each episode.",
+        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS", False, "Move the obstacles in each episode."
     )
     oa_is_obstacle_bot_car: bool = setting(
         "DR_OA_IS_OBSTACLE_BOT_CAR", False, "Parked cars instead of boxes."
@@ -53,22 +51,13 @@ class BotSettings(Group):
 
     h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
     h2b_lower_lane_change_time: float = setting(
-        "DR_H2B_LOWER_LANE_CHANGE_TIME",
-        3.0,
-        "Minimum time between lane changes, seconds.",
-        low=0,
+        "DR_H2B_LOWER_LANE_CHANGE_TIME", 3.0, "Minimum time between lane changes, seconds.", low=0
     )
     h2b_upper_lane_change_time: float = setting(
-        "DR_H2B_UPPER_LANE_CHANGE_TIME",
-        5.0,
-        "Maximum time between lane changes, seconds.",
-        low=0,
+        "DR_H2B_UPPER_LANE_CHANGE_TIME", 5.0, "Maximum time between lane changes, seconds.", low=0
     )
     h2b_lane_change_distance: float = setting(
-        "DR_H2B_LANE_CHANGE_DISTANCE",
-        1.0,
-        "Distance driven during a lane change, metres.",
-        low=0,
+        "DR_H2B_LANE_CHANGE_DISTANCE", 1.0, "Distance driven during a lane change, metres.", low=0
     )
     h2b_number_of_bot_cars: int = setting("DR_H2B_NUMBER_OF_BOT_CARS", 3, "Number of bots.", low=0)
     h2b_min_distance_between_bot_cars: float = setting(
@@ -78,9 +67,7 @@ class BotSettings(Group):
         low=0,
     )
     h2b_randomize_bot_car_locations: bool = setting(
-        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS",
-        False,
-        "Move the bots' starts in each episode.",
+        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS", False, "Move the bots' starts in each episode."
     )
     h2b_bot_car_speed: float = setting(
         "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", low=0, high=100

@@ -108,10 +108,7 @@ class TrainSettings(Group):
         "Read the track and race of the second and all further workers from worker-N.env.",
     )
     train_min_eval_trials: int = setting(
-        "DR_TRAIN_MIN_EVAL_TRIALS",
-        5,
-        "Evaluation episodes per checkpoint during training.",
-        low=0,
+        "DR_TRAIN_MIN_EVAL_TRIALS", 5, "Evaluation episodes per checkpoint during training.", low=0
     )
     train_eval_share: float = setting(
         "DR_TRAIN_EVAL_SHARE",

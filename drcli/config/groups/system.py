@@ -183,10 +183,7 @@ class DerivedSettings(Group):
         ignored="it works only as an environment variable, where it names the working folder",
     )
     reference_config: str = setting(
-        "DR_CONFIG",
-        "",
-        "Its run.env.",
-        ignored="scripts/activate.sh sets it",
+        "DR_CONFIG", "", "Its run.env.", ignored="scripts/activate.sh sets it"
     )
     robomaker_train_port: str = setting(
         "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=DERIVED

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange import job as jobs
 from drcli.exchange.job import Job, LastWords
 
@@ -62,7 +62,7 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
     ("field", "value", "reason"),
     [
         ("world_name", 7, "'world_name' is not a text"),
-        ("race_type", "FOOTBALL", "'race_type' is none of TIME_TRIAL"),
+        ("race_type", "FOOTBALL", "'race_type' is not one of TIME_TRIAL"),
         ("sim_blur", "100", "'sim_blur' is above 4"),
     ],
 )

@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 
 
 def test_an_experiment_begins_with_what_the_folder_has_and_can_run_beside_it(dr, empty, capsys):

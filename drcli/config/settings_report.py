@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.problems import Place, Problem, ProblemsError, closest, few
-from drcli.config.effects import Idle, idle, remainder
-from drcli.config.env_file import Entry
 from drcli.config.fields import Effect, Setting
-from drcli.config.former_names import FORMER
-from drcli.config.layers import Layers
-from drcli.config.model import Settings, catalogue
-from drcli.config.secrets import hidden
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
+from drcli.config.setting_problems import hidden
+from drcli.config.settings import Settings, catalogue
+from drcli.config.settings_files import Entry, Layers
+from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, without_effect
 from drcli.config.worlds import track_problems
 
 
@@ -93,7 +91,7 @@ class Check:
 
     directory: str
     problems: tuple[Problem, ...] = ()
-    without_effect: tuple[Idle, ...] = ()
+    without_effect: tuple[WithoutEffect, ...] = ()
     summary: Problem | None = None
 
     @property
@@ -171,7 +169,7 @@ def check_settings(directory: Path, environ: Mapping[str, str] | None = None) ->
     except ProblemsError as error:
         return Check(str(directory), error.problems)
     problems = _all_problems(settings)
-    return Check(str(directory), problems, idle(settings), remainder(settings))
+    return Check(str(directory), problems, without_effect(settings), harmless_summary(settings))
 
 
 def problems_of(

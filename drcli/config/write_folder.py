@@ -11,8 +11,8 @@ from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
 from drcli.base.problems import Place, ProblemsError
-from drcli.config.env_file import content_of
 from drcli.config.setting_problems import file_problem
+from drcli.config.settings_files import content_of
 
 
 @dataclass(frozen=True)
