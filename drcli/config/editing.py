@@ -38,10 +38,12 @@ _BARE = re.compile(
 
 @dataclass(frozen=True)
 class Change:
-    """What happened to one setting; secrets are hidden.
+    """What happened to one setting.
 
     Attributes:
-        before: Its text in the file, None where it was not in there.
+        name: The setting.
+        before: Its text in the file, None if it was not in there; a secret is hidden.
+        after: Its text there now.
         file: The file, by its name in the working folder.
     """
 
@@ -53,7 +55,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Edit:
-    """The changes that were made, and warnings about those that may not act as expected."""
+    """What was changed, and what is worth knowing about it.
+
+    Attributes:
+        directory: The working folder.
+        changes: One for each setting.
+        warnings: Sentences about what may not act as the racer thinks.
+    """
 
     directory: str
     changes: tuple[Change, ...]

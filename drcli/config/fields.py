@@ -44,8 +44,14 @@ class Group:
     """
 
     title: ClassVar[str]
-    file: ClassVar[FileName] = "run.env"
-    ignored: ClassVar[str] = ""
+    file: ClassVar[FileName]
+    ignored: ClassVar[str]
+
+    def __init_subclass__(
+        cls, title: str = "", file: FileName = "run.env", ignored: str = ""
+    ) -> None:
+        super().__init_subclass__()
+        cls.title, cls.file, cls.ignored = title, file, ignored
 
 
 @dataclass(frozen=True)
@@ -226,6 +232,7 @@ class FrozenGroups(SimpleNamespace):
     declared: ClassVar[Mapping[str, Setting]]
 
     def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         cls.declared = declared(cls)
 
     def __setattr__(self, name: str, value: object) -> NoReturn:

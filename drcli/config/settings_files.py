@@ -122,22 +122,20 @@ def parse_env(data: bytes, name: str) -> EnvFile:
 def _line_problem(binding: Binding, place: Place) -> Problem | None:
     line = shown(binding.original.string.strip())
     if binding.error:
-        what = f"{line} is not a NAME=value line."
         remedy = (
-            "Write NAME=value, close every quote at the end of the value, and start comments "
-            "with #."
+            "Write NAME=value, close every quote at the end of the value, "
+            "and start comments with #."
         )
-    elif binding.key is None:
+        return file_problem(place, f"{line} is not a NAME=value line.", remedy)
+    if binding.key is None:
         return None
-    elif binding.value is None:
-        what = f"{line} has no =."
+    if binding.value is None:
         remedy = "Write NAME=value, or start the line with # if it is a comment."
-    elif not _NAME.fullmatch(binding.key):
-        what = f"{line} does not start with a variable name."
-        remedy = "Use only letters, digits and _ in the name, as in DR_WORKERS=1."
-    else:
+        return file_problem(place, f"{line} has no =.", remedy)
+    if _NAME.fullmatch(binding.key):
         return None
-    return file_problem(place, what, remedy)
+    remedy = "Use only letters, digits and _ in the name, as in DR_WORKERS=1."
+    return file_problem(place, f"{line} does not start with a variable name.", remedy)
 
 
 class SettingsFiles:

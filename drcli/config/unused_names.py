@@ -206,7 +206,12 @@ def _meant(name: str) -> str | None:
 
 @dataclass(frozen=True)
 class WithoutEffect:
-    """Settings that do nothing, all for the same reason, in the order of the documentation."""
+    """Settings that do nothing, all for the same reason.
+
+    Attributes:
+        reason: Why, without a full stop.
+        names: The settings, in the order of the documentation.
+    """
 
     reason: str
     names: tuple[str, ...]

@@ -1,6 +1,6 @@
 """What shares the track with the car: obstacles, bot cars and another model (run.env)."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import ObjectKey, Positions
@@ -8,10 +8,8 @@ from drcli.config.value_types import ObjectKey, Positions
 _OVERLAY = "only visible in videos, which drcli does not record"
 
 
-class ObstacleSettings(Group):
+class ObstacleSettings(Group, title="Obstacles"):
     """Boxes and parked cars of OBJECT_AVOIDANCE."""
-
-    title: ClassVar[str] = "Obstacles"
 
     oa_number_of_obstacles: int = setting(
         "DR_OA_NUMBER_OF_OBSTACLES", 6, "Number of obstacles.", low=0
@@ -44,10 +42,8 @@ class ObstacleSettings(Group):
     )
 
 
-class BotSettings(Group):
+class BotSettings(Group, title="Bot cars"):
     """Slow cars of HEAD_TO_BOT."""
-
-    title: ClassVar[str] = "Bot cars"
 
     h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
     h2b_lower_lane_change_time: float = setting(
@@ -80,10 +76,8 @@ class BotSettings(Group):
     )
 
 
-class OpponentSettings(Group):
+class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
     """The other model of HEAD_TO_MODEL."""
-
-    title: ClassVar[str] = "Opponent of HEAD_TO_MODEL"
 
     eval_opp_s3_model_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."

@@ -1,7 +1,7 @@
 """The race itself: track, car, training and evaluation (run.env)."""
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, WorldName
@@ -10,10 +10,8 @@ _VIDEO = "only visible in videos, which drcli does not record"
 _FULL_SPEED = "the simulation always runs as fast as the processor allows"
 
 
-class RaceSettings(Group):
+class RaceSettings(Group, title="Race and car"):
     """Which race, on which track, with which car."""
-
-    title: ClassVar[str] = "Race and car"
 
     run_id: int = setting(
         "DR_RUN_ID",
@@ -59,10 +57,8 @@ class RaceSettings(Group):
     )
 
 
-class TrainSettings(Group):
+class TrainSettings(Group, title="Training"):
     """How to train."""
-
-    title: ClassVar[str] = "Training"
 
     workers: int = setting(
         "DR_WORKERS",
@@ -157,10 +153,8 @@ class TrainSettings(Group):
     )
 
 
-class EpisodeSettings(Group):
+class EpisodeSettings(Group, title="Training"):
     """How the training episodes of a worker begin, and how many it drives at once."""
-
-    title: ClassVar[str] = "Training"
 
     train_lanes: int = setting(
         "DR_TRAIN_LANES",
@@ -202,10 +196,8 @@ class EpisodeSettings(Group):
     )
 
 
-class EvaluationSettings(Group):
+class EvaluationSettings(Group, title="Evaluation"):
     """How to evaluate a finished model."""
-
-    title: ClassVar[str] = "Evaluation"
 
     eval_number_of_trials: int = setting(
         "DR_EVAL_NUMBER_OF_TRIALS", 3, "Number of laps, or of separate episodes.", low=1

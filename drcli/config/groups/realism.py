@@ -1,14 +1,12 @@
 """Sim-to-real extras (run.env): disturbances that a real car meets; off by default."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from drcli.config.fields import Group, setting
 
 
-class RealismSettings(Group):
+class RealismSettings(Group, title="Sim-to-real extras"):
     """Disturbances of camera and car, drawn anew for each episode from the seed."""
-
-    title: ClassVar[str] = "Sim-to-real extras"
 
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
         "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below apply."

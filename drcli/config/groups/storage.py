@@ -1,9 +1,9 @@
 """Where things lie: the bucket, its server and the keys in it (system.env and run.env)."""
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
-from drcli.config.fields import FileName, Group, setting
+from drcli.config.fields import Group, setting
 from drcli.config.value_types import (
     HOME_REGION,
     Address,
@@ -15,11 +15,8 @@ from drcli.config.value_types import (
 )
 
 
-class BucketSettings(Group):
+class BucketSettings(Group, title="Bucket", file="system.env"):
     """The bucket and how to reach it."""
-
-    title: ClassVar[str] = "Bucket"
-    file: ClassVar[FileName] = "system.env"
 
     cloud: Literal["local", "remote", "aws", "azure"] = setting(
         "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
@@ -62,10 +59,8 @@ class BucketSettings(Group):
     )
 
 
-class KeySettings(Group):
+class KeySettings(Group, title="Places in the bucket"):
     """Places in the bucket."""
-
-    title: ClassVar[str] = "Places in the bucket"
 
     model_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."
