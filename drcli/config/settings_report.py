@@ -1,16 +1,16 @@
-"""What somebody sees who asks for the settings: each value with the place it comes from."""
+"""What `dr config show` and `dr config check` report: values with their places, and problems."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Place, Problem, ProblemsError, closest, few
+from drcli.base.problems import Problem, ProblemsError, closest, few
 from drcli.config.fields import Effect, Setting
 from drcli.config.loading import load_settings
 from drcli.config.setting_problems import hidden
 from drcli.config.settings import Settings, catalogue
-from drcli.config.settings_files import Entry, Layers
+from drcli.config.settings_files import Layers, given
 from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, without_effect
 from drcli.config.worlds import track_problems
 
@@ -80,14 +80,7 @@ class Values:
 
 @dataclass(frozen=True)
 class Check:
-    """What `dr config check` found.
-
-    Attributes:
-        directory: The working folder.
-        problems: What is wrong or odd, in the order of reading.
-        without_effect: Settings in the files that do nothing here, by reason.
-        summary: The warning that `without_effect` replaces.
-    """
+    """What `dr config check` found; `summary` is the warning that `without_effect` replaces."""
 
     directory: str
     problems: tuple[Problem, ...] = ()
@@ -106,12 +99,7 @@ class Check:
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:
-    """The name somebody means: in small letters or without DR_ is fine.
-
-    Args:
-        written: What was written.
-        others: Names that exist beside the settings.
-    """
+    """The setting or other name that is meant: small letters and a missing DR_ are fine."""
     if written in others:
         return written
     candidates = (written.upper(), f"DR_{written.upper()}")
@@ -132,12 +120,12 @@ def suggestion(written: str) -> str:
 def inspect_values(
     settings: Settings, names: Sequence[str] = (), *, changed: bool = False
 ) -> Values:
-    """The values of settings.
+    """The values of all settings and other names, or of those in `names`.
 
     Args:
         settings: As they were loaded.
-        names: Only these; each is a setting or a name of the racer's files.
-        changed: Only those that differ from their default.
+        names: Settings or other names of the racer's files.
+        changed: Leave out those that have their default.
     """
 
     def chosen(values: Iterable[Value]) -> tuple[Value, ...]:
@@ -145,7 +133,7 @@ def inspect_values(
         return tuple(value for value in wanted if value.changed or not changed)
 
     everything = [_value(settings, setting) for setting in catalogue().values()]
-    everything += [_stray(settings, name) for name in settings.extra]
+    everything += [_other_name(settings, name) for name in settings.extra]
     workers = []
     for number, override in enumerate(settings.overrides, start=2):
         own = settings.for_worker(number - 1)
@@ -158,12 +146,7 @@ def inspect_values(
 
 
 def check_settings(directory: Path, environ: Mapping[str, str] | None = None) -> Check:
-    """Load all settings and report everything there is to say about them.
-
-    Args:
-        directory: The working folder.
-        environ: Process environment; `os.environ` when None.
-    """
+    """Load all settings of a working folder and report everything that is wrong or odd."""
     try:
         settings = load_settings(directory, environ=environ)
     except ProblemsError as error:
@@ -194,13 +177,29 @@ def _all_problems(settings: Settings) -> tuple[Problem, ...]:
 
 
 def _value(settings: Settings, setting: Setting) -> Value:
-    text = _text(getattr(settings, setting.field))
-    default = _default(settings, setting)
+    text, default = _text(getattr(settings, setting.field)), _default(settings, setting)
+    return _as_it_counts(settings, setting, text, default)
+
+
+def _other_name(settings: Settings, name: str) -> Value:
+    """A name in the racer's files that is not a setting; other values may refer to it."""
+    former = FORMER.get(name)
+    meaning = "A name of your own, which other values can refer to."
+    reason = ""
+    if former is not None:
+        meaning, reason = former.meaning, former.reason
+    other = Setting(
+        name, "", meaning, None, None, (), "accepted", reason, None, group="Other names"
+    )
+    return _as_it_counts(settings, other, settings.extra[name], None)
+
+
+def _as_it_counts(settings: Settings, setting: Setting, text: str, default: str | None) -> Value:
     place = settings.place(setting.name)
     return Value(
         name=setting.name,
         value=hidden(setting.name, text),
-        default=hidden(setting.name, default),
+        default=hidden(setting.name, default or ""),
         source=str(place),
         file=None if place.line is None else place.file,
         line=place.line,
@@ -213,29 +212,8 @@ def _value(settings: Settings, setting: Setting) -> Value:
     )
 
 
-def _stray(settings: Settings, name: str) -> Value:
-    """A name in the racer's files that is not a setting; other values may refer to it."""
-    place, former = settings.place(name), FORMER.get(name)
-    return Value(
-        name=name,
-        value=hidden(name, settings.extra[name]),
-        default="",
-        source=str(place),
-        file=None if place.line is None else place.file,
-        line=place.line,
-        changed=True,
-        effect="accepted",
-        reason="" if former is None else former.reason,
-        meaning="A name of your own, which other values can refer to."
-        if former is None
-        else former.meaning,
-        expected="any text",
-        group="Other names",
-    )
-
-
 def _text(value: Any) -> str:
-    """A value as it would be written in a settings file."""
+    """A value as it would be written in a settings file, with short numbers."""
     if isinstance(value, tuple):
         return ";".join(",".join(f"{number:g}" for number in pair) for pair in value)
     return "" if value is None else str(value)
@@ -248,10 +226,9 @@ def _default(settings: Settings, setting: Setting) -> str:
     if "$" not in setting.default_text:
         return setting.default_text
     others = {
-        other.name: Entry(
-            other.name, _text(getattr(settings, other.field)), Place(""), expands=False
-        )
+        other.name: _text(getattr(settings, other.field))
         for other in catalogue().values()
         if other is not setting
     }
-    return Layers([others], {setting.name: setting.default_text}).text(setting.name) or ""
+    layers = Layers([given(others, "")], {setting.name: setting.default_text})
+    return layers.text(setting.name) or ""

@@ -203,7 +203,7 @@ def test_a_world_that_is_not_here_is_named_with_the_way_to_get_it(dr, empty, cap
 
     said = capsys.readouterr().err
     assert code == 0
-    assert "Warning: There is no track Oval_track here yet" in said
+    assert "Warning: The track Oval_track is not installed" in said
     assert said.index("fetch the track:") < said.index("dr-validate")
 
 
