@@ -45,13 +45,13 @@ def review_parameters(
     if hyperparameters is not None:
         try:
             learning = Hyperparameters.from_bytes(hyperparameters.data, hyperparameters.origin)
-            found += learning.notes
+            found += learning.problems
         except ProblemsError as error:
             found += error.problems
     if metadata is not None:
         try:
             model = ModelMetadata.from_bytes(metadata.data, metadata.origin)
-            found += model.notes
+            found += model.problems
         except ProblemsError as error:
             found += error.problems
     if settings is not None and learning is not None and hyperparameters is not None:

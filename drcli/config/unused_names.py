@@ -91,8 +91,7 @@ FORMER: Mapping[str, Former] = {
         harmless=("", "none"),
     ),
     "DR_EVAL_ENABLE_RESETS": Former(
-        "Put a car back that left the track.",
-        "DR_EVAL_MAX_RESETS says how often a car is put back",
+        "Put a car back that left the track.", "DR_EVAL_MAX_RESETS says how often a car is put back"
     ),
     "DR_OA_PSEUDO_RANDOMIZE_OBSTACLE_LOCATIONS": Former(
         "Draw from a few arrangements of obstacles.",

@@ -1,4 +1,4 @@
-"""Finds the racer's three files, and copies them to where the bucket keeps them."""
+"""Finds the racer's three files, and copies them into the bucket."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,22 +16,21 @@ FILE_RULES = {
     keys.MODEL_METADATA_FILE: "V-03",
     keys.HYPERPARAMETERS_FILE: "V-04",
 }
-"""The rule that each file breaks when it is missing or cannot be read."""
+"""The rule that is broken when the file is missing or cannot be read."""
 
 
 @dataclass(frozen=True)
 class InputFile:
-    """One of the racer's files, with its content."""
+    """One of the racer's files, and where it was found."""
 
     name: str
     data: bytes
     origin: str
-    """Where it was found, for messages."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a training starts from, besides its settings."""
+    """The files that a training starts from."""
 
     reward: InputFile
     hyperparameters: InputFile
@@ -78,22 +77,17 @@ def missing_files(
 ) -> list[Problem]:
     """A problem for each of the three files that does not exist."""
     local = config.folder
-    return [
-        Problem(
-            FILE_RULES[name],
-            "error",
-            str(local),
-            None,
-            f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
-            f"Put your {name} into {local}; an example is {model_file(name)}.",
-        )
-        for name, key in places(config).items()
-        if name not in found
-    ]
+    problems = []
+    for name, key in places(config).items():
+        if name not in found:
+            what = f"there is no {name} here, nor in the bucket at {bucket}/{key}."
+            remedy = f"Put your {name} into {local}; an example is {model_file(name)}."
+            problems.append(Problem(FILE_RULES[name], "error", str(local), None, what, remedy))
+    return problems
 
 
 def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
-    """Copy the racer's local files to where the bucket keeps them for the next start."""
+    """Copy the racer's local files into the bucket, for a start without them."""
     for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
         if Path(file.origin).parent == config.folder:
             bucket.put(places(config)[file.name], file.data)
