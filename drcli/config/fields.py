@@ -163,7 +163,7 @@ def setting(
     meaning: str,
     *,
     low: float | None = None,
-    high: float | None = None,
+    between: tuple[float, float] | None = None,
     old_names: tuple[str, ...] = (),
     planned: str = "",
     ignored: str = "",
@@ -171,11 +171,13 @@ def setting(
 ) -> T:
     """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
+    `low` is the least number allowed, `between` the least and the greatest one.
     `planned` says why it does nothing although somebody who changes it expects an effect, `ignored`
     why it may be ignored for good, `file` where it belongs if not where its group does.
     """
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
+    low, high = between or (low, None)
     known = Setting(name, default, meaning, low, high, old_names, effect, reason, file)
     return cast(T, known)
 

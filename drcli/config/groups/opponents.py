@@ -66,7 +66,7 @@ class BotSettings(Group, title="Bot cars"):
         "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS", False, "Move the bots' starts in each episode."
     )
     h2b_bot_car_speed: float = setting(
-        "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", low=0, high=100
+        "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", between=(0, 100)
     )
     h2b_bot_car_penalty: float = setting(
         "DR_H2B_BOT_CAR_PENALTY",

@@ -64,16 +64,14 @@ class TrainSettings(Group, title="Training"):
         "DR_WORKERS",
         1,
         "Number of simulation processes; analysis tools read at most 10.",
-        low=1,
-        high=10,
+        between=(1, 10),
         file="system.env",
     )
     train_seed: int | None = setting(
         "DR_TRAIN_SEED",
         None,
         "Seed of all random numbers; if empty, each start draws one.",
-        low=0,
-        high=2**32 - 1,
+        between=(0, 2**32 - 1),
     )
     train_max_minutes: float = setting(
         "DR_TRAIN_MAX_MINUTES",
@@ -110,8 +108,7 @@ class TrainSettings(Group, title="Training"):
         "DR_TRAIN_EVAL_SHARE",
         0.1,
         "Largest share of the time that evaluations may take; evaluations beyond that are skipped.",
-        low=0.001,
-        high=1,
+        between=(0.001, 1),
     )
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS",
@@ -128,8 +125,7 @@ class TrainSettings(Group, title="Training"):
         "DR_TRAIN_STOP_PROGRESS",
         0.0,
         "Finish when evaluations in a row reach this mean progress, percent; 0 for no limit.",
-        low=0,
-        high=100,
+        between=(0, 100),
     )
     train_stop_evaluations: int = setting(
         "DR_TRAIN_STOP_EVALUATIONS",
@@ -160,8 +156,7 @@ class EpisodeSettings(Group, title="Training"):
         "DR_TRAIN_LANES",
         0,
         "Cars that each worker simulates at the same time; 0 for automatic.",
-        low=0,
-        high=256,
+        between=(0, 256),
         file="system.env",
     )
     train_change_start_position: bool = setting(
@@ -174,16 +169,14 @@ class EpisodeSettings(Group, title="Training"):
         "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
         0.05,
         "Distance from one start to the next, as a fraction of the lap.",
-        low=0,
-        high=1,
+        between=(0, 1),
         old_names=("DR_TRAIN_ROUND_ROBIN_ADVANCE_DISTANCE",),
     )
     train_start_position_offset: float = setting(
         "DR_TRAIN_START_POSITION_OFFSET",
         0.0,
         "Position of the first start, as a fraction of the lap.",
-        low=0,
-        high=1,
+        between=(0, 1),
     )
     train_alternate_driving_direction: bool = setting(
         "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",

@@ -35,7 +35,7 @@ class BucketSettings(Group, title="Bucket", file="system.env"):
         "DR_LOCAL_S3_ENGINE", "rclone", "Program that serves the bucket for DR_CLOUD=local."
     )
     local_s3_port: int = setting(
-        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 for any free port.", low=0, high=65_535
+        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 for any free port.", between=(0, 65_535)
     )
     s3_data_dir: Path = setting(
         "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program stores the objects."

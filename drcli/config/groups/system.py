@@ -100,8 +100,7 @@ class ScreenSettings(
         "DR_WEBVIEWER_PORT",
         8100,
         "Port of the viewer.",
-        low=1,
-        high=65_535,
+        between=(1, 65_535),
         ignored="there is no viewer",
     )
 
@@ -113,7 +112,7 @@ class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSO
         "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
     )
     telegraf_port: int = setting(
-        "DR_TELEGRAF_PORT", 8092, "Port on that host.", low=1, high=65_535, ignored=_REAL_TIME
+        "DR_TELEGRAF_PORT", 8092, "Port on that host.", between=(1, 65_535), ignored=_REAL_TIME
     )
     droa_url: str = setting("DR_DROA_URL", "", "DeepRacer on AWS.")
     droa_username: str = setting("DR_DROA_USERNAME", "", "User there.")
