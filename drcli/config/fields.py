@@ -59,19 +59,13 @@ class Setting:
     """What is known about one DR_ name; `declared` fills in what has a default here.
 
     Attributes:
-        name: The DR_ name.
-        default: Value when nobody sets it.
         meaning: One line for the documentation.
-        low: Least number, if limited.
-        high: Greatest number, if limited.
         old_names: Names that earlier versions of the reference used for it.
         effect: Whether it does something here.
         reason: Why it does not.
         own_file: Where it belongs, if not where its group does.
         field: Attribute of `Settings`.
-        group: Heading in the documentation.
         kind: What its text must be: text, flag, whole, number, choice, path or list.
-        choices: The allowed words of a choice.
         shape: What a text may be.
         check: Checks a text that fits the kind and returns the value; None where any will do.
     """

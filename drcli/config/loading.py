@@ -46,7 +46,6 @@ def load_settings(
     *,
     flags: Mapping[str, str] | None = None,
     environ: Mapping[str, str] | None = None,
-    experiment: str | None = None,
     contents: Mapping[str, bytes] | None = None,
 ) -> Settings:
     """Read and check all settings.
@@ -55,15 +54,13 @@ def load_settings(
         directory: Folder with run.env and, usually, system.env.
         flags: Values from the command line, by DR_ name.
         environ: Process environment; `os.environ` when None.
-        experiment: Use experiments/<name>/run.env instead of run.env.
         contents: Content of files, by names such as `run.env`, to use instead of those on the disk.
 
     Raises:
         ProblemsError: Something is wrong, or there is no run.env.
     """
-    flags = {**(flags or {}), **({EXPERIMENT: experiment} if experiment else {})}
     files = SettingsFiles(directory.absolute(), contents)
-    return _Loader(files).load(_outside(flags, environ))
+    return _Loader(files).load(_outside(flags or {}, environ))
 
 
 def active_run_file(
@@ -125,20 +122,20 @@ class _Loader:
             _drop_empty(layer)
         self._problems += rename_old(entries)
         layers, values = self._resolve(entries)
-        unknown = unknown_names(layers, entries)
-        self._problems += unknown.problems
+        others, problems = unknown_names(layers, entries)
+        self._problems += problems
         self._refuse_errors()
 
         sources = {
             name: entry.place
-            for name in (*catalogue(), *unknown.values)
+            for name in (*catalogue(), *others)
             if (entry := layers.find(name)) is not None
         }
         defaults = {setting.field: setting.default for setting in catalogue().values()}
         settings = Settings(
             **defaults | values,
             directory=self._files.directory,
-            extra=unknown.values,
+            extra=others,
             sources=sources,
             problems=(),
             overrides=(),

@@ -6,7 +6,7 @@ not read; names that mean a setting of today are its `old_names`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from drcli.base.problems import Place, Problem, closest, shown
 from drcli.config.groups.system import DERIVED, DOCKER, WINDOW
@@ -117,14 +117,6 @@ FORMER: Mapping[str, Former] = {
 """By name."""
 
 
-@dataclass(frozen=True)
-class UnknownNames:
-    """Names that are not settings, with their filled-in values, and what is wrong with them."""
-
-    values: dict[str, str] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
-
-
 def old_names() -> dict[str, str]:
     """The present name of a setting, for each name that earlier versions of the reference used."""
     return {old: setting.name for setting in catalogue().values() for old in setting.old_names}
@@ -148,21 +140,24 @@ def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
     return warnings
 
 
-def unknown_names(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> UnknownNames:
-    """The names that are not settings.
+def unknown_names(
+    looked_up: Layers, layers: Sequence[dict[str, Entry]]
+) -> tuple[dict[str, str], list[Problem]]:
+    """The names that are not settings, with their filled-in values, and what is wrong with them.
 
     Args:
         looked_up: Knows which names the values of settings refer to.
-        layers: The layers that were looked up in.
+        layers: The layers of that.
     """
-    found = UnknownNames()
+    values: dict[str, str] = {}
+    problems: list[Problem] = []
     known = catalogue().keys() | old_names().keys()
     from_outside: list[str] = []
     for layer in layers:
         for name, entry in layer.items():
             ours = name.upper().startswith("DR_")
             outside = entry.place.file == "environment"
-            if name in known or name in found.values:
+            if name in known or name in values:
                 continue
             if outside and (not ours or name in FORMER):
                 continue
@@ -170,12 +165,12 @@ def unknown_names(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Unkn
             if ours and meant is not None and not outside:
                 what = f"{name}={shown(hidden(name, entry.value))} is not a setting."
                 remedy = f"Did you mean {meant}? Correct the name, or remove the line."
-                found.problems.append(setting_problem(name, entry.place, what, remedy))
+                problems.append(setting_problem(name, entry.place, what, remedy))
                 continue
             text = looked_up.text(name)
             if text is None or name in looked_up.problems:
                 text = entry.value
-            found.values[name] = text
+            values[name] = text
             if name in looked_up.referenced or name in FORMER:
                 continue
             if outside:
@@ -184,15 +179,14 @@ def unknown_names(looked_up: Layers, layers: Sequence[dict[str, Entry]]) -> Unkn
                 hint = f" Did you mean {meant}?" if meant is not None else ""
                 what = f"{shown(name)} is not a setting and has no effect.{hint}"
                 remedy = "Correct the line, or remove it."
-                found.problems.append(
-                    setting_problem(name, entry.place, what, remedy, severity="warning")
-                )
+                problem = setting_problem(name, entry.place, what, remedy, severity="warning")
+                problems.append(problem)
     if from_outside:
         # A shell in which the reference was activated has a dozen names of its own.
         what = f"unknown names without effect: {', '.join(from_outside)}."
         place, remedy = Place("environment"), "Correct them, or ignore this."
-        found.problems.append(file_problem(place, what, remedy, severity="warning"))
-    return found
+        problems.append(file_problem(place, what, remedy, severity="warning"))
+    return values, problems
 
 
 def _meant(name: str) -> str | None:

@@ -132,24 +132,19 @@ class Hyperparameters(BaseModel):
 
     def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
         """Why this does not fit the algorithm and actions of a model; None when it does."""
-        if algorithm == "sac" and self.exploration_type == "e-greedy":
-            return (
-                "exploration_type=e-greedy chooses from a list of actions, but sac needs "
-                "ranges; use additive_noise."
-            )
-        if algorithm == "sac":
-            return None
-        if self.exploration_type == "additive_noise":
-            return (
-                "exploration_type=additive_noise belongs to sac; clipped_ppo explores with "
-                "categorical."
-            )
-        if self.exploration_type == "e-greedy" and continuous:
-            return (
-                "exploration_type=e-greedy chooses from a list of actions; this model has ranges, "
-                "which clipped_ppo explores with categorical."
-            )
-        return None
+        match self.exploration_type, algorithm:
+            case "e-greedy", "sac":
+                reason = "chooses from a list of actions, but sac needs ranges; use additive_noise"
+            case "e-greedy", "clipped_ppo" if continuous:
+                reason = (
+                    "chooses from a list of actions; this model has ranges, which clipped_ppo "
+                    "explores with categorical"
+                )
+            case "additive_noise", "clipped_ppo":
+                reason = "belongs to sac; clipped_ppo explores with categorical"
+            case _:
+                return None
+        return f"exploration_type={self.exploration_type} {reason}."
 
 
 KEYS = tuple(name for name in Hyperparameters.model_fields if name != "problems")

@@ -178,7 +178,7 @@ def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder, trave
     assert len(settings.warnings) == 2
 
 
-@pytest.mark.parametrize("how", ["argument", "environment", "system.env"])
+@pytest.mark.parametrize("how", ["flag", "environment", "system.env"])
 def test_an_experiment_brings_its_own_run_env_and_custom_files(folder, how):
     folder.write("experiments/first/run.env", "DR_WORKERS=7")
     if how == "system.env":
@@ -186,7 +186,7 @@ def test_an_experiment_brings_its_own_run_env_and_custom_files(folder, how):
 
     settings = folder.load(
         "DR_WORKERS=2",
-        experiment="first" if how == "argument" else None,
+        flags={"DR_EXPERIMENT_NAME": "first"} if how == "flag" else {},
         environ={"DR_EXPERIMENT_NAME": "first"} if how == "environment" else {},
     )
 
