@@ -27,13 +27,13 @@ from drcli.config.settings_files import (
     parse_env,
     text_of,
 )
-from drcli.config.settings_report import problems_of, warnings_of
+from drcli.config.settings_report import check_settings, warnings_of
 
 _QUOTED = re.compile(r"""([^\S\r\n]*)(['"])((?:\\.|(?!\2)[^\\])*)\2(.*)""", re.DOTALL)
 _BARE = re.compile(
     r"([^\S\r\n]*?)((?:\S[^\r\n]*?)?)((?:[^\S\r\n]+#[^\r\n]*)?[^\S\r\n]*(?:\r\n|\n|\r)?)"
 )
-"""What follows the =: space, value, and all that is behind it."""
+"""The text after the =: space, value, and the rest of the line."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def set_values(
 ) -> Edit:
     """Write values into the files in which they belong.
 
-    A name is changed where it stands; a new one goes to the file of its kind. Everything is checked
+    A name is changed where it is; a new one goes to the file of its kind. Everything is checked
     before anything is written: old mistakes may stay, new ones are refused.
 
     Args:
@@ -112,12 +112,7 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
 
     Everything else stays as it is: comments, order, quotes, line ends, byte order mark. If a name
     occurs twice, the last line is changed, which is the one that counts. A new name gets a line at
-    the end.
-
-    Args:
-        data: Content without problems.
-        values: New values by name, without quotes or line breaks in them.
-        name: What to call the file in messages.
+    the end. The values have no quotes or line breaks, and the content has no problems.
 
     Raises:
         ProblemsError: The content is not text.
@@ -173,7 +168,7 @@ def _line_with(line: str, value: str) -> str:
 
 
 class _Texts:
-    """The two files of a working folder while they are changed."""
+    """The contents of the two settings files while they are changed."""
 
     def __init__(self, directory: Path, run_file: str) -> None:
         self._run_file = run_file
@@ -194,7 +189,7 @@ class _Texts:
         return self._run_file if file == "run.env" else file
 
     def of(self, name: str) -> str:
-        """The file in which a name stands, else the one in which it belongs."""
+        """The file that has a name, else the one in which it belongs."""
         for file in self._data:
             if name in self._entries(file):
                 return file
@@ -247,18 +242,17 @@ def _refuse_mistakes(
     """
     # The environment would hide the values that are to be checked.
     others = {name: value for name, value in environ.items() if name not in wanted}
-    before = problems_of(directory, others)
-    problems = problems_of(directory, others, contents)
-    errors = [problem for problem in problems if problem.severity == "error"]
-    new = [error for error in errors if error not in before or error.key in wanted]
+    before = check_settings(directory, others).problems
+    after = check_settings(directory, others, contents)
+    new = [error for error in after.errors if error not in before or error.key in wanted]
     if new:
         raise ProblemsError([_as_it_was(problem) for problem in new])
-    left = [f"{error} This was wrong before." for error in errors]
-    return [*left, *warnings_of(problem for problem in problems if problem not in before)]
+    left = [f"{error} This was wrong before." for error in after.errors]
+    return [*left, *warnings_of(problem for problem in after.problems if problem not in before)]
 
 
 def _as_it_was(problem: Problem) -> Problem:
-    """A mistake that would stand in a line of a file, into which it was not written."""
+    """A mistake that was not written into the file, so it has no line there."""
     if problem.line is None:
         return problem
     return replace(problem, file=f"{problem.file} stays as it was", line=None)

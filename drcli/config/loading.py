@@ -69,7 +69,7 @@ def active_run_file(
     flags: Mapping[str, str] | None = None,
     environ: Mapping[str, str] | None = None,
 ) -> str:
-    """Name of the run.env that counts: that of the experiment, if there is one.
+    """Name of the active run.env: that of the experiment, if there is one.
 
     Args:
         directory: Folder with run.env.
@@ -216,12 +216,13 @@ class _Loader:
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
     def _resolve(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
-        """Values by field name; wrong ones that change nothing are dropped from the layers."""
+        """Values by field name; wrong ones without effect are dropped from the layers."""
         # Other values refer to defaults, and some defaults refer to other names.
         defaults = {name: setting.default_text for name, setting in catalogue().items()}
         while True:
             layers = Layers(entries, defaults)
-            values, dropped = self._values(layers)
+            values, bad = self._values(layers)
+            dropped = bad & set().union(*entries)
             if not dropped:
                 return layers, values
             for layer in entries:
@@ -229,7 +230,7 @@ class _Loader:
                     layer.pop(name, None)
 
     def _values(self, layers: Layers) -> tuple[dict[str, Any], set[str]]:
-        """Values by field name, and the names of wrong ones that change nothing."""
+        """Values by field name, and the names of wrong ones without effect."""
         dropped: set[str] = set()
         texts: dict[str, str] = {}
         values: dict[str, Any] = {}
@@ -246,15 +247,16 @@ class _Loader:
                     bad[name] = error
         for name, fault in bad.items():
             entry = layers.find(name)
-            written = entry.value.strip() if entry is not None else catalogue()[name].default_text
+            place = Place("default") if entry is None else entry.place
+            written = catalogue()[name].default_text if entry is None else entry.value.strip()
             if references(written) & bad.keys():
                 continue  # the name it refers to has to be corrected
             what = f"{name}={shown(hidden(name, texts[name]))} {fault.reason}"
             if written != texts[name]:
                 what += f" (written {shown(hidden(name, written))})"
-            problem = setting_problem(name, layers.place(name), f"{what}.", fault.remedy)
+            problem = setting_problem(name, place, f"{what}.", fault.remedy)
             self._blame(name, problem, dropped)
-        return values, dropped & layers.names()
+        return values, dropped
 
     def _value(self, setting: Setting, text: str) -> Any:
         """The value of a text; folders are absolute.

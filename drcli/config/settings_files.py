@@ -66,7 +66,7 @@ class EnvFile:
 
 
 def given(values: Mapping[str, str], source: str) -> dict[str, Entry]:
-    """Values from outside of files as a layer, with the name of their source."""
+    """Values from outside of the files as a layer; the source is their place."""
     return {name: Entry(name, value, Place(source), False) for name, value in values.items()}
 
 
@@ -155,7 +155,7 @@ class SettingsFiles:
         """Whether all of them could be read, apart from single lines."""
 
     def exist(self, name: str) -> bool:
-        """Whether there is a file of that name, or a broken link."""
+        """Whether a file or a broken link has that name."""
         return name in self.contents or os.path.lexists(self.directory / name)
 
     def read(self, name: str) -> dict[str, Entry]:
@@ -192,22 +192,14 @@ class SettingsFiles:
         return file.last
 
     def run_file(self, outside: Sequence[Mapping[str, Entry]], experiment: str) -> str:
-        """Path of the run.env that counts, below the folder or absolute.
-
-        Args:
-            outside: Entries of flags and environment, the strongest layer first.
-            experiment: Name of the experiment, empty without one.
-        """
+        """Path of the active run.env, below the folder or absolute; by experiment or activation."""
         if experiment:
             return f"experiments/{experiment}/run.env"
         values = {name: entry.value for layer in outside for name, entry in layer.items()}
         return activation.run_file(values, self.directory)
 
     def experiment(self, layers: Sequence[Mapping[str, Entry]]) -> str:
-        """Name of the chosen experiment, empty without one.
-
-        Args:
-            layers: The strongest first, without run.env, which cannot choose itself.
+        """Name of the chosen experiment, empty without one; run.env cannot choose itself.
 
         Raises:
             ProblemsError: There is no such experiment, or a file before it is wrong.
@@ -250,24 +242,13 @@ class Layers:
         self._known: dict[str, str] = {}
 
     def find(self, name: str) -> Entry | None:
-        """What was written in the strongest layer that has the name."""
+        """The entry of the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
-
-    def place(self, name: str) -> Place:
-        """Where the name was written; `default` where nobody did."""
-        entry = self.find(name)
-        return Place("default") if entry is None else entry.place
-
-    def names(self) -> set[str]:
-        """Every name that somebody wrote."""
-        return set().union(*self._layers)
 
     def text(self, name: str, trail: tuple[str, ...] = ()) -> str | None:
         """The value of a name with everything filled in; None when it is set nowhere.
 
-        Args:
-            name: The name.
-            trail: Names whose values led here, the first one first.
+        The trail has the names whose values led here.
         """
         if name not in self._known:
             value = self._lookup(name, 0, trail)

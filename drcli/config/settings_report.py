@@ -17,7 +17,7 @@ from drcli.config.worlds import track_problems
 
 @dataclass(frozen=True)
 class Value:
-    """One setting as it counts.
+    """One setting with its present value.
 
     Attributes:
         name: The setting, or another name of the racer's own files.
@@ -89,12 +89,12 @@ class Check:
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """What is wrong."""
+        """Problems that keep a training from starting."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is allowed and may surprise, as sentences."""
+        """All other problems, as sentences."""
         return tuple(warnings_of(each for each in self.problems if each != self.summary))
 
 
@@ -120,13 +120,7 @@ def suggestion(written: str) -> str:
 def inspect_values(
     settings: Settings, names: Sequence[str] = (), *, changed: bool = False
 ) -> Values:
-    """The values of all settings and other names, or of those in `names`.
-
-    Args:
-        settings: As they were loaded.
-        names: Settings or other names of the racer's files.
-        changed: Leave out those that have their default.
-    """
+    """The values of all settings and other names, or only of `names`, or only those `changed`."""
 
     def chosen(values: Iterable[Value]) -> tuple[Value, ...]:
         wanted = (value for value in values if not names or value.name in names)
@@ -145,40 +139,29 @@ def inspect_values(
     )
 
 
-def check_settings(directory: Path, environ: Mapping[str, str] | None = None) -> Check:
-    """Load all settings of a working folder and report everything that is wrong or odd."""
+def check_settings(
+    directory: Path,
+    environ: Mapping[str, str] | None = None,
+    contents: Mapping[str, bytes] | None = None,
+) -> Check:
+    """Report everything that is wrong or odd; the arguments are those of `load_settings`."""
     try:
-        settings = load_settings(directory, environ=environ)
+        settings = load_settings(directory, environ=environ, contents=contents)
     except ProblemsError as error:
         return Check(str(directory), error.problems)
-    problems = _all_problems(settings)
+    problems = (*settings.problems, *track_problems(settings.races))
     return Check(str(directory), problems, without_effect(settings), harmless_summary(settings))
 
 
-def problems_of(
-    directory: Path, environ: Mapping[str, str], contents: Mapping[str, bytes] | None = None
-) -> tuple[Problem, ...]:
-    """Everything that is wrong or odd about the settings of a folder, as for `load_settings`."""
-    try:
-        return _all_problems(load_settings(directory, contents=contents, environ=environ))
-    except ProblemsError as error:
-        return error.problems
-
-
 def warnings_of(problems: Iterable[Problem]) -> list[str]:
-    """Warnings as sentences; a note says what to do as well."""
+    """Warnings and notes as sentences; those of notes also say what to do."""
     odd = (problem for problem in problems if problem.severity != "error")
     return few(f"{each} {each.remedy}" if each.severity == "note" else str(each) for each in odd)
 
 
-def _all_problems(settings: Settings) -> tuple[Problem, ...]:
-    """What loading did not refuse, and tracks that are unknown or have to be fetched."""
-    return (*settings.problems, *track_problems(settings.races))
-
-
 def _value(settings: Settings, setting: Setting) -> Value:
     text, default = _text(getattr(settings, setting.field)), _default(settings, setting)
-    return _as_it_counts(settings, setting, text, default)
+    return _present(settings, setting, text, default)
 
 
 def _other_name(settings: Settings, name: str) -> Value:
@@ -191,10 +174,10 @@ def _other_name(settings: Settings, name: str) -> Value:
     other = Setting(
         name, "", meaning, None, None, (), "accepted", reason, None, group="Other names"
     )
-    return _as_it_counts(settings, other, settings.extra[name], None)
+    return _present(settings, other, settings.extra[name], None)
 
 
-def _as_it_counts(settings: Settings, setting: Setting, text: str, default: str | None) -> Value:
+def _present(settings: Settings, setting: Setting, text: str, default: str | None) -> Value:
     place = settings.place(setting.name)
     return Value(
         name=setting.name,

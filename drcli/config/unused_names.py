@@ -26,6 +26,7 @@ REMEDY = "Keep the lines or remove them."
 _VIEWER = "the viewer is not available in this version"
 _TOURNAMENT = "races against another model are evaluations (DR_RACE_TYPE=HEAD_TO_MODEL)"
 _IMPORT = "models are not imported into the console"
+_PROFILE = "keys come from the profile DR_LOCAL_S3_PROFILE"
 _CUT_OFF = "the name is cut off; write {}"
 
 
@@ -62,12 +63,8 @@ FORMER: Mapping[str, Former] = {
     "DR_MOUNT_DIR": Former("Folder that a container sees.", DOCKER),
     "DR_ROBOMAKER_PORT": Former("Port of the picture.", DERIVED),
     "DR_LOCAL_ENDPOINT_URL": Former("Address of the bucket.", DERIVED),
-    "DR_LOCAL_ACCESS_KEY_ID": Former(
-        "Key of the bucket.", "keys come from the profile DR_LOCAL_S3_PROFILE"
-    ),
-    "DR_LOCAL_SECRET_ACCESS_KEY": Former(
-        "Secret of the bucket.", "keys come from the profile DR_LOCAL_S3_PROFILE"
-    ),
+    "DR_LOCAL_ACCESS_KEY_ID": Former("Key of the bucket.", _PROFILE),
+    "DR_LOCAL_SECRET_ACCESS_KEY": Former("Secret of the bucket.", _PROFILE),
     "DR_UPLOAD_PROFILE": Former("Option of the AWS command.", DERIVED),
     "DR_UPLOAD_S3_ROLE": Former("Role of the console that imports a model.", _IMPORT),
     "DR_UPLOAD_MODEL_NAME": Former("Name of the model in the console.", _IMPORT),
@@ -145,9 +142,7 @@ def unknown_names(
 ) -> tuple[dict[str, str], list[Problem]]:
     """The names that are not settings, with their filled-in values, and what is wrong with them.
 
-    Args:
-        looked_up: Knows which names the values of settings refer to.
-        layers: The layers of that.
+    `looked_up` knows which names the values of settings refer to.
     """
     values: dict[str, str] = {}
     problems: list[Problem] = []

@@ -59,11 +59,6 @@ class JsonFile:
 def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
     """Read a file that must hold one JSON object, in UTF-8 with or without a byte order mark.
 
-    Args:
-        data: The content.
-        name: The file in messages.
-        rule: Number of the rule about files that cannot be read.
-
     Raises:
         ProblemsError: It is too large, not text, not JSON, not an object, or holds a key twice.
     """
@@ -100,13 +95,9 @@ def problems_of(
     rule_of: Callable[[Path], str],
     examples: Mapping[str, Any],
 ) -> list[Problem]:
-    """The errors that pydantic found in a file's values, as problems.
+    """The errors that pydantic found in a file's values, as problems with the rules of their paths.
 
-    Args:
-        error: The errors.
-        file: The file.
-        rule_of: Gives the rule for the path of a value.
-        examples: Good values by key.
+    Remedies name the examples, which are good values by key.
     """
     found = []
     for details in error.errors(include_url=False):
@@ -168,9 +159,7 @@ Whole = Annotated[int, BeforeValidator(_number)]
 def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeValidator:
     """Reads one of the words of a `Literal`, in any letter case.
 
-    Args:
-        literal: The type.
-        spellings: Other spellings in use, in small letters, and the words that they stand for.
+    `spellings` has other spellings in small letters, and the words that they stand for.
     """
     words: tuple[str, ...] = get_args(literal)
     by_fold = {word.casefold(): word for word in words} | dict(spellings or {})

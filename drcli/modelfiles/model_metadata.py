@@ -189,7 +189,8 @@ def _read(file: JsonFile) -> ModelMetadata:
         refuse([*problems, *problems_of(error, file, rule_of, _LIDAR_EXAMPLES | examples)])
         raise
     if isinstance(read, _Continuous):
-        space = read.action_space.space
+        steering, speed = read.action_space.steering_angle, read.action_space.speed
+        space = ActionSpace(low=(steering.low, speed.low), high=(steering.high, speed.high))
         problems += range_problems(file, read.action_space)
     else:
         space = ActionSpace(tuple((a.steering_angle, a.speed) for a in read.action_space))

@@ -26,13 +26,12 @@ class Design:
             ObjectMissing: One of its files does not exist.
             ProblemsError: One of them is wrong.
         """
-        places = (keys.model_metadata(prefix), keys.hyperparameters(prefix))
-        metadata, parameters = (f"{bucket.name}/{key}" for key in places)
+        metadata, parameters = keys.model_metadata(prefix), keys.hyperparameters(prefix)
+        origins = (f"{bucket.name}/{metadata}", f"{bucket.name}/{parameters}")
         return Design(
-            ModelMetadata.from_bytes(bucket.get(places[0]), metadata),
-            Hyperparameters.from_bytes(bucket.get(places[1]), parameters),
-            metadata,
-            parameters,
+            ModelMetadata.from_bytes(bucket.get(metadata), origins[0]),
+            Hyperparameters.from_bytes(bucket.get(parameters), origins[1]),
+            *origins,
         )
 
     def conflicts(self) -> list[Problem]:
@@ -49,10 +48,7 @@ class Design:
 def weight_problems(trained: Design, wanted: Design, model: str) -> list[Problem]:
     """Why the weights of one model do not fit another; a warning if only the actions changed.
 
-    Args:
-        trained: Design of the model that has the weights.
-        wanted: Design of the model that is to get them.
-        model: Name of the first in messages.
+    Messages call the trained model by the name `model`.
     """
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin

@@ -44,12 +44,7 @@ def training_parameters(settings: Settings) -> bytes:
 
 
 def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
-    """The file that `training_parameters` wrote, changed for a copy of the model.
-
-    Args:
-        data: The file of the model that is copied.
-        bucket: Bucket of the copy.
-        prefix: Folder of the copy there, which holds everything that the file names.
+    """The file that `training_parameters` wrote, changed for a copy of the model elsewhere.
 
     Raises:
         ValueError: The data is not such a file.
