@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 MARK = "DR_ACTIVATED"
-"""Variable that lists the copies: `NAME:checksum`, with spaces between."""
+"""Variable that lists the copies as `NAME:checksum`, with spaces between."""
 
 FOLDER = "DR_DIR"
 """Variable that names the working folder."""
@@ -23,7 +23,7 @@ EXPERIMENT = "DR_EXPERIMENT_NAME"
 """Variable that names an experiment in it."""
 
 PLACES = (FOLDER, EXPERIMENT, "DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX")
-"""Variables that decide where things are: with another value, a command finds another training."""
+"""Variables that decide which training a command finds."""
 
 
 def marked(copies: Mapping[str, str]) -> str:

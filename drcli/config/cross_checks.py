@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from drcli.base.problems import Problem, Severity
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
-from drcli.config.value_types import BESIDE_MODELS, BUCKET_RULE, follows_s3
+from drcli.config.value_types import BUCKET_RULE, RUN_FOLDERS, follows_s3
 
 
 def contradictions(settings: Settings) -> Iterator[Problem]:
@@ -61,7 +61,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
                 "Give the model another folder: they could overwrite each other.",
             )
     first, slash, _ = settings.model_prefix.partition("/")
-    if slash and first in BESIDE_MODELS:
+    if slash and first in RUN_FOLDERS:
         yield problem(
             ("DR_LOCAL_S3_MODEL_PREFIX",),
             f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is inside {first}/, where running "

@@ -111,8 +111,8 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     """The content of a settings file with other values for some names.
 
     Everything else stays as it is: comments, order, quotes, line ends, byte order mark. If a name
-    occurs twice, the last line is changed, which is the one that counts. A new name gets a line at
-    the end. The values have no quotes or line breaks, and the content has no problems.
+    occurs twice, the last line is changed. A new name gets a line at the end. Values must have no
+    quotes or line breaks, and the content no problems.
 
     Raises:
         ProblemsError: The content is not text.

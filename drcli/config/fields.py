@@ -25,7 +25,7 @@ Effect = Literal["used", "accepted", "planned"]
 """Whether a setting does something here: `accepted` is harmless to ignore, `planned` is not."""
 
 FileName = Literal["run.env", "system.env"]
-"""Where a setting belongs; it counts in both files."""
+"""Where a setting belongs; it works in both files."""
 
 _UNREADABLE = {
     "flag": "is neither True nor False",
@@ -142,13 +142,9 @@ class Setting:
                 reason = f"is below {self.low}"
             elif fault == "less_than_equal":
                 reason = f"is above {self.high}"
-            raise BadValue(reason, self._remedy()) from None
-
-    def _remedy(self) -> str:
-        remedy = f"Set {self.name} to {self.expected}"
-        if self.default_text:
-            remedy += f", or leave it out for the default {self.default_text}"
-        return f"{remedy}."
+            default = self.default_text
+            other = f", or leave it out for the default {default}" if default else ""
+            raise BadValue(reason, f"Set {self.name} to {self.expected}{other}.") from None
 
 
 def setting(

@@ -180,8 +180,9 @@ def _custom_files(folder: str, race_type: str) -> list[NewFile]:
 
 
 def _activate() -> str:
-    beside = Path(sys.executable).parent
-    programs = beside if (beside / "dr").exists() else Path(sysconfig.get_path("scripts"))
+    programs = Path(sys.executable).parent
+    if not (programs / "dr").exists():
+        programs = Path(sysconfig.get_path("scripts"))
     return _FIRST_LINE + _ACTIVATE % (
         shlex.quote(str(programs)),
         shlex.quote(str(activate_script())),

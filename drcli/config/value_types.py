@@ -1,4 +1,4 @@
-"""What may be written for a setting, where its type alone does not say it."""
+"""Checks of texts for settings, beyond what their types check."""
 
 import re
 from collections.abc import Callable
@@ -13,20 +13,20 @@ FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""
 
 HOME_REGION = "us-east-1"
-"""Used where no region is given."""
+"""The default region."""
 
 LONGEST_KEY, LONGEST_PART = 800, 255
-"""Characters of a name in the bucket, and of the parts between its slashes: S3 takes 1024 bytes,
-of which a model's files need some, and file systems take 255."""
+"""Characters of a name in the bucket, and of the parts between its slashes: S3 allows 1024 bytes,
+of which a model's files need some, and file systems allow 255."""
 
-BESIDE_MODELS = ("runs", "rollouts")
-"""Folders of the bucket in which running trainings keep what they work with."""
+RUN_FOLDERS = ("runs", "rollouts")
+"""Folders of the bucket with the files of running trainings."""
 
 BUCKET_RULE = (
     "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
     "in my-bucket."
 )
-"""What to write where `follows_s3` is False."""
+"""A remedy if `follows_s3` is False."""
 
 _LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
 

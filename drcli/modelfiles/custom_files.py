@@ -38,10 +38,10 @@ class Inputs:
 
 
 def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFile]:
-    """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
+    """Find the three files: in `custom_files/`, else in the bucket, else the example files.
 
-    The shipped examples are only used when there is no file at all: one file missing among
-    others is a mistake. The bucket is None where it cannot be read.
+    The examples are only used if there is no file at all: a single missing file is a mistake. The
+    bucket is None if it cannot be read.
 
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.

@@ -118,7 +118,7 @@ class Hyperparameters(BaseModel):
         return self.loss_type == "huber"
 
     def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
-        """All values filled in, in the layout of the copy beside a model.
+        """All values, in the layout of the copy that is stored with a model.
 
         Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
         12 for sac, and those beyond the reference that differ from its behaviour.
@@ -217,7 +217,7 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
     if v.term_cond_max_episodes < FEW_ITERATIONS:
         yield (
             "term_cond_max_episodes",
-            "ends the training after so many iterations; despite its name the key counts "
+            "ends the training after so many iterations: despite its name the key counts "
             "iterations, as in other trainers",
             "Write 1000 or more to train on.",
         )

@@ -1,4 +1,4 @@
-"""What shares the track with the car: obstacles, bot cars and another model (run.env)."""
+"""Obstacles, bot cars and another model on the track (run.env)."""
 
 from typing import Literal
 

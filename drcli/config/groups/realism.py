@@ -1,4 +1,4 @@
-"""Sim-to-real extras (run.env): disturbances that a real car meets; off by default."""
+"""Sim-to-real extras (run.env): disturbances as for a real car; off by default."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ from drcli.config.fields import Group, setting
 
 
 class RealismSettings(Group, title="Sim-to-real extras"):
-    """Disturbances of camera and car, drawn anew for each episode from the seed."""
+    """Disturbances of camera and car, drawn again for each episode from the seed."""
 
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
         "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below apply."

@@ -1,4 +1,4 @@
-"""Where things lie: the bucket, its server and the keys in it (system.env and run.env)."""
+"""The bucket, its server and the places of objects in it (system.env and run.env)."""
 
 from pathlib import Path
 from typing import Literal
@@ -60,7 +60,7 @@ class BucketSettings(Group, title="Bucket", file="system.env"):
 
 
 class KeySettings(Group, title="Places in the bucket"):
-    """Places in the bucket."""
+    """Places of objects in the bucket."""
 
     model_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."

@@ -1,7 +1,7 @@
-"""Settings of the reference's containers, windows and services, most of which need nothing here.
+"""Settings of the reference's containers, windows and services; most of them do nothing here.
 
-They are listed so that a system.env written for the reference loads as it is, and so that the
-documentation can say of each name why it does nothing.
+With them, a system.env for the reference loads as it is, and the documentation can say why a name
+does nothing.
 """
 
 from typing import Literal
@@ -106,7 +106,7 @@ class ScreenSettings(
 
 
 class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSOLE):
-    """Services beside the training."""
+    """Services during the training."""
 
     telegraf_host: str = setting(
         "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
@@ -151,7 +151,7 @@ class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSO
 class DerivedSettings(
     Group, title="Left by the reference in a shell", file="system.env", ignored=DERIVED
 ):
-    """What a shell holds in which the reference was activated."""
+    """Variables that the activation of the reference leaves in a shell."""
 
     reference_dir: str = setting(
         "DR_DIR",
