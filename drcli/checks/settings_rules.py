@@ -56,7 +56,7 @@ def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -
 
 def _judged(settings: Settings) -> list[Problem]:
     """What is wrong or odd about settings that load."""
-    unsupported = settings.unsupported("training")
+    unsupported = settings.untrainable
     found = [] if unsupported is None else [unsupported]
     for name in SCREEN:
         setting = catalogue()[name]

@@ -252,10 +252,9 @@ class Settings(
         """The problems as sentences."""
         return tuple(few(map(str, self.problems)))
 
-    def unsupported(self, job: Literal["training", "evaluation"] = "training") -> Problem | None:
-        """Why these settings cannot be run; None when they can."""
-        if job == "evaluation":
-            return None
+    @property
+    def untrainable(self) -> Problem | None:
+        """Why no model can be trained with these settings; None where one can."""
         return next(filter(None, (race.untrainable for race in self.races)), None)
 
     def for_worker(self, worker: int) -> "Settings":

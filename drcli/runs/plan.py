@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
@@ -95,7 +94,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
-    refuse_unsupported(settings, "training")
+    if settings.untrainable is not None:
+        raise ProblemsError([settings.untrainable])
     folder = run_folder(directory, settings.run_id)
     refuse_second_run(settings.run_id, folder)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
@@ -154,13 +154,6 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)
     return RunPlan(job, inputs, warnings, going_on, ends, source, wiping)
-
-
-def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
-    """Say what cannot be run yet instead of running something else."""
-    problem = settings.unsupported(job)
-    if problem is not None:
-        raise ProblemsError([problem])
 
 
 def refuse_second_run(run_id: int, folder: Path) -> None:

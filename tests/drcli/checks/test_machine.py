@@ -47,7 +47,7 @@ def test_memory_has_to_suffice_for_trainer_and_workers(settings, monkeypatch, fr
     memory = SimpleNamespace(available=int(free_gb * GB))
     monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
 
-    found = list(review_memory(settings.workers, settings.source("DR_WORKERS"), None, None))
+    found = list(review_memory(settings.workers, settings.place("DR_WORKERS"), None, None))
 
     assert [item.where for item in found] == ["run.env line 3"] * told
 
@@ -62,7 +62,7 @@ def test_the_replay_of_sac_counts_as_memory(settings, monkeypatch, steps, told):
     found = list(
         review_memory(
             settings.workers,
-            settings.source("DR_WORKERS"),
+            settings.place("DR_WORKERS"),
             Hyperparameters(sac_replay_steps=steps),
             metadata,
         )

@@ -243,12 +243,8 @@ def test_settings_cannot_be_changed(folder):
         ("DR_LOCAL_S3_PRETRAINED=True", ""),
     ],
 )
-def test_what_cannot_be_run_yet_is_said_in_one_sentence(folder, line, sentence):
-    assert str(folder.load(line).unsupported() or "") == sentence
-
-
-def test_two_models_can_be_evaluated_against_each_other(folder):
-    assert folder.load("DR_RACE_TYPE=HEAD_TO_MODEL").unsupported("evaluation") is None
+def test_a_race_without_training_is_explained_in_one_sentence(folder, line, sentence):
+    assert str(folder.load(line).untrainable or "") == sentence
 
 
 def test_every_name_stands_once_with_a_meaning_and_a_default_that_fits():
