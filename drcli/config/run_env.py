@@ -22,7 +22,7 @@ _NAME_AT_END = re.compile(r"\$([A-Za-z_]\w*)\Z", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Edit:
+class RunEnvEdit:
     """A run.env of a working folder, with its content now and after the edit."""
 
     directory: Path
@@ -80,7 +80,7 @@ def written(settings: Settings, name: str) -> str | None:
     return None if entry is None else entry.value
 
 
-def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
+def plan_edit(settings: Settings, values: Mapping[str, str]) -> RunEnvEdit:
     """Work out an edit; nothing is changed yet.
 
     Raises:
@@ -90,7 +90,7 @@ def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
     name = file_name(settings)
     path = settings.directory / name
     old = path.read_bytes()
-    return Edit(settings.directory, path, old, with_values(old, values, name))
+    return RunEnvEdit(settings.directory, path, old, with_values(old, values, name))
 
 
 def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.config.run_env import Edit, plan_edit, raised, written
+from drcli.config.run_env import RunEnvEdit, plan_edit, raised, written
 from drcli.config.settings import Settings, catalogue
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -48,7 +48,7 @@ class PlannedUploadIncrement:
     """
 
     step: UploadIncrement
-    edit: Edit
+    edit: RunEnvEdit
     settings: Settings
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
 from drcli.config.loading import load_settings
-from drcli.config.run_env import Edit, plan_edit, raised, refuse_stronger_values, written
+from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
 from drcli.config.settings import Settings, StorageConfig
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
@@ -49,7 +49,7 @@ class PlannedIncrement:
     """An increment that can be made."""
 
     step: Increment
-    edit: Edit
+    edit: RunEnvEdit
 
 
 def plan_increment(
