@@ -20,7 +20,6 @@ class ShellChange:
     """What activation changes in a shell.
 
     Attributes:
-        export: Variables to set, by name.
         unset: Variables that an earlier activation left and that no file has any more.
         warnings: Sentences about values that could not be filled in.
     """

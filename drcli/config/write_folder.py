@@ -28,10 +28,8 @@ class FolderPlan:
 
     Attributes:
         folder: The working folder, absolute.
-        files: Everything that belongs there.
-        folders: Folders that belong there even when they are empty.
+        folders: Folders to make, even if they are empty.
         missing_track: The chosen track, if it has to be fetched first.
-        warnings: Sentences about what is allowed and may surprise.
     """
 
     folder: Path
@@ -42,7 +40,7 @@ class FolderPlan:
 
     @property
     def clashes(self) -> list[str]:
-        """Files that are there already with another content, by name."""
+        """Names of files that exist with other content."""
         return [file.name for file in self.files if _differs(self.folder / file.name, file.data)]
 
 

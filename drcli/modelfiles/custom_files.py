@@ -1,6 +1,7 @@
 """Finds the racer's three files, and copies them into the bucket."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
@@ -53,10 +54,8 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
         if data is not None:
             found[name] = InputFile(name, data, str(path))
         elif bucket is not None:
-            try:
+            with suppress(ObjectMissing):
                 found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
-            except ObjectMissing:
-                continue
     if found or bucket is None:
         return found
     shipped = {name: model_file(name) for name in places(config)}
