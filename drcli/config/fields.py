@@ -168,8 +168,7 @@ def setting(
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
     low, high = between or (low, None)
-    known = Setting(name, default, meaning, low, high, old_names, effect, reason, file)
-    return cast(T, known)
+    return cast(T, Setting(name, default, meaning, low, high, old_names, effect, reason, file))
 
 
 @cache
