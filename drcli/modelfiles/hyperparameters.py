@@ -217,7 +217,7 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
     if v.term_cond_max_episodes < FEW_ITERATIONS:
         yield (
             "term_cond_max_episodes",
-            "ends the training after so many iterations: despite its name the key counts "
+            "ends the training after so many iterations; despite its name the key counts "
             "iterations, as in other trainers",
             "Write 1000 or more to train on.",
         )
