@@ -136,7 +136,6 @@ def test_few_modules_stand_in_the_root_of_a_tree():
     assert {path.stem for path in (ROOT / "env" / "drsim").glob("*.py")} == {
         "arrays",
         "__init__",
-        "arrays",
         "errors",
         "jit",
         "replay",

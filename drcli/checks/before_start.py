@@ -14,7 +14,7 @@ from drcli.checks.try_inputs import try_inputs
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
-from drcli.modelfiles.network_shape import Design, misfits
+from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.pretrained import Transfer
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -111,7 +111,7 @@ def _of_bucket(
 ) -> tuple[Transfer | None, list[Problem]]:
     if plans.resumed is not None:
         model = f"s3://{bucket.name}/{settings.model_prefix}"
-        return None, [] if design is None else misfits(plans.resumed, design, model)
+        return None, [] if design is None else weight_problems(plans.resumed, design, model)
     found = [] if plans.wiping else review_prefix(settings.model_prefix, bucket)
     if settings.pretrained_model is None:
         return None, found

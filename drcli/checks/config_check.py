@@ -5,8 +5,8 @@ from pathlib import Path
 
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report
-from drcli.config.effects import Idle
-from drcli.config.inspection import check_settings
+from drcli.config.settings_report import check_settings
+from drcli.config.unused_names import WithoutEffect
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FullCheck:
     directory: str
     errors: tuple[WrongSetting, ...]
     warnings: tuple[str, ...]
-    without_effect: tuple[Idle, ...]
+    without_effect: tuple[WithoutEffect, ...]
     rules: Report | None = None
 
     @property

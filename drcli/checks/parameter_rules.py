@@ -49,7 +49,7 @@ def _read(kind: type[T], file: InputFile | None, found: list[Problem]) -> T | No
     except ProblemsError as error:
         found += error.problems
         return None
-    found += content.notes
+    found += content.problems
     return content
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import Settings, catalogue, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings, catalogue
 
 MOST_REPAIRS = 5
 """How often wrong lines are removed: a removed line may reveal another problem."""
@@ -50,7 +51,7 @@ def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -
 
 def _judged(settings: Settings) -> list[Problem]:
     """The problems of settings that load."""
-    unsupported = settings.unsupported("training")
+    unsupported = settings.untrainable
     found = [] if unsupported is None else [unsupported]
     for name in SCREEN:
         setting = catalogue()[name]

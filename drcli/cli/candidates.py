@@ -99,7 +99,7 @@ def _choices(name: str) -> list[str]:
 
 def _settings() -> Mapping[str, str]:
     """Texts of the settings by DR_ name, not checked; none if a file is broken."""
-    from drcli.config.shell import shell_change
+    from drcli.config.shell_variables import shell_change
 
     try:
         change = shell_change(working_folder(), os.environ)

@@ -52,7 +52,7 @@ def settings() -> "Settings":
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
     """
-    from drcli.config.settings import load_settings  # takes a while, and help does not need it
+    from drcli.config.loading import load_settings
 
     folder = working_folder()
     if os.environ.get("DR_DIR") and not (folder / "run.env").is_file():

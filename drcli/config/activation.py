@@ -1,4 +1,4 @@
-"""The variables that activating a working folder sets in a shell, and which of them count.
+"""The variables that activation sets in a shell, and which of them count.
 
 Scripts need every setting as a variable, such as `$DR_LOCAL_S3_BUCKET`. The commands read the
 files, and a copy in the environment must not override a line that was edited since. So activation
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 MARK = "DR_ACTIVATED"
-"""Variable that lists the copies: `NAME:checksum`, with spaces between."""
+"""Variable that lists the copies as `NAME:checksum`, with spaces between."""
 
 FOLDER = "DR_DIR"
 """Variable that names the working folder."""
@@ -23,7 +23,7 @@ EXPERIMENT = "DR_EXPERIMENT_NAME"
 """Variable that names an experiment in it."""
 
 PLACES = (FOLDER, EXPERIMENT, "DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX")
-"""Variables that decide where things are: with another value, a command finds another training."""
+"""Variables that decide which training a command finds."""
 
 
 def marked(copies: Mapping[str, str]) -> str:
@@ -32,7 +32,7 @@ def marked(copies: Mapping[str, str]) -> str:
 
 
 def copies(environ: Mapping[str, str]) -> set[str]:
-    """Names whose values activation exported and that have not been changed since."""
+    """Names that activation exported and that have not been changed since."""
     pairs = (pair.rpartition(":") for pair in environ.get(MARK, "").split())
     return {
         name
@@ -48,7 +48,7 @@ def chosen(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def places(environ: Mapping[str, str]) -> dict[str, str]:
-    """The variables of `PLACES` that neither the files nor an activated shell say by themselves.
+    """The variables of `PLACES` that were set by hand, neither by a file nor by activation.
 
     They may have been set for one command only, as in `DR_RUN_ID=3 dr-start-training`; the next
     one needs them again.
@@ -58,14 +58,10 @@ def places(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def run_file(environ: Mapping[str, str], directory: Path) -> str:
-    """Which run.env an activated shell asks for, as long as no experiment is chosen.
+    """The run.env that an activated shell asks for if no experiment is chosen.
 
-    Args:
-        environ: Process environment.
-        directory: The working folder. A shell that is activated for another one does not count.
-
-    Returns:
-        `run.env`, or the path of another file, below the folder or absolute.
+    `run.env`, or the path of another file, below the folder or absolute. A shell that was activated
+    for another working folder does not count.
     """
     folder, file = environ.get(FOLDER), environ.get(RUN_FILE)
     if not folder or not file or Path(folder).absolute() != directory:
@@ -78,7 +74,7 @@ def run_file(environ: Mapping[str, str], directory: Path) -> str:
 
 
 def _activated(environ: Mapping[str, str]) -> set[str]:
-    """Which of folder and experiment are those that the shell was activated for."""
+    """Whether folder and experiment are still those for which the shell was activated."""
     folder, file = environ.get(FOLDER), environ.get(RUN_FILE)
     if not folder or not file:
         return set()

@@ -1,24 +1,11 @@
-"""Checks values: whether each fits its setting, and whether they fit each other."""
+"""Checks whether the values of settings fit each other."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from drcli.base.problems import BadValue, Problem, Severity
-from drcli.config.model import Settings, catalogue
+from drcli.base.problems import Problem, Severity
 from drcli.config.setting_problems import setting_problem
-from drcli.config.value_types import BESIDE_MODELS, BUCKET_RULE, follows_s3
-
-
-def misfits(values: Mapping[str, str], texts: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
-    """DR_ name, reason and remedy of each value that its field refuses."""
-    for name, text in texts.items():
-        if not all(character >= " " for character in text):
-            yield name, "holds a line break or control character", f"Remove it from {name}."
-    for name in texts:
-        setting = catalogue()[name]
-        try:
-            setting.read(values[setting.field])
-        except BadValue as bad:
-            yield name, bad.reason, bad.remedy
+from drcli.config.settings import Settings
+from drcli.config.value_types import BUCKET_RULE, RUN_FOLDERS, follows_s3
 
 
 def contradictions(settings: Settings) -> Iterator[Problem]:
@@ -63,7 +50,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             ("DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
             f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files, or "
             f"contains it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
-            "Give the model a folder of its own: -w would wipe your files.",
+            "Give the model another folder: -w would wipe your files.",
         )
     for name, prefix in _models_named(settings):
         if prefix.startswith(f"{settings.custom_files_prefix}/"):
@@ -71,10 +58,10 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
                 (name, "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
                 f"{name}={prefix} is inside the folder of your own files "
                 f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
-                "Give the model a folder beside it: they could overwrite each other.",
+                "Give the model another folder: they could overwrite each other.",
             )
     first, slash, _ = settings.model_prefix.partition("/")
-    if slash and first in BESIDE_MODELS:
+    if slash and first in RUN_FOLDERS:
         yield problem(
             ("DR_LOCAL_S3_MODEL_PREFIX",),
             f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is inside {first}/, where running "
@@ -90,7 +77,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
 
 
 def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:
-    """DR_ name and prefix of each model of our own bucket that the settings name."""
+    """DR_ name and prefix of each model in the racer's bucket that the settings name."""
     yield "DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix
     if settings.pretrained:
         yield "DR_LOCAL_S3_PRETRAINED_PREFIX", settings.pretrained_prefix

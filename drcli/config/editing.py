@@ -1,32 +1,48 @@
-"""Changes settings in the racer's own files, and leaves everything else in them as it is."""
+"""Changes values in settings files, and leaves everything else in them as it is."""
 
+import codecs
+import io
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+from dotenv.parser import parse_stream
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.file_lock import only_writer
 from drcli.base.problems import Place, Problem, ProblemsError, shown
 from drcli.config import activation
-from drcli.config.env_file import Entry, content_of, parse_env, with_any_value
-from drcli.config.experiment import EXPERIMENT
 from drcli.config.fields import FileName
-from drcli.config.files import Files
-from drcli.config.inspection import problems_of, warnings_of
-from drcli.config.model import catalogue
-from drcli.config.secrets import hidden
-from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import active_run_file
+from drcli.config.loading import active_run_file
+from drcli.config.setting_problems import hidden, setting_problem
+from drcli.config.settings import catalogue
+from drcli.config.settings_files import (
+    EXPERIMENT,
+    LINE_END,
+    Entry,
+    SettingsFiles,
+    content_of,
+    parse_env,
+    text_of,
+)
+from drcli.config.settings_report import check_settings, warnings_of
+
+_QUOTED = re.compile(r"""([^\S\r\n]*)(['"])((?:\\.|(?!\2)[^\\])*)\2(.*)""", re.DOTALL)
+_BARE = re.compile(
+    r"([^\S\r\n]*?)((?:\S[^\r\n]*?)?)((?:[^\S\r\n]+#[^\r\n]*)?[^\S\r\n]*(?:\r\n|\n|\r)?)"
+)
+"""The text after the =: space, value, and the rest of the line."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """What became of one setting.
+    """What happened to one setting.
 
     Attributes:
         name: The setting.
-        before: Its text in the file, None where it did not stand there; a secret is hidden.
+        before: Its text in the file, None if it was not in there; a secret is hidden.
         after: Its text there now.
         file: The file, by its name in the working folder.
     """
@@ -44,7 +60,7 @@ class Edit:
     Attributes:
         directory: The working folder.
         changes: One for each setting.
-        warnings: Sentences about what does not act as the racer may think.
+        warnings: Sentences about what may not act as the racer thinks.
     """
 
     directory: str
@@ -61,8 +77,8 @@ def set_values(
 ) -> Edit:
     """Write values into the files in which they belong.
 
-    A name is changed where it stands; a new one goes to the file of its kind. Everything is checked
-    before anything is written: mistakes that were there before may stay, none may come.
+    A name is changed where it is; a new one goes to the file of its kind. Everything is checked
+    before anything is written: old mistakes may stay, new ones are refused.
 
     Args:
         directory: The racer's working folder.
@@ -78,7 +94,7 @@ def set_values(
     with only_writer(directory):
         flags = {EXPERIMENT: wanted[EXPERIMENT]} if EXPERIMENT in wanted else {}
         run_file = active_run_file(directory, flags=flags, environ=outside)
-        Files(directory, {}).read(run_file)  # refuses a folder that has no run.env
+        SettingsFiles(directory).read(run_file)  # refuses a folder that has no run.env
         files = _Texts(directory, run_file)
         for name, value in wanted.items():
             files.set(name, value, files.named(file) if file else files.of(name))
@@ -91,8 +107,68 @@ def set_values(
     return Edit(str(directory), tuple(files.changes), (*stronger, *warnings))
 
 
+def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
+    """The content of a settings file with other values for some names.
+
+    Everything else stays as it is: comments, order, quotes, line ends, byte order mark. If a name
+    occurs twice, the last line is changed. A new name gets a line at the end. Values must have no
+    quotes or line breaks, and the content no problems.
+
+    Raises:
+        ProblemsError: The content is not text.
+    """
+    text = text_of(data, name)
+    bindings = list(parse_stream(io.StringIO(text, newline="")))
+    lines = [binding.original.string for binding in bindings]
+    places = {binding.key: index for index, binding in enumerate(bindings) if binding.key}
+    ends = LINE_END.search(text)
+    end = ends[0] if ends is not None else "\n"
+    for key, value in values.items():
+        if key in places:
+            lines[places[key]] = _line_with(lines[places[key]], value)
+            continue
+        if lines and not lines[-1].endswith(("\n", "\r")):
+            lines[-1] += end
+        lines.append(f"{key}={value}{end}")
+    mark = codecs.BOM_UTF8 if data.startswith(codecs.BOM_UTF8) else b""
+    return mark + "".join(lines).encode()
+
+
+def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None:
+    """`with_values` for one value, in quotes where it needs them; a `$` in it keeps its meaning.
+
+    Returns:
+        None where quotes do not help, or the value is not text.
+
+    Raises:
+        ProblemsError: The content is not text.
+    """
+    before = {entry.name: entry.value for entry in parse_env(data, name).entries}
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        return None  # other bytes of a command line arrive as these
+    for written in (value, f'"{value}"', f"'{value}'"):
+        changed = with_values(data, {key: written}, name)
+        after = parse_env(changed, name).last
+        read = {entry.name: entry.value for entry in after.values()}
+        if read == {**before, key: value} and (after[key].expands or "$" not in value):
+            return changed
+    return None
+
+
+def _line_with(line: str, value: str) -> str:
+    """A NAME=value line with another value, in the quotes that it had."""
+    head, equals, rest = line.partition("=")
+    quoted = _QUOTED.fullmatch(rest)
+    if quoted is not None:
+        space, quote, _, behind = quoted.groups()
+        return f"{head}{equals}{space}{quote}{value}{quote}{behind}"
+    bare = _BARE.fullmatch(rest)
+    space, behind = (bare[1], bare[3]) if bare is not None else ("", "")
+    return f"{head}{equals}{space}{value}{behind}"
+
+
 class _Texts:
-    """The two files of a working folder while they are changed."""
+    """The contents of the two settings files while they are changed."""
 
     def __init__(self, directory: Path, run_file: str) -> None:
         self._run_file = run_file
@@ -113,7 +189,7 @@ class _Texts:
         return self._run_file if file == "run.env" else file
 
     def of(self, name: str) -> str:
-        """The file in which a name stands, else the one in which it belongs."""
+        """The file that has a name, else the one in which it belongs."""
         for file in self._data:
             if name in self._entries(file):
                 return file
@@ -138,7 +214,7 @@ class _Texts:
         self.changes.append(Change(name, was, hidden(name, value), file))
 
     def stronger(self, change: Change, environ: Mapping[str, str]) -> str | None:
-        """Who wins over a changed value, as a sentence."""
+        """What wins over a changed value, as a sentence."""
         if environ.get(change.name, "").strip():
             return (
                 f"environment: {change.name} is set there and wins over {change.file}. "
@@ -150,12 +226,7 @@ class _Texts:
         return f"{winner.place}: {change.name} is set there too and wins over {change.file}."
 
     def _entries(self, file: str) -> dict[str, Entry]:
-        return _entries(self._data[file], file)
-
-
-def _entries(data: bytes, file: str) -> dict[str, Entry]:
-    """The entries of a file by name, the last of a name counts."""
-    return {entry.name: entry for entry in parse_env(data, file).entries}
+        return parse_env(self._data[file], file).last
 
 
 def _refuse_mistakes(
@@ -164,28 +235,24 @@ def _refuse_mistakes(
     contents: Mapping[str, bytes],
     environ: Mapping[str, str],
 ) -> list[str]:
-    """Load the settings as they will be.
-
-    Returns:
-        What is odd about them that was not before.
+    """Load the settings as they will be, and return what is odd about them that was not before.
 
     Raises:
         ProblemsError: Something is wrong that was not before, or a value that was just given.
     """
-    # The environment would hide the values that are to be judged.
+    # The environment would hide the values that are to be checked.
     others = {name: value for name, value in environ.items() if name not in wanted}
-    before = problems_of(directory, others)
-    problems = problems_of(directory, others, contents)
-    errors = [problem for problem in problems if problem.severity == "error"]
-    new = [error for error in errors if error not in before or error.key in wanted]
+    before = check_settings(directory, others).problems
+    after = check_settings(directory, others, contents)
+    new = [error for error in after.errors if error not in before or error.key in wanted]
     if new:
         raise ProblemsError([_as_it_was(problem) for problem in new])
-    left = [f"{error} This was wrong before." for error in errors]
-    return [*left, *warnings_of(problem for problem in problems if problem not in before)]
+    left = [f"{error} This was wrong before." for error in after.errors]
+    return [*left, *warnings_of(problem for problem in after.problems if problem not in before)]
 
 
 def _as_it_was(problem: Problem) -> Problem:
-    """A mistake that would stand in a line of a file, into which it was not written."""
+    """A mistake that was not written into the file, so it has no line there."""
     if problem.line is None:
         return problem
     return replace(problem, file=f"{problem.file} stays as it was", line=None)

@@ -10,11 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin
+from types import NoneType, SimpleNamespace, UnionType
+from typing import Any, ClassVar, Literal, NoReturn, Self, TypeVar, cast, get_args, get_origin
 
 from pydantic_core import SchemaValidator, ValidationError, core_schema
 
+from drcli.base.json_record import RecordError
 from drcli.base.problems import BadValue, one_of
 from drcli.config.value_types import Check, Shape
 
@@ -24,7 +25,7 @@ Effect = Literal["used", "accepted", "planned"]
 """Whether a setting does something here: `accepted` is harmless to ignore, `planned` is not."""
 
 FileName = Literal["run.env", "system.env"]
-"""Where a setting belongs; it counts in both files."""
+"""Where a setting belongs; it works in both files."""
 
 _UNREADABLE = {
     "flag": "is neither True nor False",
@@ -38,11 +39,19 @@ class Group:
 
     Attributes:
         title: Heading in the documentation.
-        file: Where they belong.
+        file: Where they belong, unless a setting says otherwise.
+        ignored: Why they may be ignored for good, unless a setting says otherwise.
     """
 
     title: ClassVar[str]
-    file: ClassVar[FileName] = "run.env"
+    file: ClassVar[FileName]
+    ignored: ClassVar[str]
+
+    def __init_subclass__(
+        cls, title: str = "", file: FileName = "run.env", ignored: str = ""
+    ) -> None:
+        super().__init_subclass__()
+        cls.title, cls.file, cls.ignored = title, file, ignored
 
 
 @dataclass(frozen=True)
@@ -50,22 +59,15 @@ class Setting:
     """What is known about one DR_ name; `declared` fills in what has a default here.
 
     Attributes:
-        name: The DR_ name.
-        default: Value when nobody sets it.
-        meaning: One line.
-        low: Least number, if limited.
-        high: Greatest number, if limited.
-        old_names: Names that mean the same.
+        meaning: One line for the documentation.
+        old_names: Names that earlier versions of the reference used for it.
         effect: Whether it does something here.
         reason: Why it does not.
         own_file: Where it belongs, if not where its group does.
-        file: Where it belongs; it counts in both files.
         field: Attribute of `Settings`.
-        group: Heading in the documentation.
         kind: What its text must be: text, flag, whole, number, choice, path or list.
-        choices: The allowed words of a choice.
         shape: What a text may be.
-        judge: Judges a text that fits the kind and returns the value; None where any will do.
+        check: Checks a text that fits the kind and returns the value; None where any will do.
     """
 
     name: str
@@ -83,7 +85,7 @@ class Setting:
     kind: str = ""
     choices: tuple[str, ...] = ()
     shape: str = ""
-    judge: Callable[[str], Any] | None = None
+    check: Callable[[str], Any] | None = None
 
     @property
     def default_text(self) -> str:
@@ -114,17 +116,21 @@ class Setting:
         return "" if value is None else str(value)
 
     def read(self, text: str) -> Any:
-        """The value that a text means.
+        """The value that a text means; a choice may be in any letter case.
 
         Raises:
-            BadValue: It means none.
+            BadValue: The text does not fit.
         """
         value = self._of_kind(text)
-        return value if self.judge is None else self.judge(value)
+        return value if self.check is None else self.check(value)
 
     def _of_kind(self, text: str) -> Any:
-        if self.kind == "choice" and text not in self.choices:
-            raise BadValue(f"is not one of {', '.join(self.choices)}", one_of(self.choices, text))
+        if self.kind == "choice":
+            words = {word.casefold(): word for word in self.choices}
+            if text.casefold() not in words:
+                reason = f"is not one of {', '.join(self.choices)}"
+                raise BadValue(reason, one_of(self.choices, text))
+            return words[text.casefold()]
         if self.kind not in _UNREADABLE:
             return Path(text) if self.kind == "path" else text
         try:
@@ -136,13 +142,9 @@ class Setting:
                 reason = f"is below {self.low}"
             elif fault == "less_than_equal":
                 reason = f"is above {self.high}"
-            raise BadValue(reason, self._remedy()) from None
-
-    def _remedy(self) -> str:
-        remedy = f"Set {self.name} to {self.expected}"
-        if self.default_text:
-            remedy += f", or leave it out for the default {self.default_text}"
-        return f"{remedy}."
+            default = self.default_text
+            other = f", or leave it out for the default {default}" if default else ""
+            raise BadValue(reason, f"Set {self.name} to {self.expected}{other}.") from None
 
 
 def setting(
@@ -151,34 +153,26 @@ def setting(
     meaning: str,
     *,
     low: float | None = None,
-    high: float | None = None,
+    between: tuple[float, float] | None = None,
     old_names: tuple[str, ...] = (),
     planned: str = "",
     ignored: str = "",
     file: FileName | None = None,
 ) -> T:
-    """Declare a field of a group.
+    """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
-    Args:
-        name: Its DR_ name, which nothing else has.
-        default: Its value when nobody sets it; texts may hold `$NAME`.
-        meaning: One line for the documentation.
-        low: Least value allowed.
-        high: Greatest value allowed.
-        old_names: Names that earlier versions of the reference used for it.
-        planned: Why it does nothing yet, although somebody who changes it expects an effect.
-        ignored: Why it may be ignored for good.
-        file: Where it belongs, if not where its group does.
+    `low` is the least number allowed, `between` the least and the greatest one.
+    `planned` says why it does nothing although somebody who changes it expects an effect, `ignored`
+    why it may be ignored for good, `file` where it belongs if not where its group does.
     """
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
-    known = Setting(name, default, meaning, low, high, old_names, effect, reason, file)
-    return cast(T, known)
+    low, high = between or (low, None)
+    return cast(T, Setting(name, default, meaning, low, high, old_names, effect, reason, file))
 
 
 @cache
 def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator:
-    """What reads texts of a kind."""
     if kind == "flag":
         return SchemaValidator(core_schema.bool_schema())
     if kind == "whole":
@@ -193,20 +187,23 @@ def declared(model: type[Any]) -> Mapping[str, Setting]:
     groups = [base for base in reversed(model.__mro__) if issubclass(base, Group)]
     for group in groups:
         for field, annotation in inspect.get_annotations(group).items():
-            told = vars(group).get(field)
-            if not isinstance(told, Setting):
+            given = vars(group).get(field)
+            if not isinstance(given, Setting):
                 continue
             hints = getattr(annotation, "__metadata__", ())
             kind, choices = _kind(get_args(annotation)[0] if hints else annotation)
-            found[told.name] = replace(
-                told,
-                file=told.own_file or group.file,
+            ignored = group.ignored if given.effect == "used" else ""
+            found[given.name] = replace(
+                given,
+                effect="accepted" if ignored else given.effect,
+                reason=ignored or given.reason,
+                file=given.own_file or group.file,
                 field=field,
                 group=group.title,
                 kind=kind,
                 choices=choices,
                 shape="".join(hint.words for hint in hints if isinstance(hint, Shape)),
-                judge=next((hint.judge for hint in hints if isinstance(hint, Check)), None),
+                check=next((hint.check for hint in hints if isinstance(hint, Check)), None),
             )
     return found
 
@@ -218,3 +215,52 @@ def _kind(annotation: Any) -> tuple[str, tuple[str, ...]]:
         (annotation,) = (kind for kind in get_args(annotation) if kind is not NoneType)
     kinds = {str: "text", bool: "flag", int: "whole", float: "number", Path: "path"}
     return kinds.get(annotation, "list"), ()
+
+
+class FrozenGroups(SimpleNamespace):
+    """Groups of settings as one frozen value, which can travel to another process as JSON."""
+
+    declared: ClassVar[Mapping[str, Setting]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.declared = declared(cls)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"{type(self).__name__} is frozen; change {name} with `replaced`.")
+
+    def replaced(self, **changes: Any) -> Self:
+        """The same with other values for some fields."""
+        if unknown := changes.keys() - vars(self).keys():
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}.")
+        return type(self)(**{**vars(self), **changes})
+
+    def to_json(self) -> dict[str, Any]:
+        """The texts that the settings files would hold, by field."""
+        return {item.field: item.text(getattr(self, item.field)) for item in self.declared.values()}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Self:
+        """Read what `to_json` made, and check every value.
+
+        Raises:
+            RecordError: A setting is missing or its value is not allowed.
+        """
+        return cls(**cls.values_of(value))
+
+    @classmethod
+    def values_of(cls, value: Any) -> dict[str, Any]:
+        """The values of the settings in what `to_json` made, by field; raises like `from_json`."""
+        if not isinstance(value, dict):
+            raise RecordError("a group of settings is not an object with keys")
+        found = {}
+        for item in cls.declared.values():
+            field = item.field
+            text = value.get(field)
+            if not isinstance(text, str):
+                raise RecordError(f"'{field}' is {'not a text' if field in value else 'missing'}")
+            try:
+                found[field] = item.read(text) if text or item.kind == "text" else item.default
+            except BadValue as error:
+                raise RecordError(f"'{field}' {error}") from error
+        return found

@@ -1,72 +1,144 @@
-"""One load of all settings: from files, environment and flags to one frozen object.
+"""Loads system.env and run.env into typed, frozen settings.
 
-It collects everything that is wrong or odd, so that one start reports all of it.
+Settings win in this order: flag, process environment, run.env, system.env, default. A load collects
+everything that is wrong or odd, so that one start reports all of it.
 """
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Place, Problem, ProblemsError, shown
-from drcli.config.cross_checks import contradictions, misfits
-from drcli.config.effects import without_effect
-from drcli.config.env_file import Entry
-from drcli.config.experiment import EXPERIMENT, chosen_experiment, run_file
-from drcli.config.files import Files
-from drcli.config.layers import Layers, references
-from drcli.config.model import WORKER_NAMES, WORKER_STEMS, Override, Settings, catalogue, typed
-from drcli.config.names import old_names, rename_old, unknown_names
-from drcli.config.secrets import hidden
-from drcli.config.setting_problems import file_problem, setting_problem
+from drcli.base.problems import BadValue, Place, Problem, ProblemsError, shown
+from drcli.config import activation
+from drcli.config.cross_checks import contradictions
+from drcli.config.fields import Setting
+from drcli.config.setting_problems import file_problem, hidden, setting_problem
+from drcli.config.settings import Override, Settings, catalogue
+from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
+from drcli.config.unused_names import effect_warnings, old_names, rename_old, unknown_names
+
+WORKER_NAMES = (
+    "DR_WORLD_NAME",
+    "DR_RACE_TYPE",
+    "DR_CAR_COLOR",
+    "DR_CAR_BODY_SHELL_TYPE",
+    "DR_ENABLE_DOMAIN_RANDOMIZATION",
+    "DR_RANDOMIZE_TEXTURES",
+    "DR_TRAIN_CHANGE_START_POSITION",
+    "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
+    "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
+    "DR_TRAIN_START_POSITION_OFFSET",
+    "DR_TRAIN_REVERSE_DIRECTION",
+    "DR_TRAIN_LANES",
+    "DR_CAMERA_MAIN_ENABLE",
+    "DR_CAMERA_SUB_ENABLE",
+    "DR_ENABLE_EXTRA_KVS_OVERLAY",
+)
+"""Settings that worker-N.env may change, besides all that begin with one of the following."""
+
+WORKER_STEMS = ("DR_OA_", "DR_H2B_", "DR_SIM_")
 
 
-class Loader:
-    """One load: collects problems until it can raise or return. Arguments are those of `Files`."""
+def load_settings(
+    directory: Path,
+    *,
+    flags: Mapping[str, str] | None = None,
+    environ: Mapping[str, str] | None = None,
+    contents: Mapping[str, bytes] | None = None,
+) -> Settings:
+    """Read and check all settings.
 
-    def __init__(self, directory: Path, contents: Mapping[str, bytes]) -> None:
-        self._files = Files(directory, contents)
-        self._problems = self._files.problems
+    Args:
+        directory: Folder with run.env and, usually, system.env.
+        flags: Values from the command line, by DR_ name.
+        environ: Process environment; `os.environ` when None.
+        contents: Content of files, by names such as `run.env`, to use instead of those on the disk.
 
-    def load(self, upper: list[dict[str, Entry]], worker: int | None = None) -> Settings:
+    Raises:
+        ProblemsError: Something is wrong, or there is no run.env.
+    """
+    files = SettingsFiles(directory.absolute(), contents)
+    return _Loader(files).load(_outside(flags or {}, environ))
+
+
+def active_run_file(
+    directory: Path,
+    *,
+    flags: Mapping[str, str] | None = None,
+    environ: Mapping[str, str] | None = None,
+) -> str:
+    """Name of the active run.env: that of the experiment, if there is one.
+
+    Args:
+        directory: Folder with run.env.
+        flags: Values from the command line, by DR_ name.
+        environ: Process environment; `os.environ` when None.
+
+    Raises:
+        SettingsError: There is no such experiment, or system.env cannot be read.
+    """
+    files = SettingsFiles(directory.absolute())
+    system = files.read("system.env") if files.exist("system.env") else {}
+    layers = _outside(flags or {}, environ)
+    return files.run_file(layers, files.experiment([*layers, system]))
+
+
+def _outside(flags: Mapping[str, str], environ: Mapping[str, str] | None) -> list[dict[str, Entry]]:
+    """The layers above the files, the strongest first."""
+    chosen = activation.chosen(os.environ if environ is None else environ)
+    return [given(flags, "flag"), given(chosen, "environment")]
+
+
+class _Loader:
+    """One load: collects problems until it can raise or return."""
+
+    def __init__(self, files: SettingsFiles) -> None:
+        self._files = files
+        self._problems = files.problems
+
+    def load(self, outside: list[dict[str, Entry]], worker: int | None = None) -> Settings:
         """Read everything.
 
         Args:
-            upper: Layers above the files.
+            outside: Layers above the files.
             worker: Number of the worker whose own file goes on top of all, counted from 1.
 
         Raises:
             ProblemsError: Something is wrong, or there is no run.env.
         """
         system = self._system()
-        experiment = chosen_experiment(self._files, [*upper, system])
-        run = self._files.read(run_file(self._files, upper, experiment))
+        experiment = self._files.experiment([*outside, system])
+        run = self._files.read(self._files.run_file(outside, experiment))
         self._refuse_late_experiment(run, experiment)
 
         folder = f"experiments/{experiment}/" if experiment else ""
         own = self._worker_file(folder, worker) if worker is not None else {}
         if not self._files.complete:
             self._refuse_errors()
-        entries = [own, *upper, run, system]
+        entries = [own, *outside, run, system]
         for layer in entries:
             _drop_empty(layer)
         self._problems += rename_old(entries)
-        layers, values = self._settle(entries)
-        unknown = unknown_names(layers, entries)
-        self._problems += unknown.problems
+        layers, values = self._resolve(entries)
+        others, problems = unknown_names(layers, entries)
+        self._problems += problems
         self._refuse_errors()
 
         sources = {
             name: entry.place
-            for name in (*catalogue(), *unknown.values)
+            for name in (*catalogue(), *others)
             if (entry := layers.find(name)) is not None
         }
+        defaults = {setting.field: setting.default for setting in catalogue().values()}
         settings = Settings(
+            **defaults | values,
             directory=self._files.directory,
-            extra=unknown.values,
+            extra=others,
             sources=sources,
             problems=(),
-            **typed(values),
+            overrides=(),
         )
         self._problems += contradictions(settings)
         self._refuse_errors()
@@ -75,15 +147,10 @@ class Loader:
             overrides = (_override(layers, own, values),)
         else:
             if settings.train_multi_config:
-                overrides = self._overrides(settings, upper)
+                overrides = self._overrides(settings, outside)
                 self._refuse_errors()
-            self._problems += without_effect(settings)
+            self._problems += effect_warnings(settings)
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
-
-    def run_file(self, upper: list[dict[str, Entry]]) -> str:
-        """Name of the run.env that counts, below these layers."""
-        experiment = chosen_experiment(self._files, [*upper, self._system()])
-        return run_file(self._files, upper, experiment)
 
     def _refuse_errors(self) -> None:
         """Raise what was found so far, in the order of reading, if there is an error."""
@@ -120,13 +187,15 @@ class Loader:
             self._problems.append(setting_problem(key, place, what, remedy, severity="warning"))
         return entries
 
-    def _overrides(self, settings: Settings, upper: list[dict[str, Entry]]) -> tuple[Override, ...]:
+    def _overrides(
+        self, settings: Settings, outside: list[dict[str, Entry]]
+    ) -> tuple[Override, ...]:
         """What the files of the second and all further workers change."""
         overrides: list[Override] = []
         for worker in range(2, settings.workers + 1):
-            loader = Loader(self._files.directory, self._files.contents)
+            loader = _Loader(SettingsFiles(self._files.directory, self._files.contents))
             try:
-                loaded = loader.load([dict(layer) for layer in upper], worker)
+                loaded = loader.load([dict(layer) for layer in outside], worker)
             except ProblemsError as error:
                 self._add(error.problems)
                 continue
@@ -136,7 +205,7 @@ class Loader:
         return tuple(overrides)
 
     def _add(self, problems: Iterable[Problem]) -> None:
-        """Note problems that are not noted yet."""
+        """Add problems that are not in the list yet."""
         self._problems += [each for each in problems if each not in self._problems]
 
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
@@ -146,11 +215,14 @@ class Loader:
             remedy = "Move the line to system.env."
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
-    def _settle(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
-        """Values by field name; wrong ones that change nothing are dropped from the layers."""
+    def _resolve(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
+        """Values by field name; wrong ones without effect are dropped from the layers."""
+        # Other values refer to defaults, and some defaults refer to other names.
+        defaults = {name: setting.default_text for name, setting in catalogue().items()}
         while True:
-            layers = Layers(entries, _default_texts())
-            values, dropped = self._values(layers)
+            layers = Layers(entries, defaults)
+            values, bad = self._values(layers)
+            dropped = bad & set().union(*entries)
             if not dropped:
                 return layers, values
             for layer in entries:
@@ -158,62 +230,59 @@ class Loader:
                     layer.pop(name, None)
 
     def _values(self, layers: Layers) -> tuple[dict[str, Any], set[str]]:
-        """Texts by field name, and the names of wrong ones that change nothing."""
+        """Values by field name, and the names of wrong ones without effect."""
         dropped: set[str] = set()
         texts: dict[str, str] = {}
+        values: dict[str, Any] = {}
+        bad: dict[str, BadValue] = {}
         for name, setting in catalogue().items():
             text = layers.text(name)
             if name in layers.problems:
                 self._blame(name, layers.problems[name], dropped)
             elif text is not None and (text.strip() or setting.kind == "text"):
                 texts[name] = text.strip()
-        values = {
-            catalogue()[name].field: self._tidy(name, text, layers) for name, text in texts.items()
-        }
-        bad = {name: (reason, remedy) for name, reason, remedy in misfits(values, texts)}
-        for name, (reason, remedy) in bad.items():
-            setting = catalogue()[name]
-            values.pop(setting.field)
+                try:
+                    values[setting.field] = self._value(setting, texts[name])
+                except BadValue as error:
+                    bad[name] = error
+        for name, fault in bad.items():
             entry = layers.find(name)
-            written = entry.value.strip() if entry is not None else setting.default_text
+            place = Place("default") if entry is None else entry.place
+            written = catalogue()[name].default_text if entry is None else entry.value.strip()
             if references(written) & bad.keys():
                 continue  # the name it refers to has to be corrected
-            what = f"{name}={shown(hidden(name, texts[name]))} {reason}"
+            what = f"{name}={shown(hidden(name, texts[name]))} {fault.reason}"
             if written != texts[name]:
                 what += f" (written {shown(hidden(name, written))})"
-            problem = setting_problem(name, layers.place(name), f"{what}.", remedy)
+            problem = setting_problem(name, place, f"{what}.", fault.remedy)
             self._blame(name, problem, dropped)
-        return values, dropped & layers.names()
+        return values, dropped
+
+    def _value(self, setting: Setting, text: str) -> Any:
+        """The value of a text; folders are absolute.
+
+        Raises:
+            BadValue: The text does not fit.
+        """
+        value = setting.read(text)
+        if not all(character >= " " for character in text):
+            remedy = f"Remove it from {setting.name}."
+            raise BadValue("holds a line break or control character", remedy)
+        if setting.kind != "path":
+            return value
+        try:
+            return self._files.directory / (value.expanduser() if text.startswith("~/") else value)
+        except RuntimeError as e:  # neither HOME nor the list of users has it
+            reason = "begins with ~, but the home folder of this user is not known"
+            raise BadValue(reason, "Write the whole path, or set HOME.") from e
 
     def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
-        """Note what is wrong with a setting; only a warning where the setting has no effect."""
+        """Add what is wrong with a setting; only a warning where the setting has no effect."""
         if catalogue()[name].effect != "used":
             message = f"{problem.message} It has no effect here."
             problem = replace(problem, severity="warning", message=message)
             dropped.add(name)
         self._add([problem])
-
-    def _tidy(self, name: str, text: str, layers: Layers) -> str:
-        """Spell choices as they are declared, and make folders absolute."""
-        setting = catalogue()[name]
-        if setting.kind == "choice":
-            spelt = {choice.casefold(): choice for choice in setting.choices}
-            return spelt.get(text.casefold(), text)
-        if setting.kind == "path":
-            return str(self._files.directory / self._whole_path(name, text, layers))
-        return text
-
-    def _whole_path(self, name: str, text: str, layers: Layers) -> Path:
-        path = Path(text)
-        if not text.startswith("~/"):
-            return path
-        try:
-            return path.expanduser()
-        except RuntimeError:  # neither HOME nor the list of users tells
-            what = f"{name}={shown(text)}: the home folder of this user is not known."
-            remedy = "Write the whole path, or set HOME."
-            self._add([setting_problem(name, layers.place(name), what, remedy)])
-            return path
 
 
 def _is_of_worker(name: str) -> bool:
@@ -225,7 +294,7 @@ def _is_of_worker(name: str) -> bool:
 def _override(layers: Layers, own: dict[str, Entry], values: dict[str, Any]) -> Override:
     """What a worker's own file says, with everything filled in."""
     known = [name for name in own if name in catalogue() and layers.find(name) is own[name]]
-    fields = {catalogue()[name].field for name in known}
+    fields = [catalogue()[name].field for name in known]
     return Override(
         values={field: values[field] for field in fields if field in values},
         sources={name: own[name].place for name in known},
@@ -237,8 +306,3 @@ def _drop_empty(layer: dict[str, Entry]) -> None:
     for name, setting in catalogue().items():
         if setting.kind != "text" and name in layer and not layer[name].value.strip():
             del layer[name]
-
-
-def _default_texts() -> dict[str, str]:
-    """Defaults as texts: other values refer to them, and some refer to other names."""
-    return {name: setting.default_text for name, setting in catalogue().items()}

@@ -4,27 +4,28 @@ import re
 import shlex
 import sys
 import sysconfig
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Place, ProblemsError, shown
-from drcli.config.env_file import content_of, parse_env, read_env_file, with_any_value
-from drcli.config.experiment import EXPERIMENT
-from drcli.config.folder_files import FolderPlan, NewFile
+from drcli.config.editing import with_any_value
+from drcli.config.example_files import activate_script, model_file, settings_file
+from drcli.config.loading import load_settings
 from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import Settings, load_settings
-from drcli.config.shipped import activate_script, model_file, settings_file
+from drcli.config.settings import Settings
+from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
 from drcli.config.value_types import FOLDER_NAME
 from drcli.config.worlds import ROUTE_FILES, built_in, is_installed, own
+from drcli.config.write_folder import FolderPlan, NewFile
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
 EXAMPLES = {"OBJECT_AVOIDANCE": "rewards/object_avoidance/", "HEAD_TO_BOT": "rewards/head_to_bot/"}
-"""Where the shipped files of a race lie; those of any other race lie on top."""
+"""Folders of the example files for a race; other races use those at the top."""
 
 IGNORED = "/data/"
-"""What git shall leave out: bucket, logs and notes of runs."""
+"""What git shall leave out: bucket, logs and records of runs."""
 
 _FIRST_LINE = (
     "# Source this in bash or zsh: source bin/activate.sh [-e EXPERIMENT] [FILE]. Written by "
@@ -40,8 +41,8 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
     """Work out a working folder; nothing is written yet.
 
     Args:
-        folder: Where it shall be; it need not exist.
-        values: Texts of settings by DR_ name, as far as they are not to be as shipped.
+        folder: The folder; it need not exist.
+        values: Texts of settings by DR_ name that replace those of the example files.
 
     Raises:
         ProblemsError: A value is wrong.
@@ -49,9 +50,9 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
     folder = folder.absolute()
     system = settings_file("system.env").read_bytes()
     run = settings_file("run.env").read_bytes()
-    in_system = _names_in(settings_file("system.env"))
-    system = _filled(system, {k: v for k, v in values.items() if k in in_system}, "system.env")
-    run = _filled(run, {k: v for k, v in values.items() if k not in in_system}, "run.env")
+    shared = _shared(values)
+    system = _filled(system, {name: values[name] for name in shared}, "system.env")
+    run = _filled(run, {k: v for k, v in values.items() if k not in shared}, "run.env")
     settings = load_settings(folder, environ={}, contents={"system.env": system, "run.env": run})
     files = [
         NewFile("run.env", run),
@@ -64,30 +65,29 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
 
 
 def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> FolderPlan:
-    """Work out experiments/<name>/, beginning with what the working folder has now.
+    """Work out experiments/<name>/, as a copy of what the working folder has now.
 
-    The experiment gets a model of its own and a free DR_RUN_ID, so that it can run beside the
-    others.
+    The experiment gets another model and a free DR_RUN_ID, so that it can run at the same time as
+    the others.
 
     Args:
         folder: A working folder.
         name: Name of the experiment.
-        values: Texts of settings by DR_ name, which differ from those of the working folder.
+        values: Texts of settings by DR_ name that differ from those of the working folder.
 
     Raises:
-        ProblemsError: A value is wrong, or belongs into system.env, which experiments share.
-        SettingsError: The folder is no working folder.
+        ProblemsError: A value is wrong, or belongs in system.env, which experiments share.
+        SettingsError: The folder is not a working folder.
     """
     folder = folder.absolute()
     _refuse_name(name)
     if not (folder / "run.env").is_file():
         raise SettingsError(
-            f"run.env: there is no such file in {folder}, so no experiment can begin with it.",
+            f"run.env: there is no such file in {folder}, and an experiment is a copy of it.",
             remedy="Write the working folder first, with `dr init`.",
         )
-    shared = [key for key in values if key in _names_in(settings_file("system.env"))]
-    if shared:
-        found = [
+    if shared := _shared(values):
+        raise ProblemsError(
             setting_problem(
                 key,
                 Place("system.env"),
@@ -95,8 +95,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
                 f"Leave it out, or change it for all: `dr config set {key}={values[key]}`.",
             )
             for key in shared
-        ]
-        raise ProblemsError(found)
+        )
     here = f"experiments/{name}"
     wanted = {
         "DR_RUN_ID": str(_free_run_id(folder)),
@@ -105,7 +104,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         **values,
     }
     run = _filled(content_of(folder / "run.env", "run.env"), wanted, "run.env")
-    # Another experiment, which system.env may choose, is not what is looked at.
+    # system.env may choose another experiment.
     settings = load_settings(folder, environ={}, flags={EXPERIMENT: ""}, contents={"run.env": run})
     mine = [
         NewFile(f"{here}/custom_files/{file}", content_of(folder / "custom_files" / file, file))
@@ -127,19 +126,20 @@ def has_activate_script(folder: Path) -> bool:
     return path.is_file() and content_of(path, path.name).startswith(_FIRST_LINE.encode())
 
 
-def _names_in(file: Path) -> set[str]:
-    """Names of a shipped settings file, also those that wait behind a # for a value."""
-    return {entry.name for entry in parse_env(_uncommented(file.read_bytes()), file.name).entries}
+def _shared(values: Mapping[str, str]) -> list[str]:
+    """The names that the example of system.env has, some of them commented out."""
+    data = _uncommented(settings_file("system.env").read_bytes())
+    known = parse_env(data, "system.env").last
+    return [name for name in values if name in known]
 
 
 def _filled(data: bytes, values: Mapping[str, str], name: str) -> bytes:
-    """A settings file with values; a line that waits behind a # for its value loses that.
+    """A settings file with values; lines that are commented out are used for them.
 
     Raises:
-        ProblemsError: A value cannot be written there.
-        SettingsError: The file is no text.
+        ProblemsError: A value cannot be written there, or the file is not text.
     """
-    there = {entry.name for entry in parse_env(data, name).entries}
+    there = parse_env(data, name).last
     lines = data.splitlines(keepends=True)
     for index, line in enumerate(lines):
         bare = _uncommented(line)
@@ -162,11 +162,7 @@ def _uncommented(data: bytes) -> bytes:
 
 
 def _refuse_name(experiment: str) -> None:
-    """Refuse what cannot be a folder in experiments/.
-
-    Raises:
-        ProblemsError: It cannot.
-    """
+    """Refuse a name that cannot be a folder in experiments/."""
     if not FOLDER_NAME.fullmatch(experiment):
         what = f"{EXPERIMENT}={shown(experiment)} is not a plain folder name."
         remedy = "Use letters, digits and the characters . _ -"
@@ -175,6 +171,7 @@ def _refuse_name(experiment: str) -> None:
 
 
 def _custom_files(folder: str, race_type: str) -> list[NewFile]:
+    """The example files for a race."""
     examples = EXAMPLES.get(race_type.upper(), "")
     return [
         NewFile(f"{folder}/{name}", model_file(f"{examples}{name}").read_bytes())
@@ -183,8 +180,9 @@ def _custom_files(folder: str, race_type: str) -> list[NewFile]:
 
 
 def _activate() -> str:
-    beside = Path(sys.executable).parent
-    programs = beside if (beside / "dr").exists() else Path(sysconfig.get_path("scripts"))
+    programs = Path(sys.executable).parent
+    if not (programs / "dr").exists():
+        programs = Path(sysconfig.get_path("scripts"))
     return _FIRST_LINE + _ACTIVATE % (
         shlex.quote(str(programs)),
         shlex.quote(str(activate_script())),
@@ -192,7 +190,7 @@ def _activate() -> str:
 
 
 def _gitignore(path: Path) -> bytes:
-    """The racer's own lines, if there are any, and ours."""
+    """The racer's own lines and ours."""
     before = content_of(path, path.name) if path.is_file() else b""
     if IGNORED.encode() in before.splitlines():
         return before
@@ -201,13 +199,13 @@ def _gitignore(path: Path) -> bytes:
 
 
 def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
-    """The track where it is still to be fetched, and a sentence about that."""
+    """The track if it has to be fetched first, and a sentence about that."""
     world = settings.world_name
     if is_installed(settings.race) or world.endswith(ROUTE_FILES):
         return None, ()
     known = sorted({*built_in(), *own(settings.tracks_folder)})
     warning = (
-        f"There is no track {world} here yet; fetch it with `dr-tracks fetch {world}`, or choose "
+        f"The track {world} is not installed; fetch it with `dr-tracks fetch {world}`, or choose "
         f"one of {', '.join(known)}."
     )
     return world, (warning,)
@@ -215,10 +213,9 @@ def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
 
 def _free_run_id(folder: Path) -> int:
     """The first number that no run.env of this folder uses."""
-    files: Iterable[Path] = (folder / "run.env", *folder.glob("experiments/*/run.env"))
     used = set()
-    for file in files:
-        entries = read_env_file(file, str(file.relative_to(folder))).entries
-        numbers = [entry.value.strip() for entry in entries if entry.name == "DR_RUN_ID"]
-        used.add(numbers[-1] if numbers and numbers[-1] else "0")
+    for file in (folder / "run.env", *folder.glob("experiments/*/run.env")):
+        name = str(file.relative_to(folder))
+        entry = parse_env(content_of(file, name), name).last.get("DR_RUN_ID")
+        used.add((entry.value.strip() if entry is not None else "") or "0")
     return next(number for number in range(len(used) + 1) if str(number) not in used)

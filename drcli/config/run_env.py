@@ -1,4 +1,4 @@
-"""Edits the run.env that counts: new values in one step, with a copy of the file as it was."""
+"""Edits the active run.env: new values in one step, with a copy of the old file."""
 
 import re
 import shutil
@@ -9,45 +9,37 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
-from drcli.config.env_file import parse_env, with_values
-from drcli.config.settings import Settings, active_run_file
+from drcli.config.editing import with_values
+from drcli.config.loading import active_run_file
+from drcli.config.settings import Settings
+from drcli.config.settings_files import parse_env
 
 DELIMITER = "-"
-"""Stands before the number of a name that has none yet."""
+"""Comes before the first number of a name."""
 
 _REFERENCE = re.compile(r"\$\{\w+(?::-[^}]*)?\}|\$[A-Za-z_]\w*", re.ASCII)
 _NAME_AT_END = re.compile(r"\$([A-Za-z_]\w*)\Z", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Edit:
-    """A file and what it will hold.
-
-    Attributes:
-        old: Its content when it was looked at.
-        new: Its content afterwards.
-    """
+class RunEnvEdit:
+    """A run.env of a working folder, with its content now and after the edit."""
 
     directory: Path
-    name: str
+    path: Path
     old: bytes
     new: bytes
 
     @property
-    def path(self) -> Path:
-        """The file."""
-        return self.directory / self.name
-
-    @property
     def backup(self) -> Path:
-        """Where the copy of the old content goes."""
+        """Path of the copy of the old content."""
         return self.path.with_name(f"{self.path.name}.bak")
 
     def check(self) -> None:
-        """Refuse if the file has been changed since it was read.
+        """Refuse if the file was changed since it was read.
 
         Raises:
-            SettingsError: They have.
+            SettingsError: It was.
         """
         if self.path.read_bytes() != self.old:
             raise SettingsError(
@@ -59,7 +51,7 @@ class Edit:
         """Keep a copy of the file and replace it in one step.
 
         Raises:
-            SettingsError: The file was changed since it was looked at, or cannot be written.
+            SettingsError: The file was changed since it was read, or cannot be written.
         """
         with only_writer(self.directory):
             self.check()
@@ -76,19 +68,19 @@ class Edit:
 
 
 def file_name(settings: Settings) -> str:
-    """The run.env that counts, below the working folder: an experiment has its own."""
+    """Path of the active run.env below the working folder: an experiment has its own."""
     name = settings.experiment_name
     return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
 def written(settings: Settings, name: str) -> str | None:
-    """The text that stands for a name in that file, maybe with `$NAME` in it; None without one."""
+    """The text of a setting in that file, maybe with `$NAME` in it; None if it is not in there."""
     file = file_name(settings)
-    entries = parse_env((settings.directory / file).read_bytes(), file).entries
-    return next((entry.value for entry in reversed(entries) if entry.name == name), None)
+    entry = parse_env((settings.directory / file).read_bytes(), file).last.get(name)
+    return None if entry is None else entry.value
 
 
-def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
+def plan_edit(settings: Settings, values: Mapping[str, str]) -> RunEnvEdit:
     """Work out an edit; nothing is changed yet.
 
     Raises:
@@ -96,16 +88,16 @@ def plan_edit(settings: Settings, values: Mapping[str, str]) -> Edit:
     """
     refuse_stronger_values(settings, values)
     name = file_name(settings)
-    directory = settings.directory
-    old = (directory / name).read_bytes()
-    return Edit(directory, name, old, with_values(old, values, name))
+    path = settings.directory / name
+    old = path.read_bytes()
+    return RunEnvEdit(settings.directory, path, old, with_values(old, values, name))
 
 
 def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:
-    """What the environment says wins over run.env, so that an edit there would do nothing.
+    """Refuse to edit settings that the environment has too: its values would win.
 
     Raises:
-        SettingsError: It says something about one of the names.
+        SettingsError: One of the names is set in the environment.
     """
     for name in names:
         if settings.source(name) == "environment":
@@ -116,18 +108,18 @@ def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:
 
 
 def raised(text: str, prefix: str, delimiter: str | None = None) -> tuple[str, str]:
-    """The name of the next model: the number at its end raised, or a first number behind it.
+    """The name of the next model: the number at its end plus one, or with a first number.
 
-    Leading zeros stay, so m-09 becomes m-10. A name that is nothing but a number gets another one,
-    and digits that belong to a `$NAME` are none.
+    Leading zeros stay, so m-09 becomes m-10. A name that is only a number gets a second one, and
+    digits that belong to a `$NAME` do not count.
 
     Args:
-        text: The prefix as it stands in the file, maybe with `$NAME` in it.
+        text: The prefix in the file, maybe with `$NAME` in it.
         prefix: The same with everything filled in.
-        delimiter: What must stand before the number; anything but a digit if left out.
+        delimiter: The text before the number; anything but a digit if left out.
 
     Returns:
-        Both as they are for the next model.
+        Both for the next model.
     """
     digits = _number_at_end(text, delimiter)
     if digits:

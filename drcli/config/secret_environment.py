@@ -1,8 +1,8 @@
-"""Keeps secrets of the environment from a racer's code: access keys, passwords, tokens.
+"""Hides secrets of the environment from a racer's code: access keys, passwords, tokens.
 
-Whoever starts a process that calls a reward function hands them over through a pipe instead of the
+A process that calls a reward function gets them through a pipe. It must not have them in its
 environment, which that code could print, and which `/proc` shows to every process of the same user.
-The process lends them to the AWS library while it looks for keys, and only then.
+The process lends them to the AWS library only while that looks for keys.
 """
 
 import ctypes
@@ -13,10 +13,10 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
-from drcli.config.secrets import hidden
+from drcli.config.setting_problems import hidden
 
 _MORE = re.compile(r"PASSPHRASE|PRIVATE_?KEY|AUTHORIZATION|_PASS$|^RCLONE_AUTH_KEY$", re.IGNORECASE)
-"""Names of secrets beside those that are never shown."""
+"""Names of secrets besides those that `hidden` hides."""
 
 _PR_SET_DUMPABLE = 4
 
@@ -37,7 +37,7 @@ def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
 
 
 def all_secrets() -> dict[str, str]:
-    """The secrets of this process: of its environment, and those that it was handed."""
+    """The secrets of this process: those in its environment, and those that it was given."""
     with _lock:
         return {**_kept, **split(os.environ)[1]}
 
@@ -67,10 +67,10 @@ def lent() -> Iterator[None]:
 
 
 def hide_process() -> None:
-    """Let no other process of this user read memory and environment of this one; on Linux alone.
+    """Let no other process of this user read memory and environment of this one; only on Linux.
 
-    Root may read the memory anyway, so the environment that this process was started with, which
-    `/proc` shows, is overwritten too. This process itself has its variables as before.
+    Root may read the memory anyway, so the environment that `/proc` shows is overwritten too. This
+    process itself keeps its variables.
     """
     if sys.platform != "linux":
         return
@@ -81,7 +81,7 @@ def hide_process() -> None:
 
 
 def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
-    """Blank out values where the system has put them, and give the process new copies of them."""
+    """Overwrite values where the system has put them, and give the process new copies of them."""
     block = ctypes.POINTER(ctypes.c_void_p).in_dll(library, "environ")
     index = 0
     while (address := block[index]) is not None:
@@ -91,7 +91,7 @@ def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
             ctypes.memset(address + len(name) + 1, ord("*"), len(value))
         index += 1
     for each, text in secrets.items():
-        os.environ[each] = text  # in memory of its own from now on
+        os.environ[each] = text  # in other memory
 
 
 def _is_secret(name: str, value: str) -> bool:

@@ -1,4 +1,7 @@
-"""Problems with settings: which rule a setting belongs to."""
+"""Problems with settings: which rule each one breaks, and which values may be shown."""
+
+import re
+from urllib.parse import urlsplit
 
 from drcli.base.problems import Place, Problem, Severity
 
@@ -15,21 +18,18 @@ RULES = {
 """Settings with a rule of their own."""
 
 GENERAL_RULE = "V-12"
-"""The rule for all other settings, and for the files that they stand in."""
+"""The rule for all other settings, and for the files that hold them."""
+
+HIDDEN = "(hidden)"
+
+_SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY", re.IGNORECASE)
+"""Names of variables with secrets, such as the AWS keys; no setting has such a name."""
 
 
 def setting_problem(
     name: str, place: Place, message: str, remedy: str, *, severity: Severity = "error"
 ) -> Problem:
-    """A problem with one setting.
-
-    Args:
-        name: The setting.
-        place: Where it was given.
-        message: Name, value and what is wrong with it, as a sentence.
-        remedy: What to do about it.
-        severity: How bad it is.
-    """
+    """A problem with one setting; the message is a sentence with its name and value."""
     return Problem(RULES.get(name, GENERAL_RULE), severity, *place, message, remedy, name)
 
 
@@ -38,3 +38,20 @@ def file_problem(
 ) -> Problem:
     """A problem with a settings file, or with a line that is not a setting."""
     return Problem(GENERAL_RULE, severity, *place, message, remedy)
+
+
+def hidden(name: str, value: str) -> str:
+    """A value as it may be shown: no secret, and no password or signature in an address."""
+    if _SECRET.search(name):
+        return HIDDEN if value else ""
+    if "://" not in value:
+        return value
+    try:
+        address = urlsplit(value)
+    except ValueError:
+        return HIDDEN
+    _, at, host = address.netloc.rpartition("@")
+    shown = address._replace(
+        netloc=f"{HIDDEN}@{host}" if at else host, query=HIDDEN if address.query else ""
+    )
+    return value if shown == address else shown.geturl()

@@ -1,75 +1,363 @@
-"""Loads system.env and run.env into typed, frozen settings.
+"""All settings as one frozen object, and the narrow values that the parts of a run are given."""
 
-Settings win in this order: flag, process environment, run.env, system.env, default. A load reports
-everything that is wrong at once.
-"""
-
-import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, Self
 
-from drcli.base.problems import Place
-from drcli.config import activation
-from drcli.config.env_file import Entry
-from drcli.config.loading import Loader
-from drcli.config.model import Settings, catalogue
-from drcli.config.secrets import hidden
+from drcli.base.json_record import from_json
+from drcli.base.problems import Place, Problem, few
+from drcli.config.fields import FrozenGroups, Setting
+from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
+from drcli.config.groups.race import (
+    EpisodeSettings,
+    EvaluationSettings,
+    RaceSettings,
+    TrainSettings,
+)
+from drcli.config.groups.realism import RealismSettings
+from drcli.config.groups.storage import BucketSettings, KeySettings
+from drcli.config.groups.system import (
+    ContainerSettings,
+    DerivedSettings,
+    ScreenSettings,
+    ServiceSettings,
+)
+from drcli.config.setting_problems import setting_problem
 
-__all__ = ["Settings", "active_run_file", "catalogue", "hidden", "load_settings"]
+Cloud = Literal["local", "remote", "aws", "azure"]
+Engine = Literal["rclone", "minio", "moto"]
 
 
-def load_settings(
-    directory: Path,
-    *,
-    flags: Mapping[str, str] | None = None,
-    environ: Mapping[str, str] | None = None,
-    experiment: str | None = None,
-    contents: Mapping[str, bytes] | None = None,
-) -> Settings:
-    """Read and check all settings.
+@dataclass(frozen=True)
+class StorageConfig:
+    """Where the bucket is.
 
-    Args:
-        directory: Folder with run.env and, usually, system.env.
-        flags: Values from the command line, by DR_ name.
-        environ: Process environment; `os.environ` when None.
-        experiment: Use experiments/<name>/run.env instead of run.env.
-        contents: Content of files, by names such as `run.env`, to be taken for what lies there.
-
-    Raises:
-        ProblemsError: Something is wrong, or there is no run.env.
+    Attributes:
+        cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
+            `aws` by Amazon.
+        data_dir: Folder of the local server; objects are in `<data_dir>/<bucket>/`.
+        port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
+        endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
+        profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
     """
-    given = dict(flags or {})
-    if experiment:
-        given["DR_EXPERIMENT_NAME"] = experiment
-    return Loader(directory.absolute(), contents or {}).load(_upper(given, environ))
+
+    cloud: Cloud
+    bucket: str
+    data_dir: Path
+    engine: Engine = "rclone"
+    port: int | None = None
+    endpoint_url: str | None = None
+    profile: str | None = None
+    region: str = "us-east-1"
+    idle_minutes: int = 10
 
 
-def active_run_file(
-    directory: Path,
-    *,
-    flags: Mapping[str, str] | None = None,
-    environ: Mapping[str, str] | None = None,
-) -> str:
-    """Which run.env counts: that of the experiment, where there is one.
+@dataclass(frozen=True)
+class UploadConfig:
+    """The second bucket, which models are copied to and from.
 
-    Args:
-        directory: Folder with run.env.
-        flags: Values from the command line, by DR_ name.
-        environ: Process environment; `os.environ` when None.
-
-    Raises:
-        SettingsError: There is no such experiment, or system.env cannot be read.
+    Attributes:
+        endpoint_url: DR_UPLOAD_S3_ENDPOINT_URL; empty to use that of the profile.
+        region: DR_AWS_APP_REGION, for a profile without a region.
     """
-    return Loader(directory.absolute(), {}).run_file(_upper(flags or {}, environ))
+
+    bucket: str
+    profile: str | None
+    endpoint_url: str
+    region: str
 
 
-def _upper(flags: Mapping[str, str], environ: Mapping[str, str] | None) -> list[dict[str, Entry]]:
-    """The layers above the files, the strongest first."""
-    return [
-        _written(flags, "flag"),
-        _written(activation.chosen(os.environ if environ is None else environ), "environment"),
-    ]
+@dataclass(frozen=True)
+class TransferConfig:
+    """The two buckets between which models are copied."""
+
+    own: StorageConfig
+    upload: UploadConfig
 
 
-def _written(values: Mapping[str, str], where: str) -> dict[str, Entry]:
-    return {name: Entry(name, value, Place(where), expands=False) for name, value in values.items()}
+@dataclass(frozen=True)
+class CustomFilesConfig:
+    """Where the racer's three files are: a folder on this machine, and places in the bucket."""
+
+    folder: Path
+    prefix: str
+    reward_key: str
+    hyperparameters_key: str
+    metadata_key: str
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The model in the bucket."""
+
+    prefix: str
+    metrics_prefix: str
+    metric: str
+    workers: int
+    reward_key: str
+    parameters_file: str
+
+
+@dataclass(frozen=True)
+class PretrainedConfig:
+    """The model whose weights a new model begins with, and where its two settings were given."""
+
+    prefix: str
+    checkpoint: Literal["last", "best"]
+    place: Place
+    checkpoint_place: Place
+
+
+class PlacedSettings(FrozenGroups):
+    """Settings that know where each of them was given.
+
+    Attributes:
+        directory: Folder with run.env and system.env, absolute.
+        sources: Place at which each setting was given; defaults are absent.
+    """
+
+    directory: Path
+    sources: Mapping[str, Place]
+    tracks_dir: Path | None
+
+    @property
+    def tracks_folder(self) -> Path:
+        """Folder with the racer's own route files; it need not exist."""
+        return self.directory / (self.tracks_dir or "tracks")
+
+    def place(self, name: str) -> Place:
+        """Where a DR_ setting was given; the file is `default` where nobody gave it."""
+        return self.sources.get(name, Place("default"))
+
+    def source(self, name: str) -> str:
+        """The place as text: `run.env line 7`, `environment`, `flag` or `default`."""
+        return str(self.place(name))
+
+
+class RaceConfig(
+    PlacedSettings, RaceSettings, EpisodeSettings, ObstacleSettings, BotSettings, RealismSettings
+):
+    """What one simulation worker drives: track, race, starts of episodes, sim-to-real extras."""
+
+    @property
+    def untrainable(self) -> Problem | None:
+        """Why no model can be trained in this race; None where one can."""
+        if self.race_type != "HEAD_TO_MODEL":
+            return None
+        return setting_problem(
+            "DR_RACE_TYPE",
+            self.place("DR_RACE_TYPE"),
+            "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations only.",
+            "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The texts by field, the folder and the places."""
+        folder = str(self.directory)
+        return super().to_json() | {"directory": folder, "sources": dict(self.sources)}
+
+    @classmethod
+    def from_json(cls, value: Any) -> Self:
+        """Read what `to_json` made, and check every value.
+
+        Raises:
+            RecordError: Something is missing or its value is not allowed.
+        """
+        return cls(**cls.values_of(value), **vars(from_json(_Places, value)))
+
+
+@dataclass(frozen=True)
+class _Places:
+    directory: Path
+    sources: Mapping[str, Place]
+
+
+class TrainConfig(FrozenGroups, TrainSettings):
+    """How to train: workers, goals, evaluations during the training, the trainer's processor."""
+
+
+class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
+    """How to evaluate, and against which model."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Everything that the processes of a training or an evaluation need to know.
+
+    Attributes:
+        races: For the first worker, and for all others that have a race of their own.
+    """
+
+    run_id: int
+    directory: Path
+    log_max_mb: int
+    model: ModelConfig
+    storage: StorageConfig
+    train: TrainConfig
+    evaluation: EvaluationConfig
+    races: tuple[RaceConfig, ...]
+
+    def race(self, worker: int = 0) -> RaceConfig:
+        """What a simulation worker drives, counted from 0."""
+        return self.races[worker if worker < len(self.races) else 0]
+
+
+@dataclass(frozen=True)
+class Override:
+    """What the file of one worker changes: values by field, and their places by DR_ name."""
+
+    values: Mapping[str, Any]
+    sources: Mapping[str, Place]
+
+
+class Settings(
+    PlacedSettings,
+    DerivedSettings,
+    ServiceSettings,
+    ScreenSettings,
+    ContainerSettings,
+    RealismSettings,
+    OpponentSettings,
+    BotSettings,
+    ObstacleSettings,
+    KeySettings,
+    BucketSettings,
+    EvaluationSettings,
+    EpisodeSettings,
+    TrainSettings,
+    RaceSettings,
+):
+    """Every DR_ setting, checked. `load_settings` makes one; planners take narrow values from it.
+
+    Attributes:
+        extra: Names in the files that are not settings, with their values; `sources` has them too.
+        problems: Warnings: what was accepted but looks odd.
+        overrides: What worker-N.env changes, for the second worker first.
+    """
+
+    extra: Mapping[str, str]
+    problems: tuple[Problem, ...]
+    overrides: tuple[Override, ...]
+
+    @property
+    def custom_files_dir(self) -> Path:
+        """Folder on this machine with the racer's own three files."""
+        if not self.experiment_name:
+            return self.directory / "custom_files"
+        return self.directory / "experiments" / self.experiment_name / "custom_files"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The problems as sentences."""
+        return tuple(few(map(str, self.problems)))
+
+    @property
+    def untrainable(self) -> Problem | None:
+        """Why no model can be trained with these settings; None where one can."""
+        return next(filter(None, (race.untrainable for race in self.races)), None)
+
+    def for_worker(self, worker: int) -> "Settings":
+        """The settings of one simulation worker, counted from 0; the first one has these."""
+        if not 1 <= worker <= len(self.overrides):
+            return self
+        own = self.overrides[worker - 1]
+        return self.replaced(sources={**self.sources, **own.sources}, **own.values)
+
+    @property
+    def storage(self) -> StorageConfig:
+        """Where the bucket is."""
+        return StorageConfig(
+            cloud=self.cloud,
+            bucket=self.bucket,
+            data_dir=self.directory / self.s3_data_dir,
+            engine=self.local_s3_engine,
+            port=self.local_s3_port or None,
+            endpoint_url=self.remote_minio_url or None,
+            profile=self.profile or None,
+            region=self.aws_app_region,
+            idle_minutes=self.local_s3_idle_minutes,
+        )
+
+    @property
+    def transfer(self) -> TransferConfig:
+        """The bucket, and the one that models are copied to and from."""
+        upload = UploadConfig(
+            self.upload_s3_bucket,
+            self.upload_s3_profile or None,
+            self.upload_s3_endpoint_url,
+            self.aws_app_region,
+        )
+        return TransferConfig(self.storage, upload)
+
+    @property
+    def custom_files(self) -> CustomFilesConfig:
+        """The racer's own three files."""
+        return CustomFilesConfig(
+            self.custom_files_dir,
+            self.custom_files_prefix,
+            self.reward_key,
+            self.hyperparameters_key,
+            self.model_metadata_key,
+        )
+
+    @property
+    def model(self) -> ModelConfig:
+        """The model to train or evaluate."""
+        return ModelConfig(
+            prefix=self.model_prefix,
+            metrics_prefix=self.metrics_prefix,
+            metric=self.train_best_model_metric,
+            workers=self.workers,
+            reward_key=self.reward_key,
+            parameters_file=self.training_params_file,
+        )
+
+    @property
+    def pretrained_model(self) -> PretrainedConfig | None:
+        """The model whose weights a new model begins with; None for fresh weights."""
+        if not self.pretrained:
+            return None
+        return PretrainedConfig(
+            self.pretrained_prefix,
+            self.pretrained_checkpoint,
+            self.place("DR_LOCAL_S3_PRETRAINED_PREFIX"),
+            self.place("DR_LOCAL_S3_PRETRAINED_CHECKPOINT"),
+        )
+
+    @property
+    def race(self) -> RaceConfig:
+        """What the first simulation worker drives."""
+        return RaceConfig(
+            **self._of(RaceConfig),
+            directory=self.directory,
+            sources={n: place for n, place in self.sources.items() if n in RaceConfig.declared},
+        )
+
+    @property
+    def races(self) -> tuple[RaceConfig, ...]:
+        """What the first worker drives, and all others that have a file of their own."""
+        return tuple(self.for_worker(k).race for k in range(len(self.overrides) + 1))
+
+    @property
+    def run(self) -> RunConfig:
+        """What the processes of a training or an evaluation need to know."""
+        return RunConfig(
+            run_id=self.run_id,
+            directory=self.directory,
+            log_max_mb=self.log_max_mb,
+            model=self.model,
+            storage=self.storage,
+            train=TrainConfig(**self._of(TrainConfig)),
+            evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
+            races=self.races,
+        )
+
+    def _of(self, part: type[FrozenGroups]) -> dict[str, Any]:
+        """The values of the groups that a narrow value has."""
+        return {item.field: getattr(self, item.field) for item in part.declared.values()}
+
+
+def catalogue() -> Mapping[str, Setting]:
+    """Every setting by its DR_ name, in the order of the documentation."""
+    return Settings.declared

@@ -1,4 +1,4 @@
-"""What may be written for a setting, where its type alone does not say it."""
+"""Checks of texts for settings, beyond what their types check."""
 
 import re
 from collections.abc import Callable
@@ -13,33 +13,29 @@ FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""
 
 HOME_REGION = "us-east-1"
-"""Used where no region is given."""
+"""The default region."""
 
 LONGEST_KEY, LONGEST_PART = 800, 255
-"""Characters of a name in the bucket, and of the parts between its slashes: S3 takes 1024 bytes,
-of which a model's files need some, and file systems take 255."""
+"""Characters of a name in the bucket, and of the parts between its slashes: S3 allows 1024 bytes,
+of which a model's files need some, and file systems allow 255."""
 
-BESIDE_MODELS = ("runs", "rollouts")
-"""Folders of the bucket in which running trainings keep what they work with."""
+RUN_FOLDERS = ("runs", "rollouts")
+"""Folders of the bucket with the files of running trainings."""
 
 BUCKET_RULE = (
     "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
     "in my-bucket."
 )
-"""What to write where `follows_s3` is False."""
+"""A remedy if `follows_s3` is False."""
 
 _LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
 
 
 @dataclass(frozen=True)
 class Check:
-    """Judges a text of the right kind, and may turn it into something else.
+    """Checks a text of the right kind and returns its value; raises BadValue."""
 
-    Attributes:
-        judge: Takes the text and returns the value; raises BadValue.
-    """
-
-    judge: Callable[[str], Any]
+    check: Callable[[str], Any]
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class Shape:
 
 
 def follows_s3(bucket: str) -> bool:
-    """Whether Amazon, and servers as strict as it is, take a text for the name of a bucket."""
+    """Whether a text is the name of a bucket for Amazon, and for servers as strict as that."""
     names = re.fullmatch(rf"{_LABEL}(?:\.{_LABEL})*", bucket) and 3 <= len(bucket) <= 63
     address = re.fullmatch(r"[0-9]+(?:\.[0-9]+){3}", bucket)
     return bool(names) and not address
@@ -79,14 +75,14 @@ def _object_key(value: str) -> str:
 
 
 def _matching(pattern: str, reason: str, remedy: str) -> Callable[[str], str]:
-    """Judges texts by a regular expression."""
+    """Checks texts by a regular expression."""
 
-    def judge(value: str) -> str:
+    def check(value: str) -> str:
         if not re.fullmatch(pattern, value):
             raise BadValue(reason, remedy)
         return value
 
-    return judge
+    return check
 
 
 _world = _matching(
@@ -139,33 +135,27 @@ def _colour(value: str) -> str:
 
 def _positions(value: str) -> tuple[tuple[float, ...], ...]:
     """`0.23,-1;0.46,1` as pairs; progress is a fraction of the lap, lane -1 is the outer one."""
-    pairs: list[tuple[float, ...]]
+    written = [pair for pair in value.split(";") if pair.strip()]
     try:
-        pairs = [
-            tuple(float(number) for number in pair.split(","))
-            for pair in value.split(";")
-            if pair.strip()
-        ]
+        pairs = tuple(tuple(map(float, pair.split(","))) for pair in written)
     except ValueError:
-        pairs = [()]
+        pairs = ((),)
     if any(len(p) != 2 or not 0.0 <= p[0] <= 1.0 or not isfinite(p[1]) for p in pairs):
         raise BadValue(
             "is not a list of progress,lane pairs",
             'Write progress 0 to 1 and lane 1 or -1, as in "0.23,-1;0.46,1".',
         )
-    return tuple(pairs)
+    return pairs
 
 
 _COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
 
 ObjectKey = Annotated[
-    str,
-    Check(_object_key),
-    Shape("a name in the bucket: letters, digits and . _ - /"),
+    str, Check(_object_key), Shape("a name in the bucket: letters, digits and . _ - /")
 ]
 """A key or prefix in the bucket."""
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
-"""Has the shape of a track name; `drcli.config.worlds` knows whether it is here."""
+"""May name a track; `drcli.config.worlds` knows whether that track is installed."""
 BucketName = Annotated[
     str,
     Check(_bucket),
@@ -174,7 +164,7 @@ BucketName = Annotated[
         "aws also capitals and _"
     ),
 ]
-"""Has the shape that any server could take; what `follows_s3` adds depends on DR_CLOUD."""
+"""A name that some server takes; whether `follows_s3` must hold depends on DR_CLOUD."""
 UploadBucket = Annotated[
     str,
     Check(lambda name: _bucket(name) if name else name),

@@ -1,16 +1,13 @@
-"""Knows the names of all tracks, without loading the simulation."""
+"""The names of all tracks, and whether a track is installed, without loading the simulation."""
 
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drcli.base.problems import Problem, closest, shown
 from drcli.config.setting_problems import setting_problem
-
-if TYPE_CHECKING:  # who presses Tab wants names of tracks only, and soon
-    from drcli.config.run_config import RaceConfig
+from drcli.config.settings import RaceConfig
 
 ROUTE_FILES = (".npy", ".csv")
 
@@ -56,8 +53,8 @@ def own(folder: Path) -> list[str]:
     return _stems(folder, ROUTE_FILES)
 
 
-def is_installed(race: "RaceConfig") -> bool:
-    """Whether the track of a race is installed; also where that cannot be known."""
+def is_installed(race: RaceConfig) -> bool:
+    """Whether the track of a race is installed; True if that cannot be known."""
     if not built_in():
         return True
     world = race.world_name
@@ -66,13 +63,13 @@ def is_installed(race: "RaceConfig") -> bool:
             return True
         if "/" in world:
             return False
-        world = Path(world).stem  # people write reinvent_base.npy and mean reinvent_base
+        world = Path(world).stem  # racers write reinvent_base.npy for reinvent_base
     known = _known(race)
     return world in known or re.sub(r"_c?cw\Z", "", world) in known
 
 
-def track_problem(race: "RaceConfig") -> Problem | None:
-    """What is wrong with the track of a race; a note where it can be fetched."""
+def track_problem(race: RaceConfig) -> Problem | None:
+    """The problem with the track of a race, if any; a note if the track can be fetched."""
     place, name = race.place("DR_WORLD_NAME"), race.world_name
     if is_installed(race):
         return None
@@ -83,23 +80,19 @@ def track_problem(race: "RaceConfig") -> Problem | None:
     return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
 
 
-def track_problems(races: "Sequence[RaceConfig]") -> list[Problem]:
-    """The same for the tracks of all workers, each place once."""
+def track_problems(races: Sequence[RaceConfig]) -> list[Problem]:
+    """The problems with the tracks of all workers, each place once."""
     problems = map(track_problem, races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
-def to_fetch(races: "Sequence[RaceConfig]") -> list[str]:
-    """Names of the community's tracks that a start has to fetch first."""
-    return list(dict.fromkeys(_name(race) for race in races if can_be_fetched(race)))
+def to_fetch(races: Sequence[RaceConfig]) -> list[str]:
+    """Names of the community tracks that a start has to fetch first."""
+    missing = [race for race in races if _name(race) in COMMUNITY and not is_installed(race)]
+    return list(dict.fromkeys(map(_name, missing)))
 
 
-def can_be_fetched(race: "RaceConfig") -> bool:
-    """Whether the track of a race is a community track that is not installed."""
-    return _name(race) in COMMUNITY and not is_installed(race)
-
-
-def remedy(race: "RaceConfig") -> str:
+def remedy(race: RaceConfig) -> str:
     """What to do about a track that is not installed."""
     name = _name(race)
     if name in COMMUNITY:
@@ -113,21 +106,21 @@ def remedy(race: "RaceConfig") -> str:
     return f"{hint}`dr-tracks list` shows all, `dr-tracks fetch` and `dr-tracks add` bring more."
 
 
-def _name(race: "RaceConfig") -> str:
-    """The track without the ending of a file, which people may write."""
+def _name(race: RaceConfig) -> str:
+    """The track without the ending of a file, which racers may write."""
     world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 
 
 def _is_file(path: Path) -> bool:
-    """Whether a file has this path; none can have one of 10,000 letters or with a NUL in it."""
+    """Whether this is a file; False for a path that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):
         return False
 
 
-def _known(race: "RaceConfig") -> list[str]:
+def _known(race: RaceConfig) -> list[str]:
     return [*built_in(), *own(race.tracks_folder)]
 
 

@@ -14,7 +14,7 @@ from drcli.base.atomic_file import read_json, write_json
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
-from drcli.config.run_config import RunConfig
+from drcli.config.settings import RunConfig
 
 VERSION = 1
 """Of the format of a job; another version of this program may use another one."""

@@ -7,7 +7,7 @@ from typing import Literal
 from drcli.base.atomic_file import read_json, write_json
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import is_alive
-from drcli.config.run_config import Cloud, Engine, StorageConfig
+from drcli.config.settings import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
 

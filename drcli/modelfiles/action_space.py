@@ -1,4 +1,4 @@
-"""What a car may do: a list of actions or ranges of them, as model_metadata.json states it."""
+"""The actions of a model in model_metadata.json: a list of them, or ranges."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple
@@ -15,7 +15,7 @@ Pair = tuple[float, float]
 """Steering in degrees, positive to the left, and speed in m/s."""
 
 USUAL = {"steering_angle": (-30.0, 30.0), "speed": (0.1, 4.0)}
-"""Degrees and m/s to which the car cuts what is requested. Source: the reference car."""
+"""Degrees and m/s; the car cuts other values to these. Source: the reference car."""
 
 ACTION = {"steering_angle": 15, "speed": 1.0}
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
@@ -84,15 +84,9 @@ class Ranges(BaseModel):
     steering_angle: Range
     speed: Range
 
-    @property
-    def space(self) -> ActionSpace:
-        """The action space."""
-        steering, speed = self.steering_angle, self.speed
-        return ActionSpace(low=(steering.low, speed.low), high=(steering.high, speed.high))
-
 
 def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
-    """What is wrong or odd about a list of actions."""
+    """Problems with a list of actions."""
     yield from _wrong_indices(file, [action.index for action in actions])
     first: dict[Pair, int] = {}
     for number, action in enumerate(actions):
@@ -111,7 +105,7 @@ def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
 
 
 def range_problems(file: JsonFile, ranges: Ranges) -> Iterator[Problem]:
-    """What is odd about ranges of actions."""
+    """Warnings about ranges of actions."""
     for key in USUAL:
         for end in ("low", "high"):
             value = getattr(getattr(ranges, key), end)
@@ -127,7 +121,7 @@ def _beyond_the_car(file: JsonFile, path: Path, value: float, key: str) -> Itera
 
 
 def _wrong_indices(file: JsonFile, written: list[Any]) -> Iterator[Problem]:
-    """The position counts, so an index must agree; all of them in another order are only odd."""
+    """Indices that differ from the positions; only a warning if they are in another order."""
     numbers = [n for n in written if isinstance(n, int) and not isinstance(n, bool)]
     if sorted(numbers) == list(range(len(written))):
         if numbers != sorted(numbers):

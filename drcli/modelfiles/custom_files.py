@@ -1,13 +1,14 @@
-"""Finds the racer's three files, and copies them to where the bucket keeps them."""
+"""Finds the racer's three files, and copies them into the bucket."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.run_config import CustomFilesConfig
-from drcli.config.shipped import model_file
+from drcli.config.example_files import model_file
+from drcli.config.settings import CustomFilesConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -16,22 +17,21 @@ FILE_RULES = {
     keys.MODEL_METADATA_FILE: "V-03",
     keys.HYPERPARAMETERS_FILE: "V-04",
 }
-"""The rule that each file breaks when it is missing or cannot be read."""
+"""The rule that is broken when the file is missing or cannot be read."""
 
 
 @dataclass(frozen=True)
 class InputFile:
-    """One of the racer's files, with its content."""
+    """One of the racer's files, and where it was found."""
 
     name: str
     data: bytes
     origin: str
-    """Where it was found, for messages."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a training starts from, besides its settings."""
+    """The files that a training starts from."""
 
     reward: InputFile
     hyperparameters: InputFile
@@ -39,10 +39,10 @@ class Inputs:
 
 
 def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFile]:
-    """Find the three files: in `custom_files/`, else in the bucket, else the shipped examples.
+    """Find the three files: in `custom_files/`, else in the bucket, else the example files.
 
-    The shipped examples are only used when there is no file at all: one file missing among
-    others is a mistake. The bucket is None where it cannot be read.
+    The examples are only used if there is no file at all: a single missing file is a mistake. The
+    bucket is None if it cannot be read.
 
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
@@ -54,10 +54,8 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
         if data is not None:
             found[name] = InputFile(name, data, str(path))
         elif bucket is not None:
-            try:
+            with suppress(ObjectMissing):
                 found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
-            except ObjectMissing:
-                continue
     if found or bucket is None:
         return found
     shipped = {name: model_file(name) for name in places(config)}
@@ -78,22 +76,17 @@ def missing_files(
 ) -> list[Problem]:
     """A problem for each of the three files that does not exist."""
     local = config.folder
-    return [
-        Problem(
-            FILE_RULES[name],
-            "error",
-            str(local),
-            None,
-            f"there is no {name} here, nor in the bucket at {bucket}/{key}.",
-            f"Put your {name} into {local}; an example is {model_file(name)}.",
-        )
-        for name, key in places(config).items()
-        if name not in found
-    ]
+    problems = []
+    for name, key in places(config).items():
+        if name not in found:
+            what = f"there is no {name} here, nor in the bucket at {bucket}/{key}."
+            remedy = f"Put your {name} into {local}; an example is {model_file(name)}."
+            problems.append(Problem(FILE_RULES[name], "error", str(local), None, what, remedy))
+    return problems
 
 
 def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
-    """Copy the racer's local files to where the bucket keeps them for the next start."""
+    """Copy the racer's local files into the bucket, for a start without them."""
     for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
         if Path(file.origin).parent == config.folder:
             bucket.put(places(config)[file.name], file.data)

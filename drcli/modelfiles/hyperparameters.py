@@ -1,4 +1,4 @@
-"""hyperparameters.json: how the learner learns."""
+"""hyperparameters.json: how a model is trained."""
 
 import json
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ _Loss = Annotated[
 _Schedule = Annotated[Schedule, choice(Schedule)]
 
 USUAL_SCORES = (350.0, 100_000.0)
-"""`term_cond_avg_score` in the shipped files: nobody expects an effect of these values."""
+"""`term_cond_avg_score` in the example files: nobody expects an effect of these values."""
 
 FEW_ITERATIONS = 100
-"""A `term_cond_max_episodes` below this was probably meant in episodes."""
+"""A lower `term_cond_max_episodes` probably means episodes, not iterations."""
 
 PASSED_THROUGH = (
     "preset_s3_key",
@@ -99,16 +99,12 @@ class Hyperparameters(BaseModel):
     sac_replay_steps: Whole = Field(100_000, ge=1_000)
     sac_learning_starts: Whole = Field(1_000, ge=1)
 
-    notes: tuple[Problem, ...] = Field(default=(), exclude=True)
-    """Values that are legal but unusual."""
+    problems: tuple[Problem, ...] = Field(default=(), exclude=True)
+    """Warnings about values that are allowed but unusual."""
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "hyperparameters.json") -> "Hyperparameters":
-        """Read a file's content.
-
-        Args:
-            data: The content.
-            name: What to call the file in messages.
+        """Read the content of a file that messages call by a name.
 
         Raises:
             ProblemsError: A key is unknown or misspelt, or a value is of the wrong type or out of
@@ -117,17 +113,12 @@ class Hyperparameters(BaseModel):
         return _read(read_json_object(data, name, "V-04"))
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """The notes as sentences."""
-        return tuple(map(str, self.notes))
-
-    @property
     def huber(self) -> bool:
-        """Whether the value loss is Huber's; otherwise it is the mean squared error."""
+        """Whether the value loss is Huber's, not the mean squared error."""
         return self.loss_type == "huber"
 
     def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
-        """All values filled in, in the layout of the copy beside a model.
+        """All values, in the layout of the copy that is stored with a model.
 
         Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
         12 for sac, and those beyond the reference that differ from its behaviour.
@@ -140,45 +131,31 @@ class Hyperparameters(BaseModel):
         return json.dumps(values, indent=2, sort_keys=True)
 
     def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
-        """Why this does not fit a model, as one sentence; None when it does.
-
-        Args:
-            algorithm: `training_algorithm` of model_metadata.json.
-            continuous: Whether its actions are ranges.
-        """
-        if algorithm == "sac":
-            if self.exploration_type == "e-greedy":
-                return (
-                    "exploration_type=e-greedy chooses from a list of actions, but sac needs "
-                    "ranges; use additive_noise."
+        """Why this does not fit the algorithm and actions of a model; None when it does."""
+        match self.exploration_type, algorithm:
+            case "e-greedy", "sac":
+                reason = "chooses from a list of actions, but sac needs ranges; use additive_noise"
+            case "e-greedy", "clipped_ppo" if continuous:
+                reason = (
+                    "chooses from a list of actions; this model has ranges, which clipped_ppo "
+                    "explores with categorical"
                 )
-            return None
-        if self.exploration_type == "additive_noise":
-            return (
-                "exploration_type=additive_noise belongs to sac; clipped_ppo explores with "
-                "categorical."
-            )
-        if self.exploration_type == "e-greedy" and continuous:
-            return (
-                "exploration_type=e-greedy chooses from a list of actions; this model has ranges, "
-                "which clipped_ppo explores with categorical."
-            )
-        return None
+            case "additive_noise", "clipped_ppo":
+                reason = "belongs to sac; clipped_ppo explores with categorical"
+            case _:
+                return None
+        return f"exploration_type={self.exploration_type} {reason}."
 
 
-EXAMPLES = {
-    key: field.default
-    for key, field in Hyperparameters.model_fields.items()
-    if key != "notes" and field.default is not None
-}
-"""Values for remedies."""
-
-KEYS = tuple(name for name in Hyperparameters.model_fields if name != "notes")
+KEYS = tuple(name for name in Hyperparameters.model_fields if name != "problems")
 """Every key of the file."""
 
 REFERENCE_KEYS = KEYS[: KEYS.index("clip_range")]
 OWN_KEYS = KEYS[KEYS.index("clip_range") :]
 """The keys that the reference knows too, and those beyond it."""
+
+EXAMPLES = Hyperparameters.model_validate({}).model_dump(exclude_none=True)
+"""Values for remedies."""
 
 
 def _read(file: JsonFile) -> Hyperparameters:
@@ -197,7 +174,7 @@ def _read(file: JsonFile) -> Hyperparameters:
         for key, reason, remedy in _unusual(read)
         if key in known
     ]
-    return read.model_copy(update={"notes": tuple(problems)})
+    return read.model_copy(update={"problems": tuple(problems)})
 
 
 def _rule_of(path: Path) -> str:
@@ -205,7 +182,7 @@ def _rule_of(path: Path) -> str:
 
 
 def _unknown(file: JsonFile, key: str, written: Any) -> Problem:
-    """A key that no learner here reads."""
+    """A problem with a key that is not used here."""
     if key in PASSED_THROUGH:
         what = f"{key} is for the reference's trainer and does nothing here."
         return file.problem("V-04", (key,), what, "Keep or remove the line.", "warning")
@@ -216,7 +193,7 @@ def _unknown(file: JsonFile, key: str, written: Any) -> Problem:
 
 
 def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
-    """Keys outside what the DeepRacer console offers, what to know about each, and a remedy."""
+    """Keys with values that the DeepRacer console does not offer, each with reason and remedy."""
     if v.batch_size == 34:
         yield "batch_size", "is used as it is; 32 is probably meant", "Write 32."
     elif v.batch_size not in (32, 64, 128, 256, 512):
@@ -228,7 +205,7 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
     if v.num_episodes_between_training < 5:
         yield (
             "num_episodes_between_training",
-            "gives the learner little to learn from; 10, 20 or 40 are usual with clipped_ppo",
+            "gives the trainer little to learn from; 10, 20 or 40 are usual with clipped_ppo",
             "Write 20, unless the algorithm is sac.",
         )
     if v.term_cond_avg_score not in USUAL_SCORES:
@@ -252,8 +229,4 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
             "Write 1 for a model that shall drive elsewhere.",
         )
     if v.discount_factor >= 1.0:
-        yield (
-            "discount_factor",
-            "looks ahead without end; 0.999 is usual",
-            "Write 0.999 or less.",
-        )
+        yield ("discount_factor", "looks ahead without end; 0.999 is usual", "Write 0.999 or less.")

@@ -1,4 +1,4 @@
-"""Reads a racer's JSON file, and says in plain English what is wrong in it and in which line."""
+"""Reads a racer's JSON file, and says in plain English what is wrong in which line."""
 
 import json
 import re
@@ -9,15 +9,7 @@ from typing import Annotated, Any, get_args
 from pydantic import BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
-from drcli.base.problems import (
-    BadValue,
-    Problem,
-    ProblemsError,
-    Severity,
-    closest,
-    one_of,
-    shown,
-)
+from drcli.base.problems import BadValue, Problem, ProblemsError, Severity, closest, one_of, shown
 from drcli.base.text_file import decode
 
 Path = tuple[str | int, ...]
@@ -47,13 +39,7 @@ _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 @dataclass(frozen=True)
 class JsonFile:
-    """A file that holds one JSON object.
-
-    Attributes:
-        name: What to call it in messages.
-        values: The object.
-        lines: Line of each value inside, by its path.
-    """
+    """A file that holds one JSON object, with the line of each value inside by its path."""
 
     name: str
     values: dict[str, Any]
@@ -71,12 +57,7 @@ class JsonFile:
 
 
 def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
-    """Read a file that must hold one JSON object.
-
-    Args:
-        data: Content, UTF-8 with or without a byte order mark.
-        name: What to call the file in messages.
-        rule: Number of the rule about files that cannot be read.
+    """Read a file that must hold one JSON object, in UTF-8 with or without a byte order mark.
 
     Raises:
         ProblemsError: It is too large, not text, not JSON, not an object, or holds a key twice.
@@ -114,13 +95,9 @@ def problems_of(
     rule_of: Callable[[Path], str],
     examples: Mapping[str, Any],
 ) -> list[Problem]:
-    """What pydantic found wrong, as problems.
+    """The errors that pydantic found in a file's values, as problems with the rules of their paths.
 
-    Args:
-        error: From the validation of the file's values.
-        file: The file.
-        rule_of: Which rule a value belongs to, by its path.
-        examples: Values as they may be written, by key.
+    Remedies name the examples, which are good values by key.
     """
     found = []
     for details in error.errors(include_url=False):
@@ -182,9 +159,7 @@ Whole = Annotated[int, BeforeValidator(_number)]
 def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeValidator:
     """Reads one of the words of a `Literal`, in any letter case.
 
-    Args:
-        literal: The type.
-        spellings: Other spellings in use, in small letters, and the words that they stand for.
+    `spellings` has other spellings in small letters, and the words that they stand for.
     """
     words: tuple[str, ...] = get_args(literal)
     by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
@@ -199,12 +174,12 @@ def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeVa
 
 
 def as_written(value: Any) -> str:
-    """A value of such a file as it may be shown in a sentence, in the letters of its author."""
+    """A value as a sentence shows it, in the letters of its author."""
     return shown(json.dumps(value, ensure_ascii=False))
 
 
 def dotted(path: Path) -> str:
-    """A path as people write it: `action_space[2].speed`."""
+    """A path as a racer would write it: `action_space[2].speed`."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in path)
     return "".join(parts).removeprefix(".")
 

@@ -5,14 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from drcli.base.problems import BadValue, Problem, closest, one_of, refuse, shown
 from drcli.modelfiles.action_space import (
@@ -137,15 +130,9 @@ class ModelMetadata:
     """What a model is made of; missing keys have the reference simulator's defaults.
 
     Attributes:
-        action_space: The actions.
-        training_algorithm: clipped_ppo or sac.
-        neural_network: Name of the network's body.
-        sensor: What the car sees with.
         version: Version of the car, `1` to `6`, as text.
-        lidar: Sectors of a lidar.
-        original: The file's content, byte by byte, to be copied into the bucket.
-        action_space_json: The file's `action_space`, for readers of its own layout.
-        notes: What is legal but odd.
+        action_space_json: The file's `action_space`, as it is written there.
+        problems: Warnings about what is allowed but odd.
     """
 
     action_space: ActionSpace
@@ -154,31 +141,21 @@ class ModelMetadata:
     sensor: tuple[str, ...]
     version: str
     lidar: LidarConfig
-    original: bytes
     action_space_json: str
-    notes: tuple[Problem, ...]
+    problems: tuple[Problem, ...]
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "model_metadata.json") -> "ModelMetadata":
-        """Read a file's content.
-
-        Args:
-            data: The content.
-            name: What to call the file in messages.
+        """Read the content of a file that messages call by a name.
 
         Raises:
             ProblemsError: A value is missing, unknown or does not fit the others.
         """
-        return _read(read_json_object(data, name, "V-03"), data)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The notes as sentences."""
-        return tuple(map(str, self.notes))
+        return _read(read_json_object(data, name, "V-03"))
 
     @property
     def eyes(self) -> int:
-        """Pictures that the camera takes at a time."""
+        """Pictures that the camera takes at the same time."""
         return 2 if "STEREO_CAMERAS" in self.sensor else 1
 
     @property
@@ -190,11 +167,11 @@ class ModelMetadata:
 
     @property
     def action_space_type(self) -> SpaceType:
-        """The kind of actions."""
+        """`discrete` or `continuous`."""
         return "continuous" if self.action_space.continuous else "discrete"
 
 
-def _read(file: JsonFile, original: bytes) -> ModelMetadata:
+def _read(file: JsonFile) -> ModelMetadata:
     values = {"version": "2.0" if "sensor" in file.values else "1.0", **file.values}
     if "DISCRETIZED_SECTOR_LIDAR" not in str(values.get("sensor")):
         values.pop("lidar_config", None)  # it is only used with that sensor
@@ -212,7 +189,8 @@ def _read(file: JsonFile, original: bytes) -> ModelMetadata:
         refuse([*problems, *problems_of(error, file, rule_of, _LIDAR_EXAMPLES | examples)])
         raise
     if isinstance(read, _Continuous):
-        space = read.action_space.space
+        steering, speed = read.action_space.steering_angle, read.action_space.speed
+        space = ActionSpace(low=(steering.low, speed.low), high=(steering.high, speed.high))
         problems += range_problems(file, read.action_space)
     else:
         space = ActionSpace(tuple((a.steering_angle, a.speed) for a in read.action_space))
@@ -226,21 +204,17 @@ def _read(file: JsonFile, original: bytes) -> ModelMetadata:
         sensor=("observation",) if float(read.version) < 2 else read.sensor,
         version=read.version,
         lidar=read.lidar_config,
-        original=original,
         action_space_json=json.dumps(values["action_space"]),
-        notes=tuple(problems),
+        problems=tuple(problems),
     )
 
 
 def _other_type(file: JsonFile) -> Iterator[Problem]:
-    """An action space of the other type than the file says."""
-    kinds: dict[type, tuple[str, str]] = {
-        list: ("discrete", "a list"),
-        dict: ("continuous", "ranges"),
-    }
-    kind, name = kinds.get(type(file.values.get("action_space")), ("", ""))
+    """A problem if the action space is not of the type that the file says."""
+    space = file.values.get("action_space")
+    kind, name = ("continuous", "ranges") if isinstance(space, dict) else ("discrete", "a list")
     stated = str(file.values.get("action_space_type", "discrete")).strip().casefold()
-    if kind and stated in get_args(SpaceType) and stated != kind:
+    if isinstance(space, list | dict) and stated in get_args(SpaceType) and stated != kind:
         what = f"action_space is {name}, but action_space_type is {stated}."
         remedy = f'Write "action_space_type": "{kind}", or {stated} actions.'
         yield file.problem("V-36", ("action_space",), what, remedy)
@@ -276,7 +250,7 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 
 
 def _unused_keys(file: JsonFile, value: Any, path: Path) -> Iterator[Problem]:
-    """The same inside of values."""
+    """Warnings about keys inside of values that nothing reads."""
     if isinstance(value, list):
         for number, item in enumerate(value):
             yield from _unused_keys(file, item, (*path, number))

@@ -1,4 +1,4 @@
-"""What decides the shape of a model's weights, and whether two models can exchange them."""
+"""Checks whether the weights of one model fit another."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from drcli.store.bucket import Bucket
 
 @dataclass(frozen=True)
 class Design:
-    """The two parameter files of a model, with the places they were read from."""
+    """The two parameter files of a model, and where each was read."""
 
     metadata: ModelMetadata
     parameters: Hyperparameters
@@ -26,17 +26,16 @@ class Design:
             ObjectMissing: One of its files does not exist.
             ProblemsError: One of them is wrong.
         """
-        places = (keys.model_metadata(prefix), keys.hyperparameters(prefix))
-        metadata, parameters = (f"{bucket.name}/{key}" for key in places)
+        metadata, parameters = keys.model_metadata(prefix), keys.hyperparameters(prefix)
+        origins = (f"{bucket.name}/{metadata}", f"{bucket.name}/{parameters}")
         return Design(
-            ModelMetadata.from_bytes(bucket.get(places[0]), metadata),
-            Hyperparameters.from_bytes(bucket.get(places[1]), parameters),
-            metadata,
-            parameters,
+            ModelMetadata.from_bytes(bucket.get(metadata), origins[0]),
+            Hyperparameters.from_bytes(bucket.get(parameters), origins[1]),
+            *origins,
         )
 
     def conflicts(self) -> list[Problem]:
-        """What does not fit between the two files."""
+        """Values of the two files that do not fit each other."""
         conflict = self.parameters.conflict(
             self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
         )
@@ -46,15 +45,10 @@ class Design:
         return [Problem("V-34", "error", place, None, conflict, remedy)]
 
 
-def misfits(trained: Design, wanted: Design, model: str) -> list[Problem]:
-    """What keeps the weights of one model from fitting another, or means something else there.
+def weight_problems(trained: Design, wanted: Design, model: str) -> list[Problem]:
+    """Why the weights of one model do not fit another; a warning if only the actions changed.
 
-    The inputs and outputs of a network are fixed; what its outputs mean may change.
-
-    Args:
-        trained: Of the model that has the weights.
-        wanted: Of the model that takes them over.
-        model: What to call the first in messages.
+    Messages call the trained model by the name `model`.
     """
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin
@@ -100,7 +94,7 @@ def _difference(where: str, key: str, before: str, now: str, model: str) -> Prob
 
 
 def _sensors(metadata: ModelMetadata) -> str:
-    """What the network gets to see; several names mean the same grey picture."""
+    """The inputs of the network; several names mean the same grey picture."""
     names = ["FRONT_FACING_CAMERA" if s in SINGLE_CAMERAS else s for s in metadata.sensor]
     seen = sorted(names, key=lambda name: name in LIDARS)
     if "DISCRETIZED_SECTOR_LIDAR" in seen:

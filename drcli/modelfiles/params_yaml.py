@@ -44,12 +44,7 @@ def training_parameters(settings: Settings) -> bytes:
 
 
 def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
-    """What `training_parameters` wrote, for a copy of the model at another place.
-
-    Args:
-        data: The file of the model that is copied.
-        bucket: Of the copy.
-        prefix: Its folder there, which holds all that the file names.
+    """The file that `training_parameters` wrote, changed for a copy of the model elsewhere.
 
     Raises:
         ValueError: The data is not such a file.
@@ -80,11 +75,7 @@ def evaluation_parameters(
 ) -> bytes:
     """The file below the model prefix that describes a stand-alone evaluation.
 
-    Args:
-        settings: Of the evaluation.
-        simtrace_prefix: Where its trace goes.
-        metrics_key: Where its metrics go.
-        opponent_metrics_key: Where those of the opponent go, in a race against one.
+    The metrics of an opponent go to `opponent_metrics_key`.
     """
     s = settings
     racers: dict[str, list[str]] = {

@@ -6,7 +6,7 @@ from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import ModelConfig
+from drcli.config.settings import ModelConfig
 from drcli.exchange.scores import Score, Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.store import keys

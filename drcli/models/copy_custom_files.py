@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import CustomFilesConfig, StorageConfig
+from drcli.config.settings import CustomFilesConfig, StorageConfig
 from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
 from drcli.store.connect import open_bucket

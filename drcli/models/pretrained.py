@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
-from drcli.config.run_config import PretrainedConfig
 from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import PretrainedConfig
 from drcli.exchange.training_start import Pretrained
-from drcli.modelfiles.network_shape import Design, misfits
+from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
@@ -49,7 +49,7 @@ def find(
         remedy = "Restore that file from a copy, or name another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
     model = f"s3://{bucket.name}/{prefix}"
-    warnings = misfits(trained, wanted, model)
+    warnings = weight_problems(trained, wanted, model)
     refuse(warnings)
     if config.checkpoint == "best" and source.metric is None:
         name = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"

@@ -15,7 +15,8 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-from drcli.config.settings import Settings, catalogue, hidden
+from drcli.config.setting_problems import hidden
+from drcli.config.settings import Settings, catalogue
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
-from drcli.config.run_env import Edit, plan_edit, raised, written
-from drcli.config.settings import Settings, catalogue, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.run_env import RunEnvEdit, plan_edit, raised, written
+from drcli.config.settings import Settings, catalogue
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     PLAN_PATIENCE_S,
@@ -43,7 +44,7 @@ class PlannedUploadIncrement:
     """A change that passed all checks, and the settings after it."""
 
     step: UploadIncrement
-    edit: Edit
+    edit: RunEnvEdit
     settings: Settings
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import RaceConfig
+from drcli.config.settings import RaceConfig
 from drcli.rewards.drivers import (
     FAST,
     LEAVING,

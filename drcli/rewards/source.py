@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drcli.base.problems import Problem, refuse
+from drcli.config.example_files import model_file
 from drcli.config.settings import Settings
-from drcli.config.shipped import model_file
 from drcli.store import keys
 
 

@@ -14,7 +14,7 @@ from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.models.repair_model import repair_or_warn
-from drcli.runs.plan import COMMAND_PATIENCE_S, refuse_unsupported
+from drcli.runs.plan import COMMAND_PATIENCE_S
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -58,7 +58,6 @@ def prepare_evaluation(
 ) -> EvaluationPlan:
     """Find the checkpoints and describe the evaluation in the bucket, before a process starts."""
     directory = settings.directory
-    refuse_unsupported(settings, "evaluation")
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")

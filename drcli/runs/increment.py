@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
-from drcli.config.run_config import StorageConfig
-from drcli.config.run_env import Edit, plan_edit, raised, refuse_stronger_values, written
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
+from drcli.config.settings import Settings, StorageConfig
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
 from drcli.models.pretrained import read_weights
@@ -49,7 +49,7 @@ class PlannedIncrement:
     """A change that passed all checks."""
 
     step: Increment
-    edit: Edit
+    edit: RunEnvEdit
 
 
 def plan_increment(

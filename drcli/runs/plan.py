@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
@@ -14,8 +13,7 @@ from drcli.base.file_lock import only_writer
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
-from drcli.config.run_config import CustomFilesConfig
-from drcli.config.settings import Settings, catalogue
+from drcli.config.settings import CustomFilesConfig, Settings, catalogue
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
@@ -85,7 +83,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
-    refuse_unsupported(settings, "training")
+    if settings.untrainable is not None:
+        raise ProblemsError([settings.untrainable])
     folder = run_folder(directory, settings.run_id)
     refuse_second_run(settings.run_id, folder)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
@@ -142,13 +141,6 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)
     return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
-
-
-def refuse_unsupported(settings: Settings, job: Literal["training", "evaluation"]) -> None:
-    """Refuse settings that are not supported yet."""
-    problem = settings.unsupported(job)
-    if problem is not None:
-        raise ProblemsError([problem])
 
 
 def refuse_second_run(run_id: int, folder: Path) -> None:

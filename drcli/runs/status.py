@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
-from drcli.config.run_config import RunConfig
+from drcli.config.settings import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drcli.config.run_config import Engine
+from drcli.config.settings import Engine
 
 
 @dataclass(frozen=True)

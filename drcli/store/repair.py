@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from drcli.base.json_record import RecordError
-from drcli.config.run_config import ModelConfig
+from drcli.config.settings import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
     checkpoint_name,

@@ -7,7 +7,7 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.run_config import RaceConfig
+from drcli.config.settings import RaceConfig
 from drcli.config.worlds import remedy, track_problem
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys

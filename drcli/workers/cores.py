@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
-from drcli.config.run_config import TrainConfig
+from drcli.config.settings import TrainConfig
 
 OVERLAP_CORES = 4
 """With this many cores or more, driving and learning run at the same time."""

@@ -16,7 +16,7 @@ from safetensors.torch import load as load_tensors
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
-from drcli.config.run_config import RunConfig
+from drcli.config.settings import RunConfig
 from drcli.exchange.episode_metrics import (
     REPORT_FILE,
     TrialMetrics,

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute, choose_compute

@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
 from drcli.store.server import server
 

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.store.server import server
 
 PROJECT = Path(__file__).resolve().parents[2]

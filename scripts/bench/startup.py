@@ -19,8 +19,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drcli.cli.completion import ASKS, LINE
-from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_folder
+from drcli.config.write_folder import write
 from drcli.store.server import server
 
 BAR_S, HELP_BAR_S = 0.4, 0.3

@@ -4,29 +4,31 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 
 from drcli.config.fields import Setting
-from drcli.config.former_names import FORMER
-from drcli.config.model import WORKER_NAMES, WORKER_STEMS, catalogue
+from drcli.config.loading import WORKER_NAMES, WORKER_STEMS
+from drcli.config.settings import catalogue
+from drcli.config.unused_names import FORMER
 
 HEAD = """\
 # Settings
 
-Every `DR_` name, as the program knows it. This page is written by `scripts/docs`; change
-the declarations in `drcli/config/groups/` instead.
+Every `DR_` setting. `scripts/docs` writes this page from the declarations in
+`drcli/config/groups/`: change those.
 
-`run.env` and `system.env` hold `NAME=value` lines. A name counts in either file; the table says in
+`run.env` and `system.env` hold `NAME=value` lines. A name works in either file; the table says in
 which it belongs, and `dr config set NAME=VALUE` puts it there. Settings win in this order: flag,
-process environment, `run.env`, `system.env`, default. An experiment has a `run.env` of its own in
+process environment, `run.env`, `system.env`, default. An experiment has its own `run.env` in
 `experiments/<name>/`.
 
-- Values may hold spaces and `=`; ` #` starts a comment, so put a value with one into quotes.
-- `$NAME` and `${NAME}` take the value of another name, wherever it stands; `${NAME:-other}` has a
-  stand-in. In single quotes `$` is just a character.
+- Values may hold spaces and `=`. ` #` starts a comment, so put a value that contains it in quotes.
+- `$NAME` and `${NAME}` are replaced by the value of that name, wherever it is set.
+  `${NAME:-other}` is `other` if the name is not set or empty. In single quotes `$` is just a
+  character.
 - True is also `true`, `yes`, `on` and `1`; False is `false`, `no`, `off` and `0`. Words such as
   `TIME_TRIAL` may be written in any letter case.
 - An empty value means not set.
-- A misspelt name is refused, a name that has nothing to do with us only gets a warning.
+- A misspelt name is an error; any other unknown name only gets a warning.
 
-`dr config show` prints each value with the file and line it comes from, `dr config check` all that
+`dr config show` prints each value with its file and line. `dr config check` lists everything that
 is wrong, odd or without effect.
 """
 
@@ -34,15 +36,15 @@ WORKERS = """\
 ## worker-N.env
 
 With `DR_TRAIN_MULTI_CONFIG=True`, the second and all further workers read `worker-2.env`,
-`worker-3.env` and so on, beside the `run.env` that counts. Such a file is written like `run.env`
-and wins over everything else for its worker. It may hold
+`worker-3.env` and so on, in the folder of the active `run.env`. Such a file has the same format and
+wins over everything else for its worker. It may hold
 """
 
 UNUSED = """\
 ## Accepted without effect
 
-Names of the reference that need nothing here. They may stay in your files; `dr config check` names
-those it finds. A start warns about them in one line, and by name where somebody may count on it.
+Names of the reference that do nothing here. They may stay in your files; `dr config check` lists
+those that it finds. A start warns about them in one line, and by name if you may expect an effect.
 """
 
 

@@ -15,7 +15,8 @@ from safetensors.numpy import save
 
 from drcli.base.errors import DrError
 from drcli.base.fingerprint import Fingerprint
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.models.download import DownloadOptions, download, plan_download
 from drcli.models.model_list import list_models

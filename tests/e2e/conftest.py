@@ -18,7 +18,8 @@ from typing import Any
 import psutil
 import pytest
 
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server

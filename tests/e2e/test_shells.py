@@ -16,8 +16,8 @@ from pathlib import Path
 import pyte
 import pytest
 
-from drcli.config.folder_files import write
 from drcli.config.new_folder import plan_experiment, plan_folder
+from drcli.config.write_folder import write
 
 pytestmark = pytest.mark.slow
 

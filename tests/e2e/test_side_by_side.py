@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.folder_files import write
+from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_experiment
-from drcli.config.settings import load_settings
+from drcli.config.write_folder import write
 
 pytestmark = pytest.mark.slow
 
@@ -84,7 +84,7 @@ def test_a_read_only_installation_serves_a_folder_elsewhere_and_leaves_files_to_
         ["list-models"],
         ["status"],
     ]
-    stop = "from drcli.config.settings import *; from drcli.store.server import server; "
+    stop = "from drcli.config.loading import *; from drcli.store.server import server; "
     stop += "from pathlib import *; "
     stop += f"f = Path({str(folder)!r}); server.stop(load_settings(f).storage)"
 

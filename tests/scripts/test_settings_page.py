@@ -4,8 +4,8 @@ from pathlib import Path
 
 from settings_page import document
 
-from drcli.config.former_names import FORMER
 from drcli.config.settings import catalogue
+from drcli.config.unused_names import FORMER
 
 ROOT = Path(__file__).resolve().parents[2]
 

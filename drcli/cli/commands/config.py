@@ -37,7 +37,7 @@ def show(
 
     Example: dr-config show --changed
     """
-    from drcli.config.inspection import inspect_values
+    from drcli.config.settings_report import inspect_values
 
     loaded = settings()
     wanted = [_known(name, tuple(loaded.extra)) for name in names or []]
@@ -138,12 +138,12 @@ def _names_in_files() -> tuple[str, ...]:
 
 
 def _known(written: str, others: tuple[str, ...]) -> str:
-    from drcli.config import inspection
+    from drcli.config import settings_report
 
-    name = inspection.find_name(written, others)
+    name = settings_report.find_name(written, others)
     if name is None:
         from drcli.modelfiles.hyperparameters import KEYS
 
-        hint = _HYPERPARAMETER if written.lower() in KEYS else inspection.suggestion(written)
+        hint = _HYPERPARAMETER if written.lower() in KEYS else settings_report.suggestion(written)
         raise typer.BadParameter(f"'{written}' is not a setting. {hint}")
     return name

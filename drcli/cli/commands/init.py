@@ -101,8 +101,8 @@ def init(
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
-    from drcli.config.folder_files import write
     from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
+    from drcli.config.write_folder import write
 
     if folder == "":
         raise typer.BadParameter(

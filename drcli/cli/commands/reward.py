@@ -96,7 +96,7 @@ def compare(
 
 
 def _settings(world: str | None) -> "Settings":
-    from drcli.config.settings import load_settings
+    from drcli.config.loading import load_settings
 
     flags = {"DR_WORLD_NAME": world} if world is not None else {}
     return load_settings(working_folder(), flags=flags)

@@ -18,7 +18,7 @@ def shell_env() -> None:
 
     Example: eval "$(dr shell-env)"
     """
-    from drcli.config.shell import shell_change
+    from drcli.config.shell_variables import shell_change
 
     try:
         change = shell_change(

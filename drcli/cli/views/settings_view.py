@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drcli.checks.check_report import Report
     from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
-    from drcli.config.inspection import Value, Values
+    from drcli.config.settings_report import Value, Values
 
 BELOW_RULE = 8
 """Indent of the message below its rule."""

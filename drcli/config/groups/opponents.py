@@ -1,6 +1,6 @@
-"""What shares the track with the car: obstacles, bot cars and another model (run.env)."""
+"""Obstacles, bot cars and another model on the track (run.env)."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import ObjectKey, Positions
@@ -8,10 +8,8 @@ from drcli.config.value_types import ObjectKey, Positions
 _OVERLAY = "only visible in videos, which drcli does not record"
 
 
-class ObstacleSettings(Group):
+class ObstacleSettings(Group, title="Obstacles"):
     """Boxes and parked cars of OBJECT_AVOIDANCE."""
-
-    title: ClassVar[str] = "Obstacles"
 
     oa_number_of_obstacles: int = setting(
         "DR_OA_NUMBER_OF_OBSTACLES", 6, "Number of obstacles.", low=0
@@ -23,9 +21,7 @@ class ObstacleSettings(Group):
         low=0,
     )
     oa_randomize_obstacle_locations: bool = setting(
-        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS",
-        False,
-        "Move the obstacles in each episode.",
+        "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS", False, "Move the obstacles in each episode."
     )
     oa_is_obstacle_bot_car: bool = setting(
         "DR_OA_IS_OBSTACLE_BOT_CAR", False, "Parked cars instead of boxes."
@@ -46,29 +42,18 @@ class ObstacleSettings(Group):
     )
 
 
-class BotSettings(Group):
+class BotSettings(Group, title="Bot cars"):
     """Slow cars of HEAD_TO_BOT."""
-
-    title: ClassVar[str] = "Bot cars"
 
     h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
     h2b_lower_lane_change_time: float = setting(
-        "DR_H2B_LOWER_LANE_CHANGE_TIME",
-        3.0,
-        "Minimum time between lane changes, seconds.",
-        low=0,
+        "DR_H2B_LOWER_LANE_CHANGE_TIME", 3.0, "Minimum time between lane changes, seconds.", low=0
     )
     h2b_upper_lane_change_time: float = setting(
-        "DR_H2B_UPPER_LANE_CHANGE_TIME",
-        5.0,
-        "Maximum time between lane changes, seconds.",
-        low=0,
+        "DR_H2B_UPPER_LANE_CHANGE_TIME", 5.0, "Maximum time between lane changes, seconds.", low=0
     )
     h2b_lane_change_distance: float = setting(
-        "DR_H2B_LANE_CHANGE_DISTANCE",
-        1.0,
-        "Distance driven during a lane change, metres.",
-        low=0,
+        "DR_H2B_LANE_CHANGE_DISTANCE", 1.0, "Distance driven during a lane change, metres.", low=0
     )
     h2b_number_of_bot_cars: int = setting("DR_H2B_NUMBER_OF_BOT_CARS", 3, "Number of bots.", low=0)
     h2b_min_distance_between_bot_cars: float = setting(
@@ -78,12 +63,10 @@ class BotSettings(Group):
         low=0,
     )
     h2b_randomize_bot_car_locations: bool = setting(
-        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS",
-        False,
-        "Move the bots' starts in each episode.",
+        "DR_H2B_RANDOMIZE_BOT_CAR_LOCATIONS", False, "Move the bots' starts in each episode."
     )
     h2b_bot_car_speed: float = setting(
-        "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", low=0, high=100
+        "DR_H2B_BOT_CAR_SPEED", 0.2, "Speed of the bots, m/s.", between=(0, 100)
     )
     h2b_bot_car_penalty: float = setting(
         "DR_H2B_BOT_CAR_PENALTY",
@@ -93,10 +76,8 @@ class BotSettings(Group):
     )
 
 
-class OpponentSettings(Group):
+class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
     """The other model of HEAD_TO_MODEL."""
-
-    title: ClassVar[str] = "Opponent of HEAD_TO_MODEL"
 
     eval_opp_s3_model_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."

@@ -1,7 +1,7 @@
 """The race itself: track, car, training and evaluation (run.env)."""
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, WorldName
@@ -10,10 +10,8 @@ _VIDEO = "only visible in videos, which drcli does not record"
 _FULL_SPEED = "the simulation always runs as fast as the processor allows"
 
 
-class RaceSettings(Group):
+class RaceSettings(Group, title="Race and car"):
     """Which race, on which track, with which car."""
-
-    title: ClassVar[str] = "Race and car"
 
     run_id: int = setting(
         "DR_RUN_ID",
@@ -59,25 +57,21 @@ class RaceSettings(Group):
     )
 
 
-class TrainSettings(Group):
+class TrainSettings(Group, title="Training"):
     """How to train."""
-
-    title: ClassVar[str] = "Training"
 
     workers: int = setting(
         "DR_WORKERS",
         1,
         "Number of simulation processes; analysis tools read at most 10.",
-        low=1,
-        high=10,
+        between=(1, 10),
         file="system.env",
     )
     train_seed: int | None = setting(
         "DR_TRAIN_SEED",
         None,
         "Seed of all random numbers; if empty, each start draws one.",
-        low=0,
-        high=2**32 - 1,
+        between=(0, 2**32 - 1),
     )
     train_max_minutes: float = setting(
         "DR_TRAIN_MAX_MINUTES",
@@ -108,17 +102,13 @@ class TrainSettings(Group):
         "Read the track and race of the second and all further workers from worker-N.env.",
     )
     train_min_eval_trials: int = setting(
-        "DR_TRAIN_MIN_EVAL_TRIALS",
-        5,
-        "Evaluation episodes per checkpoint during training.",
-        low=0,
+        "DR_TRAIN_MIN_EVAL_TRIALS", 5, "Evaluation episodes per checkpoint during training.", low=0
     )
     train_eval_share: float = setting(
         "DR_TRAIN_EVAL_SHARE",
         0.1,
         "Largest share of the time that evaluations may take; evaluations beyond that are skipped.",
-        low=0.001,
-        high=1,
+        between=(0.001, 1),
     )
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS",
@@ -135,8 +125,7 @@ class TrainSettings(Group):
         "DR_TRAIN_STOP_PROGRESS",
         0.0,
         "Finish when evaluations in a row reach this mean progress, percent; 0 for no limit.",
-        low=0,
-        high=100,
+        between=(0, 100),
     )
     train_stop_evaluations: int = setting(
         "DR_TRAIN_STOP_EVALUATIONS",
@@ -160,17 +149,14 @@ class TrainSettings(Group):
     )
 
 
-class EpisodeSettings(Group):
+class EpisodeSettings(Group, title="Training"):
     """How the training episodes of a worker begin, and how many it drives at once."""
-
-    title: ClassVar[str] = "Training"
 
     train_lanes: int = setting(
         "DR_TRAIN_LANES",
         0,
         "Cars that each worker simulates at the same time; 0 for automatic.",
-        low=0,
-        high=256,
+        between=(0, 256),
         file="system.env",
     )
     train_change_start_position: bool = setting(
@@ -183,16 +169,14 @@ class EpisodeSettings(Group):
         "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST",
         0.05,
         "Distance from one start to the next, as a fraction of the lap.",
-        low=0,
-        high=1,
+        between=(0, 1),
         old_names=("DR_TRAIN_ROUND_ROBIN_ADVANCE_DISTANCE",),
     )
     train_start_position_offset: float = setting(
         "DR_TRAIN_START_POSITION_OFFSET",
         0.0,
         "Position of the first start, as a fraction of the lap.",
-        low=0,
-        high=1,
+        between=(0, 1),
     )
     train_alternate_driving_direction: bool = setting(
         "DR_TRAIN_ALTERNATE_DRIVING_DIRECTION",
@@ -205,10 +189,8 @@ class EpisodeSettings(Group):
     )
 
 
-class EvaluationSettings(Group):
+class EvaluationSettings(Group, title="Evaluation"):
     """How to evaluate a finished model."""
-
-    title: ClassVar[str] = "Evaluation"
 
     eval_number_of_trials: int = setting(
         "DR_EVAL_NUMBER_OF_TRIALS", 3, "Number of laps, or of separate episodes.", low=1

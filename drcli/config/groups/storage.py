@@ -1,9 +1,9 @@
-"""Where things lie: the bucket, its server and the keys in it (system.env and run.env)."""
+"""The bucket, its server and the places of objects in it (system.env and run.env)."""
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
-from drcli.config.fields import FileName, Group, setting
+from drcli.config.fields import Group, setting
 from drcli.config.value_types import (
     HOME_REGION,
     Address,
@@ -15,11 +15,8 @@ from drcli.config.value_types import (
 )
 
 
-class BucketSettings(Group):
+class BucketSettings(Group, title="Bucket", file="system.env"):
     """The bucket and how to reach it."""
-
-    title: ClassVar[str] = "Bucket"
-    file: ClassVar[FileName] = "system.env"
 
     cloud: Literal["local", "remote", "aws", "azure"] = setting(
         "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
@@ -38,7 +35,7 @@ class BucketSettings(Group):
         "DR_LOCAL_S3_ENGINE", "rclone", "Program that serves the bucket for DR_CLOUD=local."
     )
     local_s3_port: int = setting(
-        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 for any free port.", low=0, high=65_535
+        "DR_LOCAL_S3_PORT", 0, "Port of that program; 0 for any free port.", between=(0, 65_535)
     )
     s3_data_dir: Path = setting(
         "DR_S3_DATA_DIR", Path("data/s3"), "Folder in which that program stores the objects."
@@ -62,10 +59,8 @@ class BucketSettings(Group):
     )
 
 
-class KeySettings(Group):
-    """Places in the bucket."""
-
-    title: ClassVar[str] = "Places in the bucket"
+class KeySettings(Group, title="Places in the bucket"):
+    """Places of objects in the bucket."""
 
     model_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."

@@ -1,12 +1,12 @@
-"""Settings of the reference's containers, windows and services, most of which need nothing here.
+"""Settings of the reference's containers, windows and services; most of them do nothing here.
 
-They are listed so that a system.env written for the reference loads as it is, and so that the
-documentation can say of each name why it does nothing.
+With them, a system.env for the reference loads as it is, and the documentation can say why a name
+does nothing.
 """
 
-from typing import ClassVar, Literal
+from typing import Literal
 
-from drcli.config.fields import FileName, Group, setting
+from drcli.config.fields import Group, setting
 
 DOCKER = "no containers are used"
 WINDOW = "drcli opens no window and needs no X server"
@@ -17,33 +17,19 @@ _CONSOLE = "models are not exchanged with DeepRacer on AWS"
 _REAL_TIME = "metrics are written to the bucket only"
 
 
-class ContainerSettings(Group):
+class ContainerSettings(Group, title="Containers and logs", file="system.env", ignored=DOCKER):
     """Images and containers."""
 
-    title: ClassVar[str] = "Containers and logs"
-    file: ClassVar[FileName] = "system.env"
-
     simapp_source: str = setting(
-        "DR_SIMAPP_SOURCE",
-        "awsdeepracercommunity/deepracer-simapp",
-        "Container image.",
-        ignored=DOCKER,
+        "DR_SIMAPP_SOURCE", "awsdeepracercommunity/deepracer-simapp", "Container image."
     )
-    simapp_version: str = setting(
-        "DR_SIMAPP_VERSION", "6.0.4-cpu", "Version of that image.", ignored=DOCKER
-    )
-    minio_image: str = setting("DR_MINIO_IMAGE", "latest", "Version of MinIO.", ignored=DOCKER)
-    analysis_image: str = setting(
-        "DR_ANALYSIS_IMAGE", "cpu", "Version of the analysis image.", ignored=DOCKER
-    )
-    sagemaker_image: str = setting(
-        "DR_SAGEMAKER_IMAGE", "", "Trainer image of old versions.", ignored=DOCKER
-    )
-    robomaker_image: str = setting(
-        "DR_ROBOMAKER_IMAGE", "", "Simulation image of old versions.", ignored=DOCKER
-    )
+    simapp_version: str = setting("DR_SIMAPP_VERSION", "6.0.4-cpu", "Version of that image.")
+    minio_image: str = setting("DR_MINIO_IMAGE", "latest", "Version of MinIO.")
+    analysis_image: str = setting("DR_ANALYSIS_IMAGE", "cpu", "Version of the analysis image.")
+    sagemaker_image: str = setting("DR_SAGEMAKER_IMAGE", "", "Trainer image of old versions.")
+    robomaker_image: str = setting("DR_ROBOMAKER_IMAGE", "", "Simulation image of old versions.")
     docker_style: Literal["swarm", "compose"] = setting(
-        "DR_DOCKER_STYLE", "swarm", "How containers are started.", ignored=DOCKER
+        "DR_DOCKER_STYLE", "swarm", "How containers are started."
     )
     robomaker_mount_logs: bool = setting(
         "DR_ROBOMAKER_MOUNT_LOGS",
@@ -52,7 +38,7 @@ class ContainerSettings(Group):
         ignored="logs are always in data/logs",
     )
     robomaker_mount_simapp_dir: str = setting(
-        "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount.", ignored=DOCKER
+        "DR_ROBOMAKER_MOUNT_SIMAPP_DIR", "", "Simulation code to mount."
     )
     robomaker_mount_scripts_dir: str = setting(
         "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=DOCKER
@@ -77,11 +63,10 @@ class ContainerSettings(Group):
     )
 
 
-class ScreenSettings(Group):
+class ScreenSettings(
+    Group, title="Windows, cameras and streams", file="system.env", ignored=_STREAM
+):
     """Windows, cameras and streams."""
-
-    title: ClassVar[str] = "Windows, cameras and streams"
-    file: ClassVar[FileName] = "system.env"
 
     gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=WINDOW)
     host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=WINDOW)
@@ -99,46 +84,39 @@ class ScreenSettings(Group):
         "DR_KINESIS_STREAM_NAME", "", "Kinesis video stream.", planned=_STREAM
     )
     camera_main_enable: bool = setting(
-        "DR_CAMERA_MAIN_ENABLE", True, "Camera that follows the car.", ignored=_STREAM
+        "DR_CAMERA_MAIN_ENABLE", True, "Camera that follows the car."
     )
-    camera_sub_enable: bool = setting(
-        "DR_CAMERA_SUB_ENABLE", False, "Camera above the track.", ignored=_STREAM
-    )
+    camera_sub_enable: bool = setting("DR_CAMERA_SUB_ENABLE", False, "Camera above the track.")
     camera_kvs_enable: bool = setting(
         "DR_CAMERA_KVS_ENABLE",
         True,
         "Publish the camera picture.",
         old_names=("DR_KINESIS_STREAM_ENABLE",),
-        ignored=_STREAM,
     )
     enable_extra_kvs_overlay: bool = setting(
-        "DR_ENABLE_EXTRA_KVS_OVERLAY", False, "More text in the picture.", ignored=_STREAM
+        "DR_ENABLE_EXTRA_KVS_OVERLAY", False, "More text in the picture."
     )
     webviewer_port: int = setting(
         "DR_WEBVIEWER_PORT",
         8100,
         "Port of the viewer.",
-        low=1,
-        high=65_535,
+        between=(1, 65_535),
         ignored="there is no viewer",
     )
 
 
-class ServiceSettings(Group):
-    """Services beside the training."""
-
-    title: ClassVar[str] = "Services"
-    file: ClassVar[FileName] = "system.env"
+class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSOLE):
+    """Services during the training."""
 
     telegraf_host: str = setting(
         "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
     )
     telegraf_port: int = setting(
-        "DR_TELEGRAF_PORT", 8092, "Port on that host.", low=1, high=65_535, ignored=_REAL_TIME
+        "DR_TELEGRAF_PORT", 8092, "Port on that host.", between=(1, 65_535), ignored=_REAL_TIME
     )
-    droa_url: str = setting("DR_DROA_URL", "", "DeepRacer on AWS.", ignored=_CONSOLE)
-    droa_username: str = setting("DR_DROA_USERNAME", "", "User there.", ignored=_CONSOLE)
-    droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print its requests.", ignored=_CONSOLE)
+    droa_url: str = setting("DR_DROA_URL", "", "DeepRacer on AWS.")
+    droa_username: str = setting("DR_DROA_USERNAME", "", "User there.")
+    droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print its requests.")
     regular_upload: int = setting(
         "DR_REGULAR_UPLOAD",
         0,
@@ -170,11 +148,10 @@ class ServiceSettings(Group):
     )
 
 
-class DerivedSettings(Group):
-    """What a shell holds in which the reference was activated."""
-
-    title: ClassVar[str] = "Left by the reference in a shell"
-    file: ClassVar[FileName] = "system.env"
+class DerivedSettings(
+    Group, title="Left by the reference in a shell", file="system.env", ignored=DERIVED
+):
+    """Variables that the activation of the reference leaves in a shell."""
 
     reference_dir: str = setting(
         "DR_DIR",
@@ -183,32 +160,23 @@ class DerivedSettings(Group):
         ignored="it works only as an environment variable, where it names the working folder",
     )
     reference_config: str = setting(
-        "DR_CONFIG",
-        "",
-        "Its run.env.",
-        ignored="scripts/activate.sh sets it",
+        "DR_CONFIG", "", "Its run.env.", ignored="scripts/activate.sh sets it"
     )
     robomaker_train_port: str = setting(
-        "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture.", ignored=DERIVED
+        "DR_ROBOMAKER_TRAIN_PORT", "", "Port of the training picture."
     )
     robomaker_eval_port: str = setting(
-        "DR_ROBOMAKER_EVAL_PORT", "", "Port of the evaluation picture.", ignored=DERIVED
+        "DR_ROBOMAKER_EVAL_PORT", "", "Port of the evaluation picture."
     )
-    robomaker_gui_port: str = setting(
-        "DR_ROBOMAKER_GUI_PORT", "", "Port of the window.", ignored=DERIVED
-    )
-    local_s3_endpoint_url: str = setting(
-        "DR_LOCAL_S3_ENDPOINT_URL", "", "Address of the bucket.", ignored=DERIVED
-    )
-    minio_url: str = setting("DR_MINIO_URL", "", "Address in containers.", ignored=DERIVED)
+    robomaker_gui_port: str = setting("DR_ROBOMAKER_GUI_PORT", "", "Port of the window.")
+    local_s3_endpoint_url: str = setting("DR_LOCAL_S3_ENDPOINT_URL", "", "Address of the bucket.")
+    minio_url: str = setting("DR_MINIO_URL", "", "Address in containers.")
     local_profile_endpoint_url: str = setting(
-        "DR_LOCAL_PROFILE_ENDPOINT_URL", "", "Options of the AWS command.", ignored=DERIVED
+        "DR_LOCAL_PROFILE_ENDPOINT_URL", "", "Options of the AWS command."
     )
-    local_s3_auth_mode: str = setting(
-        "DR_LOCAL_S3_AUTH_MODE", "", "Role or profile.", ignored=DERIVED
-    )
+    local_s3_auth_mode: str = setting("DR_LOCAL_S3_AUTH_MODE", "", "Role or profile.")
     current_params_file: str = setting(
-        "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container.", ignored=DERIVED
+        "DR_CURRENT_PARAMS_FILE", "", "Parameter file of the container."
     )
     s3_uri: str = setting(
         "DR_S3_URI",

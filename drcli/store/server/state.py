@@ -10,7 +10,7 @@ from typing import Literal
 from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
-from drcli.config.run_config import Engine, StorageConfig
+from drcli.config.settings import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
 

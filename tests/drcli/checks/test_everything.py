@@ -10,7 +10,7 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.validate import validate
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.run_record import RunRecord
 from drcli.modelfiles.custom_files import InputFile
 from drcli.runs.plan import StartOptions, prepare

@@ -10,7 +10,7 @@ import pytest
 
 from drcli.checks.machine_rules import review_disk, review_gpu, review_memory
 from drcli.checks.storage_rules import probe
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from memory_bucket import MemoryBucket

@@ -14,7 +14,7 @@ import pytest
 from drcli.checks.before_start import examine
 from drcli.checks.sandbox.sandbox_records import SandboxRequest
 from drcli.checks.try_inputs import request_of, try_inputs
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
 

@@ -229,7 +229,7 @@ def test_quiet_keeps_warnings_and_failures(dr, working_folder, capsys):
     dr("-q", "init", "made", "--cloud", "x")
 
     said = capsys.readouterr().err
-    assert "Warning: There is no track Oval_track" in said
+    assert "Warning: The track Oval_track" in said
     assert "Error: " in said
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drcli.config.setting_problems import hidden
 from drcli.config.settings import catalogue
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -89,7 +90,7 @@ def test_names_belong_in_the_file_in_which_our_examples_have_them(file):
 
 def test_every_setting_that_is_used_is_read_by_some_module():
     modules = [p for p in (ROOT / "drcli").rglob("*.py") if "config" not in p.parts]
-    modules += [ROOT / "drcli" / "config" / name for name in ("loading.py", "model.py")]
+    modules += [ROOT / "drcli" / "config" / name for name in ("loading.py", "settings.py")]
     code = "\n".join(path.read_text("utf-8") for path in modules)
 
     used = [setting for setting in catalogue().values() if setting.effect == "used"]
@@ -108,3 +109,7 @@ def test_every_setting_says_what_may_be_written():
     ]
 
     assert vague == []
+
+
+def test_no_setting_has_the_name_of_a_secret():
+    assert [name for name in catalogue() if hidden(name, "value") != "value"] == []

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.former_names import FORMER
-from drcli.config.inspection import check_settings, inspect_values
-from drcli.config.names import old_names
 from drcli.config.settings import catalogue
+from drcli.config.settings_report import check_settings, inspect_values
+from drcli.config.unused_names import FORMER, old_names
 
 ALL_NAMES = Path(__file__).resolve().parents[4] / "shared" / "spec" / "drfc-variable-names.txt"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.config.value_types import follows_s3
 
 

@@ -178,7 +178,7 @@ def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder, trave
     assert len(settings.warnings) == 2
 
 
-@pytest.mark.parametrize("how", ["argument", "environment", "system.env"])
+@pytest.mark.parametrize("how", ["flag", "environment", "system.env"])
 def test_an_experiment_brings_its_own_run_env_and_custom_files(folder, how):
     folder.write("experiments/first/run.env", "DR_WORKERS=7")
     if how == "system.env":
@@ -186,7 +186,7 @@ def test_an_experiment_brings_its_own_run_env_and_custom_files(folder, how):
 
     settings = folder.load(
         "DR_WORKERS=2",
-        experiment="first" if how == "argument" else None,
+        flags={"DR_EXPERIMENT_NAME": "first"} if how == "flag" else {},
         environ={"DR_EXPERIMENT_NAME": "first"} if how == "environment" else {},
     )
 
@@ -243,12 +243,8 @@ def test_settings_cannot_be_changed(folder):
         ("DR_LOCAL_S3_PRETRAINED=True", ""),
     ],
 )
-def test_what_cannot_be_run_yet_is_said_in_one_sentence(folder, line, sentence):
-    assert str(folder.load(line).unsupported() or "") == sentence
-
-
-def test_two_models_can_be_evaluated_against_each_other(folder):
-    assert folder.load("DR_RACE_TYPE=HEAD_TO_MODEL").unsupported("evaluation") is None
+def test_a_race_without_training_is_explained_in_one_sentence(folder, line, sentence):
+    assert str(folder.load(line).untrainable or "") == sentence
 
 
 def test_every_name_stands_once_with_a_meaning_and_a_default_that_fits():

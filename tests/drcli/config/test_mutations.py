@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.cli.app import main
-from drcli.config.env_file import LARGEST_BYTES
+from drcli.config.settings_files import LARGEST_BYTES
 
 REFERENCE = Path(__file__).resolve().parents[2] / "data" / "reference"
 

@@ -8,7 +8,8 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import catalogue, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import catalogue
 
 REFERENCE = Path(__file__).resolve().parents[2] / "data" / "reference"
 """The reference's own run.env and system.env, as its installer writes them."""

@@ -6,7 +6,7 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 
 
 @pytest.mark.parametrize(
@@ -115,14 +115,14 @@ from drcli.config.settings import load_settings
             "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your "
             "own files, or contains it "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
-            "Give the model a folder of its own: -w would wipe your files.",
+            "Give the model another folder: -w would wipe your files.",
             id="own-files-in-the-model",
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=custom_files/model",
             "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model is inside the folder of "
             "your own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
-            "Give the model a folder beside it: they could overwrite each other.",
+            "Give the model another folder: they could overwrite each other.",
             id="model-among-own-files",
         ),
         pytest.param(
@@ -356,7 +356,7 @@ def test_a_path_in_the_home_of_a_user_who_has_none_is_refused(folder, monkeypatc
 
     refusal = folder.refusal("")
 
-    assert "system.env line 1: DR_S3_DATA_DIR=~/bucket: the home folder" in str(refusal)
+    assert "system.env line 1: DR_S3_DATA_DIR=~/bucket begins with ~" in str(refusal)
     assert "Write the whole path, or set HOME." in refusal.remedy
 
 

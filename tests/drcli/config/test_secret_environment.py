@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config import secret_environment
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.job import Job
 from drcli.store.profiles import lend_to_refreshes
 

@@ -105,7 +105,7 @@ def test_what_is_wrong_in_several_files_is_reported_at_once(folder, files):
 def test_a_race_of_two_models_cannot_be_trained_by_any_worker(folder, files):
     files("DR_RACE_TYPE=HEAD_TO_MODEL\n")
 
-    assert str(folder.load(MULTI).unsupported()).startswith(
+    assert str(folder.load(MULTI).untrainable).startswith(
         "worker-2.env line 1: DR_RACE_TYPE=HEAD_TO_MODEL"
     )
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange import job as jobs
 from drcli.exchange.job import Job, WorkerExit
 

@@ -25,7 +25,7 @@ def test_missing_keys_have_the_defaults_of_the_reference():
 def test_the_example_of_the_project_is_accepted_without_a_warning():
     values = Hyperparameters.from_bytes(EXAMPLE)
 
-    assert values.warnings == ()
+    assert values.problems == ()
     assert values.huber
 
 
@@ -222,7 +222,7 @@ def test_everything_wrong_is_reported_at_once():
 def test_an_unusual_value_is_used_with_a_warning(line, warning):
     values = Hyperparameters.from_bytes(f"{{\n{line}}}".encode(), "h.json")
 
-    assert values.warnings == (f"h.json line 2: {warning}",)
+    assert [str(each) for each in values.problems] == [f"h.json line 2: {warning}"]
 
 
 @pytest.mark.parametrize(

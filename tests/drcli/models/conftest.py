@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import Counters
 from drcli.models.download import DownloadOptions, DownloadReport, download, plan_download
 from drcli.models.upload import UploadOptions, UploadReport, plan_upload, upload

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from drcli.checks.sandbox.sandbox_records import SandboxResult
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward
 from drcli.rewards.scripted_drive import drive
 from drsim.episode.reward import RewardFunction

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore

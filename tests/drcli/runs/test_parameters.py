@@ -3,7 +3,8 @@
 import pytest
 import yaml
 
-from drcli.config.settings import Settings, load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
 from drcli.modelfiles.params_yaml import (
     evaluation_parameters,
     moved_training_parameters,

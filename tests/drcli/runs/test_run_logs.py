@@ -8,7 +8,7 @@ import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import StorageError
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.runs import run_logs
 from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, log_file
 from memory_bucket import MemoryBucket

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.log import LogFile
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord
 from drcli.runs import supervisor

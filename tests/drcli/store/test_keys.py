@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drcli.config.value_types import BESIDE_MODELS
+from drcli.config.value_types import RUN_FOLDERS
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
 
@@ -136,7 +136,7 @@ def test_rollouts_of_a_model_whose_prefix_continues_ours_are_not_ours():
 def test_what_lies_beside_the_models_is_no_name_for_a_model():
     folders = {keys.run_folder("m"), keys.rollouts_folder("m")}
 
-    assert {folder.partition("/")[0] for folder in folders} == set(BESIDE_MODELS)
+    assert {folder.partition("/")[0] for folder in folders} == set(RUN_FOLDERS)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.store import profiles
 from drcli.store.connect import open_upload_bucket
 from drcli.store.profiles import Profile, read_profile

@@ -18,7 +18,7 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.config.run_config import StorageConfig
+from drcli.config.settings import StorageConfig
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket

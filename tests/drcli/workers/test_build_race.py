@@ -4,8 +4,8 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.sample_calls import sample_params
-from drcli.config.run_config import RaceConfig
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
+from drcli.config.settings import RaceConfig
 from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
 from drsim.car.realism import Realism
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race

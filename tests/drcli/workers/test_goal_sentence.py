@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.workers.goals import ending

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.trace import Episode, Row
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata

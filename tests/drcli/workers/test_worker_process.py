@@ -9,7 +9,7 @@ import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
 
 DEAF = """import signal

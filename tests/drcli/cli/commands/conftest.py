@@ -224,7 +224,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _settings():
     """Settings whose bucket has an address on the web."""
-    from drcli.config.settings import load_settings
+    from drcli.config.loading import load_settings
 
     remote = {"DR_CLOUD": "remote", "DR_REMOTE_MINIO_URL": "http://a-long-name-of-a-server:9000"}
     return load_settings(Path.cwd(), flags=remote)

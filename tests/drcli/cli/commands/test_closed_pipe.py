@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.exchange.run_record import RunRecord, run_folder
 
 

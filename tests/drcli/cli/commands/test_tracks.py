@@ -14,7 +14,7 @@ import pytest
 from drcli.base.errors import Aborted, StorageError
 from drcli.cli.app import main
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.tracks import community, tracks_folder
 from drsim.errors import TrackError
 from drsim.track.worlds import load_track

@@ -7,8 +7,8 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.config import activation
-from drcli.config.settings import active_run_file, load_settings
-from drcli.config.shell import shell_change
+from drcli.config.loading import active_run_file, load_settings
+from drcli.config.shell_variables import shell_change
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 
 
 def test_an_experiment_begins_with_what_the_folder_has_and_can_run_beside_it(dr, empty, capsys):
@@ -13,7 +13,7 @@ def test_an_experiment_begins_with_what_the_folder_has_and_can_run_beside_it(dr,
 
     code = dr("init", "--experiment", "fast")
 
-    own = load_settings(empty, environ={}, experiment="fast")
+    own = load_settings(empty, environ={}, flags={"DR_EXPERIMENT_NAME": "fast"})
     main = load_settings(empty, environ={})
     assert code == 0
     assert own.world_name == "bean"
@@ -30,7 +30,7 @@ def test_the_next_experiment_gets_the_next_number(dr, empty):
 
     dr("init", "--experiment", "two", "--prefix", "my-model", "--world", "bean")
 
-    two = load_settings(empty, environ={}, experiment="two")
+    two = load_settings(empty, environ={}, flags={"DR_EXPERIMENT_NAME": "two"})
     assert (two.run_id, two.model_prefix, two.world_name) == (2, "my-model", "bean")
 
 
@@ -81,7 +81,7 @@ def test_a_note_of_an_old_value_stays_a_note(dr, empty):
 
     dr("init", "--experiment", "fast", "--world", "bean")
 
-    own = load_settings(empty, environ={}, experiment="fast")
+    own = load_settings(empty, environ={}, flags={"DR_EXPERIMENT_NAME": "fast"})
     assert own.world_name == "bean"
     assert own.warnings == ()
 

@@ -11,9 +11,9 @@ import pytest
 
 from drcli.base import atomic_file
 from drcli.base.errors import SettingsError
-from drcli.config import folder_files
-from drcli.config.settings import load_settings
-from drcli.config.shipped import model_file
+from drcli.config import write_folder
+from drcli.config.example_files import model_file
+from drcli.config.loading import load_settings
 
 WRITTEN = [
     "run.env",
@@ -189,7 +189,7 @@ def test_what_fails_half_way_is_taken_back(dr, empty, capsys, monkeypatch):
             raise SettingsError(f"{path}: no space left.", remedy="Make room.")
         atomic_file.rewrite(path, data)
 
-    monkeypatch.setattr(folder_files, "rewrite", rewrite_until_full)
+    monkeypatch.setattr(write_folder, "rewrite", rewrite_until_full)
     code = dr("init", "--force")
 
     assert code == 3
@@ -203,7 +203,7 @@ def test_a_world_that_is_not_here_is_named_with_the_way_to_get_it(dr, empty, cap
 
     said = capsys.readouterr().err
     assert code == 0
-    assert "Warning: There is no track Oval_track here yet" in said
+    assert "Warning: The track Oval_track is not installed" in said
     assert said.index("fetch the track:") < said.index("dr-validate")
 
 

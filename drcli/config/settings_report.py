@@ -1,25 +1,23 @@
-"""What somebody sees who asks for the settings: each value with the place it comes from."""
+"""What `dr config show` and `dr config check` report: values with their places, and problems."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.problems import Place, Problem, ProblemsError, closest, few
-from drcli.config.effects import Idle, idle, remainder
-from drcli.config.env_file import Entry
+from drcli.base.problems import Problem, ProblemsError, closest, few
 from drcli.config.fields import Effect, Setting
-from drcli.config.former_names import FORMER
-from drcli.config.layers import Layers
-from drcli.config.model import Settings, catalogue
-from drcli.config.secrets import hidden
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
+from drcli.config.setting_problems import hidden
+from drcli.config.settings import Settings, catalogue
+from drcli.config.settings_files import Layers, given
+from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, without_effect
 from drcli.config.worlds import track_problems
 
 
 @dataclass(frozen=True)
 class Value:
-    """One setting as it counts.
+    """One setting with its present value.
 
     Attributes:
         name: The setting, or another name of the racer's own files.
@@ -82,38 +80,26 @@ class Values:
 
 @dataclass(frozen=True)
 class Check:
-    """What `dr config check` found.
-
-    Attributes:
-        directory: The working folder.
-        problems: What is wrong or odd, in the order of reading.
-        without_effect: Settings in the files that do nothing here, by reason.
-        summary: The warning that `without_effect` replaces.
-    """
+    """What `dr config check` found; `summary` is the warning that `without_effect` replaces."""
 
     directory: str
     problems: tuple[Problem, ...] = ()
-    without_effect: tuple[Idle, ...] = ()
+    without_effect: tuple[WithoutEffect, ...] = ()
     summary: Problem | None = None
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """What is wrong."""
+        """Problems that keep a training from starting."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is allowed and may surprise, as sentences."""
+        """All other problems, as sentences."""
         return tuple(warnings_of(each for each in self.problems if each != self.summary))
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:
-    """The name somebody means: in small letters or without DR_ is fine.
-
-    Args:
-        written: What was written.
-        others: Names that exist beside the settings.
-    """
+    """The setting or other name that is meant: small letters and a missing DR_ are fine."""
     if written in others:
         return written
     candidates = (written.upper(), f"DR_{written.upper()}")
@@ -134,20 +120,14 @@ def suggestion(written: str) -> str:
 def inspect_values(
     settings: Settings, names: Sequence[str] = (), *, changed: bool = False
 ) -> Values:
-    """The values of settings.
-
-    Args:
-        settings: As they were loaded.
-        names: Only these; each is a setting or a name of the racer's files.
-        changed: Only those that differ from their default.
-    """
+    """The values of all settings and other names, or only of `names`, or only those `changed`."""
 
     def chosen(values: Iterable[Value]) -> tuple[Value, ...]:
         wanted = (value for value in values if not names or value.name in names)
         return tuple(value for value in wanted if value.changed or not changed)
 
     everything = [_value(settings, setting) for setting in catalogue().values()]
-    everything += [_stray(settings, name) for name in settings.extra]
+    everything += [_other_name(settings, name) for name in settings.extra]
     workers = []
     for number, override in enumerate(settings.overrides, start=2):
         own = settings.for_worker(number - 1)
@@ -159,50 +139,50 @@ def inspect_values(
     )
 
 
-def check_settings(directory: Path, environ: Mapping[str, str] | None = None) -> Check:
-    """Load all settings and report everything there is to say about them.
-
-    Args:
-        directory: The working folder.
-        environ: Process environment; `os.environ` when None.
-    """
+def check_settings(
+    directory: Path,
+    environ: Mapping[str, str] | None = None,
+    contents: Mapping[str, bytes] | None = None,
+) -> Check:
+    """Report everything that is wrong or odd; the arguments are those of `load_settings`."""
     try:
-        settings = load_settings(directory, environ=environ)
+        settings = load_settings(directory, environ=environ, contents=contents)
     except ProblemsError as error:
         return Check(str(directory), error.problems)
-    problems = _all_problems(settings)
-    return Check(str(directory), problems, idle(settings), remainder(settings))
-
-
-def problems_of(
-    directory: Path, environ: Mapping[str, str], contents: Mapping[str, bytes] | None = None
-) -> tuple[Problem, ...]:
-    """Everything that is wrong or odd about the settings of a folder, as for `load_settings`."""
-    try:
-        return _all_problems(load_settings(directory, contents=contents, environ=environ))
-    except ProblemsError as error:
-        return error.problems
+    problems = (*settings.problems, *track_problems(settings.races))
+    return Check(str(directory), problems, without_effect(settings), harmless_summary(settings))
 
 
 def warnings_of(problems: Iterable[Problem]) -> list[str]:
-    """Warnings as sentences; a note says what to do as well."""
+    """Warnings and notes as sentences; those of notes also say what to do."""
     odd = (problem for problem in problems if problem.severity != "error")
     return few(f"{each} {each.remedy}" if each.severity == "note" else str(each) for each in odd)
 
 
-def _all_problems(settings: Settings) -> tuple[Problem, ...]:
-    """What loading did not refuse, and tracks that are unknown or have to be fetched."""
-    return (*settings.problems, *track_problems(settings.races))
-
-
 def _value(settings: Settings, setting: Setting) -> Value:
-    text = _text(getattr(settings, setting.field))
-    default = _default(settings, setting)
+    text, default = _text(getattr(settings, setting.field)), _default(settings, setting)
+    return _present(settings, setting, text, default)
+
+
+def _other_name(settings: Settings, name: str) -> Value:
+    """A name in the racer's files that is not a setting; other values may refer to it."""
+    former = FORMER.get(name)
+    meaning = "A name of your own, which other values can refer to."
+    reason = ""
+    if former is not None:
+        meaning, reason = former.meaning, former.reason
+    other = Setting(
+        name, "", meaning, None, None, (), "accepted", reason, None, group="Other names"
+    )
+    return _present(settings, other, settings.extra[name], None)
+
+
+def _present(settings: Settings, setting: Setting, text: str, default: str | None) -> Value:
     place = settings.place(setting.name)
     return Value(
         name=setting.name,
         value=hidden(setting.name, text),
-        default=hidden(setting.name, default),
+        default=hidden(setting.name, default or ""),
         source=str(place),
         file=None if place.line is None else place.file,
         line=place.line,
@@ -215,29 +195,8 @@ def _value(settings: Settings, setting: Setting) -> Value:
     )
 
 
-def _stray(settings: Settings, name: str) -> Value:
-    """A name in the racer's files that is not a setting; other values may refer to it."""
-    place, former = settings.place(name), FORMER.get(name)
-    return Value(
-        name=name,
-        value=hidden(name, settings.extra[name]),
-        default="",
-        source=str(place),
-        file=None if place.line is None else place.file,
-        line=place.line,
-        changed=True,
-        effect="accepted",
-        reason="" if former is None else former.reason,
-        meaning="A name of your own, which other values can refer to."
-        if former is None
-        else former.meaning,
-        expected="any text",
-        group="Other names",
-    )
-
-
 def _text(value: Any) -> str:
-    """A value as it would be written in a settings file."""
+    """A value as it would be written in a settings file, with short numbers."""
     if isinstance(value, tuple):
         return ";".join(",".join(f"{number:g}" for number in pair) for pair in value)
     return "" if value is None else str(value)
@@ -250,10 +209,9 @@ def _default(settings: Settings, setting: Setting) -> str:
     if "$" not in setting.default_text:
         return setting.default_text
     others = {
-        other.name: Entry(
-            other.name, _text(getattr(settings, other.field)), Place(""), expands=False
-        )
+        other.name: _text(getattr(settings, other.field))
         for other in catalogue().values()
         if other is not setting
     }
-    return Layers([others], {setting.name: setting.default_text}).text(setting.name) or ""
+    layers = Layers([given(others, "")], {setting.name: setting.default_text})
+    return layers.text(setting.name) or ""

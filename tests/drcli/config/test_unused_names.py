@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.config.effects import idle, without_effect
+from drcli.config.unused_names import effect_warnings, without_effect
 
 
 def test_harmless_settings_share_one_sentence(folder):
@@ -10,7 +10,7 @@ def test_harmless_settings_share_one_sentence(folder):
 
     settings = folder.load("DR_CAR_COLOR=Blue\n")
 
-    assert list(map(str, without_effect(settings))) == [
+    assert list(map(str, effect_warnings(settings))) == [
         "run.env and system.env: 4 of the settings are for containers, windows, videos and the "
         "like, without effect here. `dr config check` names them."
     ]
@@ -51,7 +51,7 @@ def test_a_switch_that_is_off_is_missed_by_nobody(folder, value):
 def test_all_of_them_are_listed_by_reason(folder):
     folder.write("system.env", "DR_DOCKER_STYLE=swarm\nDR_MINIO_IMAGE=latest\nDR_WORKERS=2\n")
 
-    groups = idle(folder.load("DR_EVAL_SAVE_MP4=True\n"))
+    groups = without_effect(folder.load("DR_EVAL_SAVE_MP4=True\n"))
 
     assert [(group.reason, group.names) for group in groups] == [
         ("videos are not recorded", ("DR_EVAL_SAVE_MP4",)),

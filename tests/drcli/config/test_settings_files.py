@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
-from drcli.config.env_file import LARGEST_BYTES, parse_env, with_values
+from drcli.config.editing import with_values
+from drcli.config.settings_files import LARGEST_BYTES, parse_env
 
 
 @pytest.mark.parametrize(

@@ -1,28 +1,22 @@
-"""Writes what was planned into a folder: all of it or, when something is in the way, nothing."""
+"""Writes a planned working folder: all of it or, if something is in the way, nothing."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
 from drcli.base.problems import Place, ProblemsError
-from drcli.config.env_file import content_of
 from drcli.config.setting_problems import file_problem
+from drcli.config.settings_files import content_of
 
 
 @dataclass(frozen=True)
 class NewFile:
-    """A file to write.
-
-    Attributes:
-        name: Its path below the working folder.
-        data: Its content.
-    """
+    """A file to write; the name is its path below the working folder."""
 
     name: str
     data: bytes
@@ -34,10 +28,8 @@ class FolderPlan:
 
     Attributes:
         folder: The working folder, absolute.
-        files: Everything that belongs there.
-        folders: Folders that belong there even when they are empty.
-        missing_track: The chosen track, where it is still to be fetched.
-        warnings: Sentences about what is allowed and may surprise.
+        folders: Folders to make, even if they are empty.
+        missing_track: The chosen track, if it has to be fetched first.
     """
 
     folder: Path
@@ -48,7 +40,7 @@ class FolderPlan:
 
     @property
     def clashes(self) -> list[str]:
-        """Files that are there already with another content, by name."""
+        """Names of files that exist with other content."""
         return [file.name for file in self.files if _differs(self.folder / file.name, file.data)]
 
 
@@ -72,7 +64,7 @@ class FolderReport:
 
 
 def write(plan: FolderPlan) -> FolderReport:
-    """Write what was planned. What is replaced stays beside it as .bak.
+    """Write what was planned. A file that is replaced is kept as .bak.
 
     Raises:
         ProblemsError: Something is in the way; nothing was written.
@@ -80,7 +72,7 @@ def write(plan: FolderPlan) -> FolderReport:
     """
     _refuse_obstacles(plan)
     written, unchanged, backups = [], [], []
-    with _taken_back_on_failure() as undo:
+    with ExitStack() as undo:
         _make_folders(plan.folder, undo)
         with only_writer(plan.folder):
             for name in plan.folders:
@@ -94,12 +86,16 @@ def write(plan: FolderPlan) -> FolderReport:
                 _make_folders(path.parent, undo)
                 if _differs(path, file.data):
                     copy = _free_name(path)
-                    undo.append(partial(copy.unlink, missing_ok=True))
+                    undo.callback(_try, copy.unlink)
                     rewrite(copy, before or b"")
                     backups.append(str(copy.relative_to(plan.folder)))
-                undo.append(_restoring(path, before))
+                if before is None:
+                    undo.callback(_try, path.unlink)
+                else:
+                    undo.callback(_try, rewrite, path, before)
                 rewrite(path, file.data)
                 written.append(file.name)
+        undo.pop_all()  # everything was written
     return FolderReport(str(plan.folder), written, unchanged, backups, list(plan.warnings))
 
 
@@ -140,35 +136,21 @@ def _obstacle(folder: Path) -> dict[Path, str]:
     return {}
 
 
-@contextmanager
-def _taken_back_on_failure() -> Iterator[list[Callable[[], object]]]:
-    """Collects what takes back each step, and does so when a later step fails."""
-    steps: list[Callable[[], object]] = []
-    try:
-        yield steps
-    except BaseException:
-        for step in reversed(steps):
-            with suppress(OSError, SettingsError):
-                step()
-        raise
-
-
-def _restoring(path: Path, before: bytes | None) -> Callable[[], object]:
-    """What gives a file its content back, or takes it away where there was none."""
-    if before is None:
-        return partial(path.unlink, missing_ok=True)
-    return partial(rewrite, path, before)
+def _try(step: Callable[..., object], *args: object) -> None:
+    """Take one step back, as far as that is possible."""
+    with suppress(OSError, SettingsError):
+        step(*args)
 
 
 def _differs(path: Path, data: bytes) -> bool:
-    """Whether something stands where a file shall be, and would be lost."""
-    if path.name == ".gitignore":  # whose lines are kept
+    """Whether a file has other content, which would be lost."""
+    if path.name == ".gitignore":  # its lines are kept
         return False
     return _content(path) not in (None, data)
 
 
 def _content(path: Path) -> bytes | None:
-    """What is in a file, None where there is none.
+    """The content of a file, None if it does not exist.
 
     Raises:
         SettingsError: It may not be read.
@@ -177,12 +159,12 @@ def _content(path: Path) -> bytes | None:
 
 
 def _free_name(path: Path) -> Path:
-    """A name beside a file that nothing has yet."""
+    """A name for a copy of a file that no other file has."""
     names = (f"{path.name}.bak{number or ''}" for number in range(1000))
     return next(path.with_name(name) for name in names if not path.with_name(name).exists())
 
 
-def _make_folders(path: Path, undo: list[Callable[[], object]]) -> None:
+def _make_folders(path: Path, undo: ExitStack) -> None:
     """Make a folder and those above it, as far as they are missing.
 
     Raises:
@@ -199,4 +181,4 @@ def _make_folders(path: Path, undo: list[Callable[[], object]]) -> None:
                     e, folder, "Choose another folder, or check that you may write there."
                 ),
             ) from e
-        undo.append(folder.rmdir)
+        undo.callback(_try, folder.rmdir)

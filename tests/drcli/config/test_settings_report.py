@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.config.inspection import check_settings, find_name, inspect_values, suggestion
+from drcli.config.settings_report import check_settings, find_name, inspect_values, suggestion
 
 
 def test_each_value_knows_its_place(folder):

@@ -1,4 +1,4 @@
-"""The settings of a working folder as variables of a shell: what to export, what to take away."""
+"""The settings of a working folder as variables of a shell: what to export and what to unset."""
 
 import json
 import shlex
@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.problems import Place, ProblemsError
+from drcli.base.problems import ProblemsError
 from drcli.config import activation
-from drcli.config.env_file import Entry
-from drcli.config.experiment import EXPERIMENT, chosen_experiment, run_file
-from drcli.config.files import Files
-from drcli.config.layers import Layers
+from drcli.config.settings import catalogue
+from drcli.config.settings_files import EXPERIMENT, Layers, SettingsFiles, given
 
 OURS = (activation.FOLDER, activation.RUN_FILE, activation.MARK)
-"""Variables that activation sets by itself, whatever a file says."""
+"""Variables that activation sets itself, whatever a file says."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +20,7 @@ class ShellChange:
     """What activation changes in a shell.
 
     Attributes:
-        export: Variables to set, by name.
-        unset: Variables that an earlier activation left and that stand in no file any more.
+        unset: Variables that an earlier activation left and that no file has any more.
         warnings: Sentences about values that could not be filled in.
     """
 
@@ -39,14 +36,11 @@ class ShellChange:
 
 
 def shell_change(
-    directory: Path,
-    environ: Mapping[str, str],
-    *,
-    experiment: str = "",
+    directory: Path, environ: Mapping[str, str], *, experiment: str = ""
 ) -> ShellChange:
     """What the files of a working folder mean for a shell.
 
-    Values are taken as they are written: whether a setting makes sense is for the commands to say.
+    Values are taken as they are written: the commands check them.
 
     Args:
         directory: Folder with run.env, absolute.
@@ -56,26 +50,22 @@ def shell_change(
     Raises:
         SettingsError: A file is missing, or a line of it cannot be read.
     """
-    given = activation.chosen(environ)
-    outside = {
-        key: Entry(key, value, Place("environment"), expands=False) for key, value in given.items()
-    }
+    by_hand = activation.chosen(environ)
+    outside = given(by_hand, "environment")
     if experiment:
-        outside[EXPERIMENT] = Entry(EXPERIMENT, experiment, Place("-e"), expands=False)
-    files = Files(directory, {})
+        outside |= given({EXPERIMENT: experiment}, "-e")
+    files = SettingsFiles(directory)
     system = files.read("system.env") if files.exist("system.env") else {}
-    name = run_file(files, [outside], chosen_experiment(files, [outside, system]))
+    name = files.run_file([outside], files.experiment([outside, system]))
     run = files.read(name)
     if any(problem.severity == "error" for problem in files.problems):
         raise ProblemsError(files.problems)
 
-    layers = Layers([outside, run, system], {})
     names = [key for key in {**system, **run} if key not in outside and key not in OURS]
+    defaults = {key: setting.default_text for key, setting in catalogue().items()}
+    layers = Layers([outside, run, system], defaults)
     texts = {key: layers.text(key) or "" for key in names}
-    if layers.problems:
-        layers = Layers([outside, run, system], _defaults())
-        texts = {key: layers.text(key) or "" for key in names}
-    copies = {**_derived({**given, **texts}, directory), **texts}
+    copies = {**_derived({**by_hand, **texts}, directory), **texts}
     export = {
         activation.FOLDER: str(directory),
         activation.RUN_FILE: str(directory / name),
@@ -83,20 +73,13 @@ def shell_change(
         **copies,
         activation.MARK: activation.marked(copies),
     }
-    gone = activation.copies(environ) - export.keys()
+    unset = activation.copies(environ) - export.keys()
     warnings = tuple(str(problem) for problem in layers.problems.values())
-    return ShellChange(export, tuple(sorted(gone)), warnings)
-
-
-def _defaults() -> dict[str, str]:
-    """Defaults of all settings, for values that refer to one; loading them takes a while."""
-    from drcli.config.settings import catalogue
-
-    return {name: setting.default_text for name, setting in catalogue().items()}
+    return ShellChange(export, tuple(sorted(unset)), warnings)
 
 
 def _derived(values: Mapping[str, str], directory: Path) -> dict[str, str]:
-    """What the reference's activation works out besides, as far as it means something here."""
+    """Other variables that the activation of the reference sets and that are useful here."""
     derived = {"DR_RUN_ID": "0"} if "DR_RUN_ID" not in values else {}
     if region := values.get("DR_AWS_APP_REGION"):
         derived["AWS_DEFAULT_REGION"] = region
@@ -111,7 +94,7 @@ def _derived(values: Mapping[str, str], directory: Path) -> dict[str, str]:
 
 
 def _address(values: Mapping[str, str], directory: Path) -> str:
-    """The bucket's address as far as it is known without asking anybody; empty for Amazon's own."""
+    """The bucket's address if it is known without a request; empty for Amazon's own."""
     cloud = values.get("DR_CLOUD", "local")
     if cloud in ("remote", "azure"):
         return values.get("DR_REMOTE_MINIO_URL", "")
