@@ -60,7 +60,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
         return
     raise SettingsError(
         f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
-        f"{held.host} (last heard of {held.age_s:.0f} s ago).",
+        f"{held.host} (last sign of life {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
