@@ -68,17 +68,13 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
 
 def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still run; on another machine, this is assumed."""
-    if lease.machine != this_machine():
-        return True
-    return is_alive(lease.pid, lease.pid_started)
+    return lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:
     """Make this process the owner of the prefix; the lease must then be renewed."""
     before = read_lease(bucket, prefix)
-    term = 1
-    if before is not None:
-        term = before.term if before.session == session else before.term + 1
+    term = 1 if before is None else before.term + (before.session != session)
     lease = Lease(
         session=session,
         host=socket.gethostname(),

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
@@ -87,7 +87,7 @@ def restart(config: StorageConfig) -> Endpoint:
         StorageError: As in `ensure_running`.
     """
     if config.cloud == "local" and config.engine != "moto":
-        return _locked(config, _restart_local)
+        return _locked(config, partial(_ensure_local, restarts=True))
     return ensure_running(config)
 
 
@@ -137,20 +137,13 @@ def stop_default(directory: Path) -> bool:
     return stop(StorageConfig("local", "", folder))
 
 
-def _restart_local(config: StorageConfig) -> Endpoint:
-    state = ServerState.read(own_file(config.data_dir, "json"))
-    if state is not None:
-        state.end()  # its id stays in the state, so that the start waits for its port
-    return _ensure_local(config)
-
-
-def _ensure_local(config: StorageConfig) -> Endpoint:
+def _ensure_local(config: StorageConfig, *, restarts: bool = False) -> Endpoint:
     state = ServerState.read(own_file(config.data_dir, "json"))
     if state is not None and state.pid is not None:
-        if _answers(state, config):
+        if not restarts and _answers(state, config):
             _check_same_server(state, config)
             return _ready(state, config)
-        state.end()
+        state.end()  # its id stays in the state, so that the start waits for its port
     keys = state or ServerState(
         config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20)
     )
