@@ -110,14 +110,6 @@ def _is_nan(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def encode_pointer(name: CheckpointName) -> bytes:
-    """The pointer `.coach_checkpoint`: the name as plain text."""
-    return str(name).encode()
-
-
 def decode_pointer(data: bytes) -> CheckpointName:
-    """The checkpoint that a pointer names; RecordError if it is damaged."""
-    name = CheckpointName.parse(data.decode(errors="replace"))
-    if name is None:
-        raise RecordError("it does not name a checkpoint")
-    return name
+    """The checkpoint that `.coach_checkpoint` names in plain text; RecordError if it is damaged."""
+    return checkpoint_name(data.decode(errors="replace"))

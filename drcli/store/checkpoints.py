@@ -9,13 +9,13 @@ from functools import partial
 
 from drcli.base.errors import StorageError
 from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import RecordError
 from drcli.exchange.checkpoint import (
     CheckpointName,
     CheckpointRecord,
     Counters,
     checkpoint_name,
     decode_pointer,
-    encode_pointer,
 )
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import best_checkpoint, keys
@@ -109,8 +109,7 @@ class CheckpointStore:
         `save` does this. A trainer that goes back to an older checkpoint points to that one, so
         that the workers use it too.
         """
-        pointer = encode_pointer(checkpoint_name(record.name))
-        self._bucket.put(keys.coach_checkpoint(self._prefix), pointer)
+        self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:
@@ -134,23 +133,14 @@ class CheckpointStore:
         self.point_to(self.record(str(name)))
         return True
 
-    def latest_name(self) -> str | None:
-        """The checkpoint that the pointer names, None before the first; ObjectDamaged."""
-        key = keys.coach_checkpoint(self._prefix)
-        remedy = "Go on with `dr-start-training --resume`, which writes it again."
-        try:
-            return str(read_record(self._bucket, key, decode_pointer, remedy))
-        except ObjectMissing:
-            return None
-
     def pointed(self) -> CheckpointName | None:
-        """The same for those who wait: None too while the pointer is damaged.
+        """The checkpoint that the pointer names; None before the first, or if it is damaged.
 
-        The trainer writes it again as soon as it notices.
+        The trainer repairs a damaged pointer.
         """
         try:
-            return CheckpointName.parse(self.latest_name() or "")
-        except ObjectDamaged:
+            return decode_pointer(self._bucket.get(keys.coach_checkpoint(self._prefix)))
+        except (ObjectMissing, RecordError):
             return None
 
     def drivers(self, newest: CheckpointName) -> list[str]:

@@ -60,7 +60,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
         return
     raise SettingsError(
         f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
-        f"{held.host} (last heard of {held.age_s:.0f} s ago).",
+        f"{held.host} (last sign of life {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
@@ -68,17 +68,13 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
 
 def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still run; on another machine, this is assumed."""
-    if lease.machine != this_machine():
-        return True
-    return is_alive(lease.pid, lease.pid_started)
+    return lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:
     """Make this process the owner of the prefix; the lease must then be renewed."""
     before = read_lease(bucket, prefix)
-    term = 1
-    if before is not None:
-        term = before.term if before.session == session else before.term + 1
+    term = 1 if before is None else before.term + (before.session != session)
     lease = Lease(
         session=session,
         host=socket.gethostname(),

@@ -17,7 +17,6 @@ from drcli.exchange.checkpoint import (
     CheckpointRecord,
     checkpoint_name,
     decode_pointer,
-    encode_pointer,
 )
 from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history
@@ -220,7 +219,7 @@ def _write_pointer(model: Model, _damaged: bytes) -> str:
     newest = max(whole_checkpoints(model.bucket, model.prefix), default=None)
     if newest is None:
         return "The model has no checkpoint to point to."
-    model.bucket.put(keys.coach_checkpoint(model.prefix), encode_pointer(newest))
+    model.bucket.put(keys.coach_checkpoint(model.prefix), str(newest).encode())
     return f"It names {newest} again."
 
 

@@ -81,11 +81,11 @@ class S3Bucket:
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing if it does not exist."""
-        return self._patiently(lambda: self._get(key, watch), self._attempt("read", key))
+        return self._retry(lambda: self._get(key, watch), "read", key)
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
         """Read a whole object, and its age in seconds by the server's clock."""
-        return self._patiently(lambda: self._get_with_age(key), self._attempt("read", key))
+        return self._retry(lambda: self._get_with_age(key), "read", key)
 
     def fenced(self, check: Callable[[str], None]) -> Self:
         """The same bucket, which calls `check` with a key each time before it writes or deletes it.
@@ -102,22 +102,20 @@ class S3Bucket:
             call = partial(self._put_whole, key, data)
         else:
             call = partial(self._put_in_parts, key, data, watch)
-        self._patiently(call, self._attempt("write", key, len(data)))
+        self._retry(call, "write", key, len(data))
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects, a thousand in a request."""
         everything = tuple(keys)
         for start in range(0, len(everything), _PAGE_KEYS):
             batch = everything[start : start + _PAGE_KEYS]
-            self._patiently(partial(self._delete_batch, batch), self._attempt("delete", batch[0]))
+            self._retry(partial(self._delete_batch, batch), "delete", batch[0])
 
     def exists(self, key: str) -> bool:
         """Whether an object with this key exists."""
         try:
-            self._patiently(
-                lambda: self._client.head_object(Bucket=self.name, Key=key),
-                self._attempt("look up", key),
-            )
+            call = partial(self._client.head_object, Bucket=self.name, Key=key)
+            self._retry(call, "look up", key)
         except ObjectMissing:
             return False
         return True
@@ -125,7 +123,7 @@ class S3Bucket:
     def list(self, folder: str) -> Listing:
         """All objects below a folder (which ends with a slash), sorted by key."""
         call = partial(self._list_all, checked_folder(folder))
-        return self._patiently(call, self._attempt("list", folder))
+        return self._retry(call, "list", folder)
 
     def accepts_keys(self) -> bool:
         """Whether the server answers now and accepts our access keys."""
@@ -149,12 +147,12 @@ class S3Bucket:
                     raise
                 self._client.create_bucket(Bucket=self.name)
 
-        self._patiently(ensure, self._attempt("create", ""))
+        self._retry(ensure, "create", "")
 
     def probe(self) -> None:
         """Check that objects can be written, read, listed and deleted; StorageError if not."""
         call = partial(self._client.head_bucket, Bucket=self.name)
-        self._patiently(call, self._attempt("open", ""))
+        self._retry(call, "open", "")
         folder = f".probe-{uuid.uuid4().hex}/"
         key, content = folder + "object", b"probe"
         self.put(key, content)
@@ -168,11 +166,8 @@ class S3Bucket:
         finally:
             self.delete([key])
 
-    def _attempt(self, action: str, key: str, size_bytes: int = 0) -> Attempt:
-        return Attempt(action, self.endpoint, self.name, key, size_bytes)
-
-    def _patiently(self, call: Callable[[], T], attempt: Attempt) -> T:
-        """Repeat a call while its failure may be temporary."""
+    def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
+        """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
         from botocore.exceptions import BotoCoreError, ClientError
 
@@ -189,6 +184,7 @@ class S3Bucket:
                 waited_s = self._clock() - started_s
                 left_s = patience_s - waited_s
                 if left_s <= 0:
+                    attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
                 if not shown and waited_s > notices.QUIET_S:
                     shown = True

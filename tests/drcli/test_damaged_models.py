@@ -253,7 +253,7 @@ def _with_leaves(data: bytes, leaf: object) -> bytes:
 def key_of(world: World, name: str) -> str:
     if name != "record":
         return OBJECTS[name]
-    newest = CheckpointStore(world.here, PREFIX).latest_name()
+    newest = CheckpointStore(world.here, PREFIX).pointed()
     return keys.checkpoint_record(PREFIX, str(newest))
 
 
@@ -271,7 +271,7 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
 
     plan = world.planned(resume=True)
 
-    assert plan.resumes == CheckpointStore(world.here, PREFIX).latest_name()
+    assert plan.resumes == str(CheckpointStore(world.here, PREFIX).pointed())
     assert plan.job.seed == 7
     assert_whole(world.here)
     if is_told(name, damage):

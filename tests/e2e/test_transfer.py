@@ -43,7 +43,7 @@ def whole(bucket: S3Bucket, prefix: str) -> str:
     store = CheckpointStore(bucket, prefix)
     name = store.best_name()
     assert name is not None
-    assert name == store.latest_name()
+    assert name == str(store.pointed())
     return store.load(name).record.name
 
 

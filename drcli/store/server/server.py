@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
@@ -86,7 +86,7 @@ def restart(config: StorageConfig) -> Endpoint:
         StorageError: As in `ensure_running`.
     """
     if config.cloud == "local" and config.engine != "moto":
-        return _locked(config, _restart_local)
+        return _locked(config, partial(_ensure_local, restarts=True))
     return ensure_running(config)
 
 
@@ -136,20 +136,13 @@ def stop_default(directory: Path) -> bool:
     return stop(StorageConfig("local", "", folder))
 
 
-def _restart_local(config: StorageConfig) -> Endpoint:
-    state = ServerState.read(own_file(config.data_dir, "json"))
-    if state is not None:
-        state.end()  # its id stays in the state, so that the start waits for its port
-    return _ensure_local(config)
-
-
-def _ensure_local(config: StorageConfig) -> Endpoint:
+def _ensure_local(config: StorageConfig, *, restarts: bool = False) -> Endpoint:
     state = ServerState.read(own_file(config.data_dir, "json"))
     if state is not None and state.pid is not None:
-        if _answers(state, config):
+        if not restarts and _answers(state, config):
             _check_same_server(state, config)
-            return _with_bucket(_watched(state, config), config)
-        state.end()
+            return _ready(state, config)
+        state.end()  # its id stays in the state, so that the start waits for its port
     keys = state or ServerState(
         config.engine, 0, "AK" + secrets.token_hex(9), secrets.token_hex(20)
     )
@@ -159,7 +152,7 @@ def _ensure_local(config: StorageConfig) -> Endpoint:
         fresh = replace(keys, engine=config.engine, port=_choose_port(config, state), pid=None)
         started = _start(fresh, config)
         if started is not None:
-            return _with_bucket(_watched(started, config), config)
+            return _ready(started, config)
     raise _not_started(config, fresh.port)
 
 
@@ -178,15 +171,15 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
     state.write(path)  # before the start, so that no crash leaves a server without its keys
     started = replace(state, pid=_start_process(launch.command, config, launch.variables))
     started.write(path)
-    probe = _probe(started.endpoint(config))
+    client = _client(started.endpoint(config), config.bucket)
     wait_until(
-        lambda: probe.accepts_keys() or not started.is_running,
+        lambda: client.accepts_keys() or not started.is_running,
         patience_s=launch.start_s,
         first_s=0.02,
         last_s=0.2,
         what=f"Waiting for the local S3 server ({state.engine}) to start ...",
     )
-    if started.is_running and probe.accepts_keys():
+    if started.is_running and client.accepts_keys():
         return started
     started.end()
     return None
@@ -233,25 +226,25 @@ def _start_process(command: list[str], config: StorageConfig, variables: Mapping
 
 def _answers(state: ServerState, config: StorageConfig) -> bool:
     """Whether the server answers; one whose process lives may be slow."""
-    probe = _probe(state.endpoint(config))
-    if probe.accepts_keys():
+    client = _client(state.endpoint(config), config.bucket)
+    if client.accepts_keys():  # another program may have the port
         return True
     if not state.is_running:
         return False
     return wait_until(
-        probe.accepts_keys,
+        client.accepts_keys,
         patience_s=_REVIVAL_PATIENCE_S,
         what=f"Waiting for the local S3 server (process {state.pid}) to answer ...",
     )
 
 
 @lru_cache(maxsize=4)
-def _probe(endpoint: Endpoint) -> S3Bucket:
-    """A client that checks whether a server with our keys has the port.
+def _client(endpoint: Endpoint, name: str) -> S3Bucket:
+    """Cached, because a supervisor checks the server every second and a new client takes 20 ms.
 
-    Cached, because a supervisor checks every second and a new client takes 20 ms.
+    It hardly waits, because only its caller can restart the server.
     """
-    return S3Bucket(endpoint, "", patience_s=0, read_timeout_s=2)
+    return S3Bucket(endpoint, name, patience_s=5, read_timeout_s=2)
 
 
 def _check_same_server(state: ServerState, config: StorageConfig) -> None:
@@ -270,17 +263,11 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
         )
 
 
-def _with_bucket(state: ServerState, config: StorageConfig) -> Endpoint:
-    """Create the bucket if it is missing."""
-    endpoint = state.endpoint(config)
-    _bucket(endpoint, config.bucket).ensure_exists()
+def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
+    """The address of the server, with its watcher and its bucket."""
+    endpoint = _watched(state, config).endpoint(config)
+    _client(endpoint, config.bucket).ensure_exists()
     return endpoint
-
-
-@lru_cache(maxsize=4)
-def _bucket(endpoint: Endpoint, name: str) -> S3Bucket:
-    """Cached like `_probe`. It hardly waits, because only its caller can restart the server."""
-    return S3Bucket(endpoint, name, patience_s=2, read_timeout_s=5)
 
 
 def _choose_port(config: StorageConfig, state: ServerState | None) -> int:

@@ -14,7 +14,6 @@ from drcli.exchange.checkpoint import (
     CheckpointRecord,
     Counters,
     decode_pointer,
-    encode_pointer,
 )
 from drcli.exchange.episode_metrics import (
     EpisodeMetrics,
@@ -163,10 +162,10 @@ def test_a_record_of_another_checkpoint_is_refused():
 def test_a_pointer_names_a_checkpoint_and_nothing_else():
     name = CheckpointName(12, 7824)
 
-    assert encode_pointer(name) == b"12_Step-7824.ckpt"
+    assert str(name) == "12_Step-7824.ckpt"
     assert decode_pointer(b"12_Step-7824.ckpt\n") == name
     for data in (b"", b"\xff\xff", b"12", b"model"):
-        with pytest.raises(RecordError, match="does not name a checkpoint"):
+        with pytest.raises(RecordError, match="is not the name of a checkpoint"):
             decode_pointer(data)
 
 

@@ -121,11 +121,11 @@ def driven(bucket: MemoryBucket, prefix: str) -> str | None:
         None where there is no model; that is said cleanly, by missing pointers.
     """
     store = CheckpointStore(bucket, prefix)
-    best, last = store.best_name(), store.latest_name()
+    best, last = store.best_name(), store.pointed()
     if best is None:
         return None
     assert last is not None
-    store.load(last)
+    store.load(str(last))
     weights = store.load(best).tensors.decode()
     design = json.loads(bucket.get(keys.model_metadata(prefix)))["design"]
     assert weights.endswith(f"of design {design}")

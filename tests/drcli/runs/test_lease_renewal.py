@@ -245,7 +245,7 @@ class Training:
         drive = 0
         while True:
             drive += 1
-            name = store.latest_name()
+            name = str(store.pointed())
             session = session_of_worker(self.session, 1, drive)
             writer = RolloutWriter(self.bucket, PREFIX, Manifest(number, 0, name, session))
             writer.finish(Driving())

@@ -35,7 +35,7 @@ def test_everybody_finds_the_first_checkpoint_of_a_clone(trained):
     trained.start()
 
     scores = json.loads(trained.bucket.get(keys.deepracer_checkpoints("model-2")))
-    assert trained.store("model-2").latest_name() == "0_Step-0.ckpt"
+    assert str(trained.store("model-2").pointed()) == "0_Step-0.ckpt"
     assert {entry["name"] for entry in scores.values()} == {"0_Step-0.ckpt"}
     assert {entry["avg_eval_metric"] for entry in scores.values()} == {None}
 
@@ -101,7 +101,7 @@ def test_two_names_of_one_camera_fit(trained):
 
     trained.start()
 
-    assert trained.store("model-2").latest_name() == "0_Step-0.ckpt"
+    assert str(trained.store("model-2").pointed()) == "0_Step-0.ckpt"
 
 
 @pytest.mark.parametrize(

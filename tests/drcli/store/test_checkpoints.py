@@ -68,7 +68,7 @@ def test_the_optimizer_is_read_only_when_asked_for(store):
 
 
 def test_a_model_without_checkpoints_has_no_latest(store):
-    assert store.latest_name() is None
+    assert store.pointed() is None
     assert store.load_latest() is None
     assert store.best_name() is None
 
@@ -218,7 +218,7 @@ def test_a_trainer_that_fell_back_points_everybody_to_the_older_checkpoint(store
     store.point_to(found.record)
     store.save(10, 180, b"again")
 
-    assert store.latest_name() == "10_Step-180.ckpt"
+    assert str(store.pointed()) == "10_Step-180.ckpt"
     assert names(memory) == ["9_Step-100.ckpt", "10_Step-180.ckpt"]
 
 
@@ -407,7 +407,7 @@ def test_a_trainer_mends_a_pointer_that_its_workers_cannot_follow(store, memory,
         memory.put(key, lost)
 
     assert store.repair_pointer(newest)
-    assert store.latest_name() == str(newest)
+    assert str(store.pointed()) == str(newest)
     assert not store.repair_pointer(newest)
 
 
@@ -416,7 +416,7 @@ def test_a_pointer_that_somebody_else_has_moved_on_is_left_alone(store):
     newest = store.save(1, 100, b"weights")
 
     assert not store.repair_pointer(old)
-    assert store.latest_name() == newest.name
+    assert str(store.pointed()) == newest.name
 
 
 def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):

@@ -52,7 +52,7 @@ def job(working_folder, tmp_path):
 
 
 def ended(job: Job, script: str) -> tuple[int, WorkerExit | None]:
-    """Exit code and last words of a worker."""
+    """Exit code and `WorkerExit` of a worker."""
     process = job.spawn([sys.executable, "-c", script], stdout=subprocess.DEVNULL)
     return process.wait(60), WorkerExit.read(job.folder, "sim-0")
 
