@@ -127,9 +127,7 @@ class SAC:
         fixed = {name: p.detach() for name, p in model.critics.named_parameters()}
         q: Tensor = functional_call(model.critics, fixed, (seen, actions)).amin(0)
         actor_loss = (alpha * log_probs - q).mean()
-        # It lowers the temperature if the entropy is above its target, -1 nat for each dimension.
-        entropy = -log_probs.detach().mean()
-        alpha_loss = model.log_alpha * (entropy + model.spec.num_actions)
+        alpha_loss = self._alpha_loss(model, log_probs.detach())
         loss = critic_loss + actor_loss
         if self.config.sac_auto_alpha:
             loss = loss + alpha_loss
@@ -143,7 +141,7 @@ class SAC:
             shown = alpha_loss if self.config.sac_auto_alpha else torch.full_like(alpha, torch.nan)
             each = self._critic_loss(values, target, "none").mean(1)
             qf = (*values.mean(1), *each)
-            return loss, torch.stack([actor_loss, *qf, entropy, alpha, shown])
+            return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), alpha, shown])
 
     def alpha(self) -> Tensor:
         """The temperature now, without gradient."""
@@ -166,3 +164,8 @@ class SAC:
         """The error of both critics, with estimates of shape (2, n)."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         return error(values, target.expand_as(values), reduction=reduction)
+
+    def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
+        """A loss that lowers the temperature if the entropy is above its target, or raises it."""
+        target_entropy = -model.spec.num_actions
+        return model.log_alpha * (-log_probs.mean() - target_entropy)
