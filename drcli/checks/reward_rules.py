@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from drcli.base.problems import Problem, ProblemsError, Severity
 from drcli.base.text_file import decode
-from drcli.checks.first_step import idle_conditions
 from drcli.checks.sandbox.sandbox_records import REMEDIES
+from drcli.checks.step_conditions import idle_conditions
 from drcli.modelfiles.custom_files import InputFile
 
 LARGEST_BYTES = 1024 * 1024

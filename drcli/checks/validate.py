@@ -19,7 +19,7 @@ from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import review_settings
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
-from drcli.config.worlds import track_problems
+from drcli.config.track_names import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find

@@ -24,7 +24,7 @@ _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
 def worlds() -> list[str]:
     """Tracks that are built in, and the racer's own."""
-    from drcli.config.worlds import built_in, own
+    from drcli.config.track_names import built_in, own
 
     return [*built_in(), *own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks"))]
 

@@ -14,7 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
 from drcli.cli import completion, console
-from drcli.cli.table import COMMANDS, Command
+from drcli.cli.command_table import COMMANDS, Command
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
 `dr completion install` makes the Tab key complete commands.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from drcli.base.errors import SettingsError
-from drcli.cli.table import program_names
+from drcli.cli.command_table import program_names
 
 Shell = Literal["bash", "zsh", "fish"]
 SHELLS: tuple[Shell, ...] = get_args(Shell)

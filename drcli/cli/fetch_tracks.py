@@ -18,7 +18,7 @@ def bring_tracks(settings: "Settings") -> None:
         SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
         StorageError: The server has no such file or cannot be reached.
     """
-    from drcli.config.worlds import to_fetch
+    from drcli.config.track_names import to_fetch
 
     names = to_fetch(settings.races)
     if not names or settings.tracks_fetch == "never":

@@ -15,8 +15,8 @@ from drcli.config.loading import load_settings
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
+from drcli.config.track_names import ROUTE_FILES, built_in, is_installed, own
 from drcli.config.value_types import FOLDER_NAME
-from drcli.config.worlds import ROUTE_FILES, built_in, is_installed, own
 from drcli.config.write_folder import FolderPlan, NewFile
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")

@@ -11,8 +11,8 @@ from drcli.config.loading import load_settings
 from drcli.config.setting_problems import hidden
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import Layers, given
+from drcli.config.track_names import track_problems
 from drcli.config.unused_names import FORMER, WithoutEffect, harmless_summary, without_effect
-from drcli.config.worlds import track_problems
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ ObjectKey = Annotated[
 ]
 """A key or prefix in the bucket."""
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
-"""May name a track; `drcli.config.worlds` knows whether that track is installed."""
+"""May name a track; `drcli.config.track_names` knows whether that track is installed."""
 BucketName = Annotated[
     str,
     Check(_bucket),

@@ -21,7 +21,7 @@ from drcli.models.checkpoint_files import (
     missing_parts,
 )
 from drcli.models.copy_custom_files import write_file
-from drcli.models.delivery import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,

@@ -16,7 +16,7 @@ from drcli.models.checkpoint_files import (
     read_model_files,
     refuse_incomplete,
 )
-from drcli.models.delivery import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,

@@ -4,7 +4,6 @@ import ast
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity, closest
-from drcli.checks.first_step import idle_conditions, parsed
 from drcli.checks.sandbox.sandbox_records import (
     REMEDIES,
     Difference,
@@ -12,6 +11,7 @@ from drcli.checks.sandbox.sandbox_records import (
     Failure,
     FailureKind,
 )
+from drcli.checks.step_conditions import idle_conditions, parsed
 from drcli.rewards.course import TriedReward
 from drcli.rewards.loopholes import loopholes
 

@@ -20,7 +20,7 @@ from drcli.rewards.drivers import (
 )
 from drcli.workers.build_race import load_race, load_world, race_of
 from drsim.car.car import CONTROL_HZ
-from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation
 from drsim.race.race import TIME_TRIAL, Race

@@ -8,7 +8,7 @@ from typing import Literal
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import RaceConfig
-from drcli.config.worlds import remedy, track_problem
+from drcli.config.track_names import remedy, track_problem
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -16,7 +16,7 @@ from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
 from drsim.car.realism import Realism
-from drsim.episode.episode import EpisodeRules
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, load_reward_function
 from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError

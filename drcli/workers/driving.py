@@ -14,7 +14,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions
-from drsim.episode.episode import Status
+from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 

@@ -43,7 +43,7 @@ from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
-from drsim.episode.episode import EpisodeRules
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
 from drsim.track.worlds import directed
 

@@ -42,7 +42,7 @@ from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
-from drsim.episode.episode import EpisodeRules
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
 

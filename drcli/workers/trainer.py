@@ -26,12 +26,12 @@ from drcli.store.history import History, collapse
 from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import RolloutReader
 from drcli.workers import reference_log, worker_process
-from drcli.workers.batch import Collected, Collector
 from drcli.workers.build_learner import build_learner
+from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
-from drcli.workers.restore import forget_evaluations, restore_optimizer, restore_weights
+from drcli.workers.restore_learner import forget_evaluations, restore_optimizer, restore_weights
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested

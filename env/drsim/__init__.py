@@ -3,7 +3,7 @@
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
 from drsim.car.realism import Realism
-from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import (
     RewardFunction,
     RewardParams,

@@ -10,7 +10,7 @@ from reference import REFERENCE, Row
 from report_keys import REPORTS, keys_of
 
 from drcli.cli.command_line import application
-from drcli.cli.table import COMMANDS, program_names
+from drcli.cli.command_table import COMMANDS, program_names
 
 _PROGRAMS = {name: program for program, name in program_names().items()}
 """Name of the installed program of each command."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from drcli.cli.table import program_names
+from drcli.cli.command_table import program_names
 
 Verdict = Literal["same", "better", "not needed", "later"]
 

@@ -32,7 +32,7 @@ import gc, json, os, sys
 import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
 from drcli.cli.app import main
 from drcli.cli.command_line import load
-from drcli.cli.table import COMMANDS
+from drcli.cli.command_table import COMMANDS
 
 for command in COMMANDS:
     load(command)

@@ -22,7 +22,7 @@ import pytest
 import typer.main
 
 from drcli.cli.command_line import application
-from drcli.cli.table import COMMANDS
+from drcli.cli.command_table import COMMANDS
 
 pytestmark = [
     pytest.mark.slow,

@@ -9,7 +9,7 @@ from commands_texts import EXIT_CODES
 from reference import REFERENCE, SCRIPTS, missing
 
 from drcli.cli.command_line import EPILOG
-from drcli.cli.table import program_names
+from drcli.cli.command_table import program_names
 
 ROOT = Path(__file__).resolve().parents[2]
 

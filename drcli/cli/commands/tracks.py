@@ -52,7 +52,7 @@ def show(
 
     Example: dr-tracks show reinvent_base --png map.png
     """
-    from drcli.config.worlds import ROUTE_FILES, is_installed, remedy
+    from drcli.config.track_names import ROUTE_FILES, is_installed, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
     wanted = settings().race.replaced(world_name=name)
@@ -114,7 +114,7 @@ def fetch(
 
 def _warn_if_built_in(name: str) -> None:
     """Warn that a new file hides a built-in track."""
-    from drcli.config.worlds import built_in
+    from drcli.config.track_names import built_in
 
     if name in built_in():
         console.warn(

@@ -7,7 +7,7 @@ import numpy as np
 from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles
 from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch, CarParameters
 from drsim.car.realism import Disturbances, Realism
-from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
+from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
 from drsim.episode.privileged_features import features

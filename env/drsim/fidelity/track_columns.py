@@ -7,7 +7,7 @@ import numpy as np
 
 from drsim.arrays import Bools, Floats
 from drsim.car.car import REFERENCE_POINT_AHEAD_M, CarBatch
-from drsim.episode.episode import advance_progress
+from drsim.episode.episode_rules import advance_progress
 from drsim.fidelity.recordings import Recording
 from drsim.track.polyline import Location
 from drsim.track.track import Track

@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.realism import Realism
-from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult

@@ -13,7 +13,7 @@ from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.cli.app import main
 from drcli.cli.command_line import application
-from drcli.cli.table import COMMANDS, program_names
+from drcli.cli.command_table import COMMANDS, program_names
 
 SLOW = {"torch", "mujoco", "boto3", "botocore", "numpy", "numba", "drsim"}
 """What showing help must not load."""

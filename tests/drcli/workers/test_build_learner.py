@@ -22,7 +22,7 @@ from drcli.workers.build_learner import (
     policy_spec,
 )
 from drcli.workers.build_race import sensors_of_model
-from drcli.workers.restore import restore_optimizer
+from drcli.workers.restore_learner import restore_optimizer
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}

@@ -11,7 +11,7 @@ from drcli.learn.policy import Observation, PolicySpec
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
-from drsim.episode.episode import EpisodeRules
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode.episode import advance_progress
+from drsim.episode.episode_rules import advance_progress
 from drsim.episode.placing import fraction_at, without_jump
 from drsim.track.track import Track
 

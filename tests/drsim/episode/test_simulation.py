@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult

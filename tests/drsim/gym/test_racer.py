@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from drsim.car.actions import ContinuousActions, DiscreteActions
-from drsim.episode.episode import EpisodeRules, Status
+from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.errors import TrackError
 from drsim.gym.racer import RacerEnv
 from drsim.gym.racer_vector import RacerVectorEnv

@@ -5,7 +5,7 @@ import pwd
 
 import pytest
 
-from drcli.cli.table import program_names
+from drcli.cli.command_table import program_names
 
 
 @pytest.fixture

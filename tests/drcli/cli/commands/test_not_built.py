@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drcli.cli.table import COMMANDS
+from drcli.cli.command_table import COMMANDS
 
 NAMES = [c.name for c in COMMANDS if c.module == "not_built"]
 

@@ -12,7 +12,7 @@ from rich.cells import cell_len
 from drcli.base.errors import SettingsError
 from drcli.cli import console
 from drcli.cli.command_line import application
-from drcli.cli.table import COMMANDS
+from drcli.cli.command_table import COMMANDS
 
 from .conftest import MODEL, TRACK
 

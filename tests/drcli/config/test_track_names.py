@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drcli.config import worlds
+from drcli.config import track_names
 from drsim.errors import TrackError
 from drsim.track.worlds import known_worlds, load_track
 
@@ -17,7 +17,7 @@ def test_the_names_are_those_that_the_simulation_knows(tmp_path):
     (tmp_path / "square.csv").touch()
     (tmp_path / "notes.txt").touch()
 
-    names = {*worlds.built_in(), *worlds.own(tmp_path)}
+    names = {*track_names.built_in(), *track_names.own(tmp_path)}
 
     assert sorted(names) == known_worlds(tmp_path)
 
@@ -46,7 +46,7 @@ def test_a_track_is_installed_when_the_simulation_finds_it(folder, monkeypatch, 
     track = load_track("reinvent_base")
     np.save(tracks / "mine.npy", np.hstack([track.center, track.inner, track.outer]))
 
-    assert worlds.is_installed(folder.load(f"DR_WORLD_NAME={world}").race) == here
+    assert track_names.is_installed(folder.load(f"DR_WORLD_NAME={world}").race) == here
     if here:
         assert load_track(world, tracks)
     else:
@@ -55,29 +55,29 @@ def test_a_track_is_installed_when_the_simulation_finds_it(folder, monkeypatch, 
 
 
 def test_no_track_is_missing_where_the_simulation_is_not_installed(folder, monkeypatch):
-    monkeypatch.setattr(worlds, "find_spec", lambda name: None)
+    monkeypatch.setattr(track_names, "find_spec", lambda name: None)
 
-    assert list(worlds.track_problems(folder.load("DR_WORLD_NAME=Nope").races)) == []
+    assert list(track_names.track_problems(folder.load("DR_WORLD_NAME=Nope").races)) == []
 
 
 def test_the_missing_track_of_a_worker_is_placed_in_its_file(folder):
     folder.write("worker-2.env", "DR_WORLD_NAME=ben\n")
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\n")
 
-    (problem,) = worlds.track_problems(settings.races)
+    (problem,) = track_names.track_problems(settings.races)
 
     assert problem.where == "worker-2.env line 1"
     assert problem.remedy.startswith("Did you mean bean?")
 
 
 def test_every_world_of_the_community_is_known_by_name():
-    assert len(worlds.COMMUNITY) == 127
-    assert {"reinvent_carpet", "reinvent_concrete", "reinvent_wood"} < worlds.COMMUNITY
+    assert len(track_names.COMMUNITY) == 127
+    assert {"reinvent_carpet", "reinvent_concrete", "reinvent_wood"} < track_names.COMMUNITY
 
 
 @pytest.mark.skipif(not ROUTES.is_dir(), reason="the community's routes are not beside the project")
 def test_the_names_of_the_community_are_those_of_its_files():
-    assert {path.stem for path in ROUTES.rglob("*.npy")} == worlds.COMMUNITY
+    assert {path.stem for path in ROUTES.rglob("*.npy")} == track_names.COMMUNITY
 
 
 @pytest.mark.parametrize(
@@ -86,18 +86,18 @@ def test_the_names_of_the_community_are_those_of_its_files():
 def test_a_track_of_the_community_that_is_not_here_can_be_fetched(folder, world):
     settings = folder.load(f"DR_WORLD_NAME={world}\n")
 
-    (problem,) = worlds.track_problems(settings.races)
+    (problem,) = track_names.track_problems(settings.races)
 
     name = world.removesuffix(".npy")
     assert problem.severity == "note"
-    assert worlds.to_fetch(settings.races) == [name]
+    assert track_names.to_fetch(settings.races) == [name]
     assert f"`dr-tracks fetch {name}`" in problem.remedy
     assert f"`dr-tracks add {name}.npy`" in problem.remedy
 
 
 @pytest.mark.parametrize("world", ["reinvent_base", "reinvent_wood", "reinvent_base_cw", "nowhere"])
 def test_nothing_else_is_fetched(folder, world):
-    assert worlds.to_fetch(folder.load(f"DR_WORLD_NAME={world}\n").races) == []
+    assert track_names.to_fetch(folder.load(f"DR_WORLD_NAME={world}\n").races) == []
 
 
 def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
@@ -106,8 +106,8 @@ def test_the_tracks_of_all_workers_are_fetched_once_each(folder):
 
     settings = folder.load("DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=4\nDR_WORLD_NAME=LGSWide\n")
 
-    assert worlds.to_fetch(settings.races) == ["LGSWide", "Spain_track"]
-    assert [problem.where for problem in worlds.track_problems(settings.races)] == [
+    assert track_names.to_fetch(settings.races) == ["LGSWide", "Spain_track"]
+    assert [problem.where for problem in track_names.track_problems(settings.races)] == [
         "run.env line 3",
         "worker-2.env line 1",
         "worker-3.env line 1",

@@ -5,7 +5,7 @@ import pytest
 from drcli.exchange.scores import EvaluationResult
 from drcli.store.best_checkpoint import read_evaluation, write_evaluation
 from drcli.store.bucket import ObjectMissing
-from drcli.workers.restore import forget_evaluations
+from drcli.workers.restore_learner import forget_evaluations
 from memory_bucket import MemoryBucket
 
 

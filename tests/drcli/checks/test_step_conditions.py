@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.first_step import idle_conditions
+from drcli.checks.step_conditions import idle_conditions
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 

@@ -9,7 +9,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys
 from drcli.store.rollout_reader import RolloutReader, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
-from drcli.workers.batch import LEAST_PATIENCE_S, Collector
+from drcli.workers.collect_rollouts import LEAST_PATIENCE_S, Collector
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"

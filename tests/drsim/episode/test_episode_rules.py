@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drsim.episode.episode import EpisodeRules, Episodes, Observed, Status
+from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
 
 DRIVEN = np.array([True])
 
