@@ -53,6 +53,5 @@ def test_what_does_harm_is_an_error_with_its_line_and_exits_3(workspace):
     assert checked.returncode == 3
     assert "Error: custom_files/reward_function.py line 4 (files)" in checked.stdout
     assert "rewards.log" in checked.stdout
-    assert "(globals)" in checked.stdout
     assert "(cancels-out)" in checked.stdout
     assert "has 1 error" in checked.stderr

@@ -70,7 +70,7 @@ print("live:", console.is_live(), flush=True)
 LIVE = """
 from pathlib import Path
 from drcli.cli import watch_training as watching
-from drcli.config.settings import load_settings
+from drcli.config.loading import load_settings
 from drcli.runs.status import inspect
 from dataclasses import replace
 report = inspect(load_settings(Path.cwd()).run)

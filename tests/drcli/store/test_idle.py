@@ -31,7 +31,7 @@ USER = """
 import sys
 from pathlib import Path
 from drcli.store.server import server
-from drcli.config.run_config import StorageConfig
+from drcli.config.settings import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid, flush=True)
 sys.stdin.read()
 """

@@ -30,7 +30,7 @@ import sys
 import time
 from pathlib import Path
 from drcli.store.server import server
-from drcli.config.run_config import StorageConfig
+from drcli.config.settings import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid)
 """
 
