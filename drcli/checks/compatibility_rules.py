@@ -71,7 +71,7 @@ def review_actions(
             yield problem(
                 "V-32",
                 f"action_space.speed from {slow:g} to {fast:g} is outside of the console's limits.",
-                f"Stay within {low:g} to {high:g} if the model shall train there.",
+                f"Stay within {low:g} to {high:g} if you want to train the model there.",
             )
     elif len(space.values) < CONSOLE_ACTIONS:
         what = "action_space has only one action; the console takes 2 to 30."
@@ -79,8 +79,8 @@ def review_actions(
     if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
         yield problem(
             "V-33",
-            "sensor has DISCRETIZED_SECTOR_LIDAR; the physical car does not load such a model.",
-            "Use SECTOR_LIDAR if the model shall drive there.",
+            "sensor contains DISCRETIZED_SECTOR_LIDAR; the physical car cannot load such a model.",
+            "Use SECTOR_LIDAR if the model is for the physical car.",
         )
     if metadata.training_algorithm != "sac" or parameters is None:
         return
@@ -94,7 +94,7 @@ def review_actions(
                 "V-34",
                 f"training_algorithm=sac with {written}={value}: it works here, but the console "
                 f"and the reference take only {wanted}.",
-                f"Write {written}={wanted} if the model shall train there.",
+                f"Write {written}={wanted} if you want to train the model there.",
             )
 
 

@@ -34,7 +34,7 @@ class FullCheck:
     Attributes:
         directory: The working folder.
         errors: What is wrong with the settings, in the order of reading.
-        warnings: What is allowed but may surprise.
+        warnings: Things that are allowed but may surprise you.
         without_effect: Settings in the files that have no effect here, by reason.
         rules: The report on the other rules; None if they were not checked.
     """

@@ -58,7 +58,7 @@ def _object_key(value: str) -> str:
     bad = re.search(r"[^A-Za-z0-9._/-]", value)
     if bad is not None:
         raise BadValue(
-            f"holds {bad[0]!a}, which is not allowed in a name in the bucket",
+            f"contains {bad[0]!a}, which is not allowed in a name in the bucket",
             "Use only letters, digits, and the characters . _ - /.",
         )
     if len(value) > LONGEST_KEY or any(len(part) > LONGEST_PART for part in value.split("/")):

@@ -19,7 +19,7 @@ class CheckpointEntry:
 
     Attributes:
         name: Such as `12_Step-7824.ckpt`.
-        metric: Average score of its evaluation episodes; None before an evaluation.
+        metric: Mean score of its evaluation episodes; None before the first evaluation.
     """
 
     name: str

@@ -78,7 +78,7 @@ class ComparisonReport:
         first_prefers_fast: Whether the first one pays more for a fast lap than for a slow one;
             None if a lap was not completed.
         second_prefers_fast: The same for the second one.
-        picture: File of the picture, if one was asked for.
+        picture: File of the picture, if one was requested.
     """
 
     first: str

@@ -31,8 +31,8 @@ class Increment:
         bucket: Name of the bucket.
         before: Prefix of the model to continue from.
         after: Prefix of the new model.
-        pretrained: The weights that the new model will begin with, as they are now.
-        wipes: Whether the new prefix has objects, all of which will be deleted.
+        pretrained: The current state of the weights that the new model will start with.
+        wipes: Whether there are objects under the new prefix, which will be deleted.
     """
 
     file: str
@@ -123,7 +123,7 @@ def _refuse_left_behind(settings: Settings, after: str) -> None:
     metrics = load_settings(settings.directory, flags=edited).metrics_prefix
     if contains(before, metrics):
         raise SettingsError(
-            f"{settings.source(METRICS)}: {METRICS}={metrics} would keep the new model's metrics "
-            f"with those of {before}.",
+            f"{settings.source(METRICS)}: {METRICS}={metrics} would store the metrics of the "
+            f"new model together with those of {before}.",
             remedy=f"Write {METRICS}=${MODEL}/metrics.",
         )

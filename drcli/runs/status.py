@@ -26,7 +26,7 @@ class WorkerReport:
 
     Attributes:
         name: "trainer", "sim-0", "sim-1", ...
-        pid: Its process, or None before it started.
+        pid: Its process; None before it started.
         alive: Whether that process runs.
         restarts: How often the supervisor has restarted it.
         activity: What it does or waits for, in a few words.

@@ -119,8 +119,8 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         whose = names.profile if endpoint.engine is None else endpoint.setting
         return StorageError(
             f"Cannot {attempt}: the server refuses the access keys of {whose} ({code}).",
-            remedy="Check the keys of that profile and that they may read, write, list and delete "
-            f"in '{attempt.bucket}'."
+            remedy="Check the keys of that profile, and that they are allowed to read, "
+            f"write, list and delete in '{attempt.bucket}'."
             if endpoint.engine is None
             else f"Another server uses {endpoint.url}; set DR_LOCAL_S3_PORT to a free port.",
         )

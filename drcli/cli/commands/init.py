@@ -31,7 +31,7 @@ OPTIONS = {
 def init(
     folder: Annotated[
         str | None,
-        typer.Argument(metavar="FOLDER", help="The folder; the current one when left out."),
+        typer.Argument(metavar="FOLDER", help="The folder; the current one if left out."),
     ] = None,
     world: Annotated[
         str | None,

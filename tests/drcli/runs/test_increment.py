@@ -220,7 +220,7 @@ def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
     planned = plan_increment(settings)
     trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=other")
 
-    with pytest.raises(SettingsError, match="was changed while this command waited"):
+    with pytest.raises(SettingsError, match="changed while this command was waiting"):
         make_increment(planned, settings.storage)
 
     assert trained.settings().model_prefix == "other"

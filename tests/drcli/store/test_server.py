@@ -57,7 +57,7 @@ def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
 def test_a_folder_that_cannot_be_made_is_told_with_its_setting(tmp_path):
     (tmp_path / "file").write_text("in the way")
 
-    with pytest.raises(StorageError, match="cannot be kept in") as refused:
+    with pytest.raises(StorageError, match="cannot be stored in") as refused:
         server.ensure_running(StorageConfig("local", "bucket", tmp_path / "file" / "s3"))
 
     assert "DR_S3_DATA_DIR" in refused.value.remedy
