@@ -51,13 +51,13 @@ class Problem:
     key: str = ""
 
     JSON_KEYS: ClassVar[Mapping[str, str]] = {
-        "rule": "Number of the rule that is broken, such as `V-41`.",
+        "rule": "Number of the violated rule, such as `V-41`.",
         "severity": "`error` prevents a training from starting, `warning` does not, `note` tells "
         "you what `dr-start-training` will ask.",
         "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
         "none.",
-        "message": "Key, value and what is wrong with it, as a sentence.",
-        "remedy": "What to do about it, starting with a verb.",
+        "message": "Key, value and problem, as a sentence.",
+        "remedy": "How to fix it, starting with a verb.",
     }
     """What programs read, with the meaning of each key."""
 

@@ -83,7 +83,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
     _refuse_name(name)
     if not (folder / "run.env").is_file():
         raise SettingsError(
-            f"{folder} has no run.env, which a new experiment copies.",
+            f"run.env: this file is missing in {folder}; a new experiment copies it.",
             remedy="Create the working folder first with `dr init`.",
         )
     if shared := _shared(values):

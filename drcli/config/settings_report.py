@@ -69,7 +69,7 @@ class Values:
         directory: The working folder.
         experiment: Name of the experiment, empty without one.
         settings: The values, in the order of the documentation.
-        workers: What worker-N.env changes.
+        workers: The settings that worker-N.env changes.
     """
 
     directory: str

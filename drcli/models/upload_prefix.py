@@ -26,7 +26,7 @@ class UploadIncrement:
 
     Attributes:
         file: The run.env that is edited.
-        backup: Copy of it as it was before.
+        backup: Copy of the file from before the change.
         before: Prefix of the last upload.
         after: Prefix of the next one.
         wiped: Number of objects there that will be deleted.

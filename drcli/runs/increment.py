@@ -27,7 +27,7 @@ class Increment:
 
     Attributes:
         file: The run.env that is edited.
-        backup: Copy of it as it was before.
+        backup: Copy of the file from before the change.
         bucket: Name of the bucket.
         before: Prefix of the model to continue from.
         after: Prefix of the new model.
@@ -82,7 +82,7 @@ def plan_increment(
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(
-            f"There is a model at s3://{bucket.name}/{after} already.",
+            f"s3://{bucket.name}/{after} already contains a model.",
             remedy="Name the new model with -p, or delete that one with -w.",
         )
     if used:

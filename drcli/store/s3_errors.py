@@ -106,9 +106,9 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         )
     if code == "InvalidBucketName":
         return StorageError(
-            f"The server at {endpoint.place} refuses '{attempt.bucket}' as the name of a bucket "
+            f"The server at {endpoint.place} does not accept '{attempt.bucket}' as a bucket name "
             f"({names.bucket}).",
-            remedy=f"Set {names.bucket} to 3 to 63 small letters, digits, dots and hyphens.",
+            remedy=f"Set {names.bucket} to 3 to 63 lowercase letters, digits, dots and hyphens.",
         )
     if code in MISSING_CODES:
         return ObjectMissing(
@@ -128,7 +128,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
         return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
-            remedy="Make room, for instance delete old models, and continue the run.",
+            remedy="Make room, for example by deleting old models, then continue the run.",
         )
     return StorageError(
         f"Cannot {attempt}: the server answered {status} {code}.",

@@ -21,8 +21,8 @@ setting is given in several places, the first of these applies: flag, process en
 
 - Values may contain spaces and `=`. ` #` starts a comment, so put a value with it in quotes.
 - `$NAME` and `${NAME}` are replaced by the value of that name, wherever it is set.
-  `${NAME:-other}` is `other` if the name is not set or empty. In single quotes `$` has
-  no special meaning.
+  `${NAME:-other}` is `other` if the name is not set or empty. In single quotes `$` has no special
+  meaning.
 - True is also `true`, `yes`, `on` and `1`; False is `false`, `no`, `off` and `0`. Words such as
   `TIME_TRIAL` may be written in any letter case.
 - An empty value is the same as no value.
@@ -44,8 +44,8 @@ UNUSED = """\
 ## Accepted without effect
 
 Names of the reference that do nothing here. They may stay in your files; `dr config check` lists
-those that it finds. When a training starts, one line warns about them; it names
-those that you may rely on.
+those that it finds. When a training starts, one line warns about them; it names those that you may
+rely on.
 """
 
 
@@ -62,7 +62,7 @@ def document() -> str:
     parts.append(_workers())
     rows_without = [(_name(s), s.meaning, s.reason) for s in unused]
     rows_without += [(f"`{name}`", old.meaning, old.reason) for name, old in FORMER.items()]
-    parts.append(f"{UNUSED}\n{_table(('name', 'in the reference', 'why not here'), rows_without)}")
+    parts.append(f"{UNUSED}\n{_table(('name', 'in the reference', 'reason'), rows_without)}")
     return "\n".join(parts)
 
 

@@ -96,7 +96,8 @@ def init(
 ) -> None:
     """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
-    On a terminal it asks for everything that no option gives; elsewhere it uses the shipped values.
+    On a terminal it asks for every value that is not given as an option; otherwise it uses the
+    shipped values.
     No file is replaced unless you agree.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model

@@ -45,7 +45,7 @@ class Checked:
     """Settings that are right.
 
     Attributes:
-        files: Those that were read.
+        files: Files that were read.
         settings: Number of settings in these files and in the environment.
         warnings: Things that are allowed but may surprise you.
     """

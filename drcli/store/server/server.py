@@ -252,13 +252,13 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
     if state.engine != config.engine:
         raise StorageError(
             f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
-            f"DR_LOCAL_S3_ENGINE asks for {config.engine}.",
+            f"DR_LOCAL_S3_ENGINE is {config.engine}.",
             remedy=f"Set DR_LOCAL_S3_ENGINE={state.engine}, or end that process first.",
         )
     if config.port not in (None, state.port):
         raise StorageError(
             f"The local S3 server (process {state.pid}) runs on port {state.port}, but "
-            f"DR_LOCAL_S3_PORT asks for {config.port}.",
+            f"DR_LOCAL_S3_PORT is {config.port}.",
             remedy=f"Set DR_LOCAL_S3_PORT={state.port}, or end that process first.",
         )
 
@@ -275,7 +275,7 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
     if config.port is not None:
         if not _is_free(config.port):
             raise StorageError(
-                f"Another program listens on port {config.port} (DR_LOCAL_S3_PORT).",
+                f"Another program is listening on port {config.port} (DR_LOCAL_S3_PORT).",
                 remedy="End that program, set DR_LOCAL_S3_PORT to a free port, or leave it out.",
             )
         return config.port

@@ -109,7 +109,7 @@ def _combined(outside: Floats, transform: str) -> Floats:
                 "origin. Make the drawing smaller."
             )
     if transform[place:].strip(" \t\r\n,"):
-        raise TrackError(f"transform '{transform[place:][:40]}' is not understood. Remove it.")
+        raise TrackError(f"transform '{transform[place:][:40]}' is not supported. Remove it.")
     return matrix
 
 
@@ -126,7 +126,7 @@ def _matrix(name: str, values: list[float]) -> Floats:
             c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
             return np.array([[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y]])
     raise TrackError(
-        f"transform '{name[:40]}' with {len(values)} numbers is not understood. Use translate, "
+        f"transform '{name[:40]}' with {len(values)} numbers is not supported. Use translate, "
         "scale, rotate or matrix, or apply the transform to the path."
     )
 

@@ -152,7 +152,7 @@ def test_a_name_that_is_in_use_is_refused_unless_it_may_be_wiped(trained, increm
     trained.bucket.put("model-2/model/x", b"theirs")
     trained.bucket.put("model-20/model/x", b"a neighbour's")
 
-    with pytest.raises(SettingsError, match="There is a model at s3://bucket/model-2 already"):
+    with pytest.raises(SettingsError, match="s3://bucket/model-2 already contains a model"):
         increment()
     step = increment(wiping=True)
 

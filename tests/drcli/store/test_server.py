@@ -252,7 +252,7 @@ def test_a_remembered_port_that_was_taken_meanwhile_is_replaced(local):
 def test_a_server_that_works_is_not_replaced_by_another_kind(local):
     server.ensure_running(local)
 
-    with pytest.raises(StorageError, match="DR_LOCAL_S3_ENGINE asks for moto"):
+    with pytest.raises(StorageError, match="DR_LOCAL_S3_ENGINE is moto"):
         server.ensure_running(replace(local, engine="moto"))
 
 
