@@ -75,8 +75,8 @@ class ComparisonReport:
         rank_correlation: Correlation of their ranks.
         drivers: The rewards of each driver.
         places: Where they differ most, each scaled to its range on the drive.
-        first_prefers_fast: Whether the first one gives more reward for a fast lap than for a slow one;
-            None if a lap was not completed.
+        first_prefers_fast: Whether the first one gives more reward for a fast lap than for a slow
+            one; None if a lap was not completed.
         second_prefers_fast: The same for the second one.
         picture: File of the picture, if one was requested.
     """

@@ -83,7 +83,7 @@ def plan_increment(
     if used and not wiping:
         raise SettingsError(
             f"s3://{bucket.name}/{after} already contains a model.",
-            remedy="Name the new model with -p, or delete that one with -w.",
+            remedy="Choose another name with -p, or delete that model with -w.",
         )
     if used:
         lease.refuse_other_owner(bucket, after)

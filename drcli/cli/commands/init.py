@@ -97,8 +97,7 @@ def init(
     """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
     On a terminal it asks for every value that is not given as an option; otherwise it uses the
-    shipped values.
-    No file is replaced unless you agree.
+    shipped values. No file is replaced unless you agree.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """

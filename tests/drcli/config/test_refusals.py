@@ -135,8 +135,8 @@ from drcli.config.loading import load_settings
             "DR_LOCAL_S3_BUCKET=Bad_Bucket",
             "run.env line 2: DR_LOCAL_S3_BUCKET=Bad_Bucket is not the name of a bucket with "
             "DR_CLOUD=local.",
-            "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit first "
-            "and last, as in my-bucket.",
+            "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit "
+            "first and last, as in my-bucket.",
             id="bucket-that-s3-refuses",
         ),
         pytest.param(
