@@ -31,7 +31,7 @@ def rewrite(path: Path, data: bytes) -> None:
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
-            remedy=remedy_for(e, path, f"Check that you may write {path} and its folder."),
+            remedy=remedy_for(e, path, f"Check that you can write {path} and its folder."),
         ) from e
 
 

@@ -197,7 +197,7 @@ def _refuse(name: str, value: Any) -> NoReturn:
 
 
 def _refuse_constant(word: str) -> NoReturn:
-    raise RecordError(f"it is not JSON (it holds {word})")
+    raise RecordError(f"it is not JSON (it contains {word})")
 
 
 def _kind_of(value: Any) -> str:

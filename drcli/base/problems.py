@@ -8,8 +8,8 @@ from typing import ClassVar, Literal, NamedTuple
 from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
-"""An error prevents a training from starting, a warning does not. A note says what a start will
-ask for."""
+"""An error prevents a training from starting, a warning does not. A note tells what
+`dr-start-training` will ask."""
 
 MOST_SHOWN = 40
 """How many problems one error lists; a file with more was probably named by mistake."""
@@ -51,13 +51,13 @@ class Problem:
     key: str = ""
 
     JSON_KEYS: ClassVar[Mapping[str, str]] = {
-        "rule": "Number of the rule that is broken, such as `V-41`.",
-        "severity": "`error` prevents a training from starting, `warning` does not, `note` says "
-        "what a start will ask for.",
+        "rule": "Number of the violated rule, such as `V-41`.",
+        "severity": "`error` prevents a training from starting, `warning` does not, `note` tells "
+        "you what `dr-start-training` will ask.",
         "where": "Place, such as `custom_files/hyperparameters.json line 3`; empty if there is "
         "none.",
-        "message": "Key, value and what is wrong with it, as a sentence.",
-        "remedy": "What to do about it, starting with a verb.",
+        "message": "Key, value and problem, as a sentence.",
+        "remedy": "How to fix it, starting with a verb.",
     }
     """What programs read, with the meaning of each key."""
 

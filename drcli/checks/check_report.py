@@ -24,11 +24,11 @@ class Report:
 
     Attributes:
         directory: The folder. Places inside it are named relative to it.
-        console_compatible: Whether the model shall train on a DeepRacer console too.
-        errors: What keeps a training from starting.
-        warnings: What works but may surprise.
+        console_compatible: Whether the model is also meant for training on a DeepRacer console.
+        errors: Problems that prevent a training from starting.
+        warnings: Things that work but may surprise you.
         skipped: Rules that could not be checked.
-        notes: What a start will ask for.
+        notes: What `dr-start-training` will ask.
     """
 
     directory: str

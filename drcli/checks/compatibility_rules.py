@@ -70,17 +70,17 @@ def review_actions(
         if not low <= slow <= fast <= high:
             yield problem(
                 "V-32",
-                f"action_space.speed from {slow:g} to {fast:g} is outside of the console's limits.",
-                f"Stay within {low:g} to {high:g} if the model shall train there.",
+                f"action_space.speed from {slow:g} to {fast:g} is outside the console's limits.",
+                f"Stay within {low:g} to {high:g} if you want to train the model there.",
             )
     elif len(space.values) < CONSOLE_ACTIONS:
-        what = "action_space has only one action; the console takes 2 to 30."
+        what = "action_space has only one action; the console accepts 2 to 30."
         yield problem("V-32", what, "Add an action.")
     if "DISCRETIZED_SECTOR_LIDAR" in metadata.sensor:
         yield problem(
             "V-33",
-            "sensor has DISCRETIZED_SECTOR_LIDAR; the physical car does not load such a model.",
-            "Use SECTOR_LIDAR if the model shall drive there.",
+            "sensor contains DISCRETIZED_SECTOR_LIDAR; the physical car cannot load such a model.",
+            "Use SECTOR_LIDAR if the model is for the physical car.",
         )
     if metadata.training_algorithm != "sac" or parameters is None:
         return
@@ -93,8 +93,8 @@ def review_actions(
             yield problem(
                 "V-34",
                 f"training_algorithm=sac with {written}={value}: it works here, but the console "
-                f"and the reference take only {wanted}.",
-                f"Write {written}={wanted} if the model shall train there.",
+                f"and the reference accept only {wanted}.",
+                f"Write {written}={wanted} if you want to train the model there.",
             )
 
 

@@ -15,8 +15,8 @@ class WrongSetting:
 
     Attributes:
         where: Place, such as `run.env line 7`.
-        what: Key, value and what is wrong with it, without a full stop.
-        remedy: What to do about it, starting with a verb.
+        what: Key, value and problem, without a full stop.
+        remedy: How to fix it, starting with a verb.
     """
 
     where: str
@@ -33,8 +33,8 @@ class FullCheck:
 
     Attributes:
         directory: The working folder.
-        errors: What is wrong with the settings, in the order of reading.
-        warnings: What is allowed but may surprise.
+        errors: Errors in the settings, in the order in which they were read.
+        warnings: Things that are allowed but may surprise you.
         without_effect: Settings in the files that have no effect here, by reason.
         rules: The report on the other rules; None if they were not checked.
     """
@@ -47,7 +47,7 @@ class FullCheck:
 
     @property
     def valid(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there are no errors."""
         return not self.errors and (self.rules is None or self.rules.ok)
 
 

@@ -77,7 +77,7 @@ def probe(bucket: Bucket) -> list[Problem]:
     except StorageError as error:
         return [Problem("V-50", "error", bucket.name, None, str(error), error.remedy)]
     if not (came_back and written and gone):
-        what = "The bucket does not return, list or delete what was written to it."
+        what = "The bucket does not correctly return, list or delete objects."
         remedy = "Use another S3 server; this one could lose a model."
         return [Problem("V-50", "error", bucket.name, None, what, remedy)]
     skew_s = time.time() - written[0].modified.timestamp()

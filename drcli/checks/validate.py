@@ -43,8 +43,8 @@ def validate(
 
     Args:
         directory: The racer's working folder.
-        console_compatible: Whether the model shall train on a DeepRacer console too; anything that
-            a console refuses is then an error.
+        console_compatible: Whether the model is also meant for training on a DeepRacer console;
+            anything that a console refuses is then an error.
         environ: Process environment; `os.environ` when None.
     """
     directory = directory.absolute()

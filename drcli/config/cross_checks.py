@@ -50,7 +50,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             ("DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
             f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is the folder of your own files, or "
             f"contains it (DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
-            "Give the model another folder: -w would wipe your files.",
+            "Give the model a separate folder; otherwise -w would delete your files.",
         )
     for name, prefix in _models_named(settings):
         if prefix.startswith(f"{settings.custom_files_prefix}/"):
@@ -58,7 +58,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
                 (name, "DR_LOCAL_S3_CUSTOM_FILES_PREFIX"),
                 f"{name}={prefix} is inside the folder of your own files "
                 f"(DR_LOCAL_S3_CUSTOM_FILES_PREFIX={settings.custom_files_prefix}).",
-                "Give the model another folder: they could overwrite each other.",
+                "Give the model a folder outside it; otherwise they could overwrite each other.",
             )
     first, slash, _ = settings.model_prefix.partition("/")
     if slash and first in RUN_FOLDERS:

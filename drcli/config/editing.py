@@ -42,8 +42,9 @@ class Change:
 
     Attributes:
         name: The setting.
-        before: Its text in the file, None if it was not in there; a secret is hidden.
-        after: Its text there now.
+        before: Its value in the file before the change, None if it was not there; secrets are
+            hidden.
+        after: Its value there now.
         file: The file, by its name in the working folder.
     """
 
@@ -60,7 +61,7 @@ class Edit:
     Attributes:
         directory: The working folder.
         changes: One for each setting.
-        warnings: Sentences about what may not act as the racer thinks.
+        warnings: Warnings about settings with a surprising effect.
     """
 
     directory: str
@@ -217,13 +218,13 @@ class _Texts:
         """What wins over a changed value, as a sentence."""
         if environ.get(change.name, "").strip():
             return (
-                f"environment: {change.name} is set there and wins over {change.file}. "
+                f"environment: {change.name} is set there and overrides {change.file}. "
                 f"Remove it with `unset {change.name}`."
             )
         winner = self._entries(self._run_file).get(change.name)
         if change.file == self._run_file or winner is None:
             return None
-        return f"{winner.place}: {change.name} is set there too and wins over {change.file}."
+        return f"{winner.place}: {change.name} is set there too and overrides {change.file}."
 
     def _entries(self, file: str) -> dict[str, Entry]:
         return parse_env(self._data[file], file).last

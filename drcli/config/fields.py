@@ -62,7 +62,7 @@ class Setting:
         meaning: One line for the documentation.
         old_names: Names that earlier versions of the reference used for it.
         effect: Whether it does something here.
-        reason: Why it does not.
+        reason: Why it has no effect.
         own_file: Where it belongs, if not where its group does.
         field: Attribute of `Settings`.
         kind: What its text must be: text, flag, whole, number, choice, path or list.

@@ -267,7 +267,7 @@ class _Loader:
         value = setting.read(text)
         if not all(character >= " " for character in text):
             remedy = f"Remove it from {setting.name}."
-            raise BadValue("holds a line break or control character", remedy)
+            raise BadValue("contains a line break or control character", remedy)
         if setting.kind != "path":
             return value
         try:

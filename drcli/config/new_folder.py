@@ -83,8 +83,8 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
     _refuse_name(name)
     if not (folder / "run.env").is_file():
         raise SettingsError(
-            f"run.env: there is no such file in {folder}, and an experiment is a copy of it.",
-            remedy="Write the working folder first, with `dr init`.",
+            f"run.env: this file is missing in {folder}; a new experiment copies it.",
+            remedy="Create the working folder first with `dr init`.",
         )
     if shared := _shared(values):
         raise ProblemsError(

@@ -43,7 +43,7 @@ class RunEnvEdit:
         """
         if self.path.read_bytes() != self.old:
             raise SettingsError(
-                f"{self.path}: was changed while this command waited.",
+                f"{self.path} changed while this command was waiting.",
                 remedy="Run the command again.",
             )
 
@@ -61,7 +61,7 @@ class RunEnvEdit:
                 raise SettingsError(
                     f"{self.path}: cannot be copied to {self.backup.name} ({e.strerror or e}).",
                     remedy=remedy_for(
-                        e, self.path, f"Check that you may write {self.path} and its folder."
+                        e, self.path, f"Check that you can write {self.path} and its folder."
                     ),
                 ) from e
             rewrite(self.path, self.new)
@@ -102,7 +102,7 @@ def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:
     for name in names:
         if settings.source(name) == "environment":
             raise SettingsError(
-                f"environment: {name} is set there and would win over {file_name(settings)}.",
+                f"environment: {name} is set there and would override {file_name(settings)}.",
                 remedy=f"Remove it with `unset {name}` and run the command again.",
             )
 

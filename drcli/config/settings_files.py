@@ -80,7 +80,7 @@ def content_of(path: Path, name: str) -> bytes:
         return path.read_bytes()
     except OSError as e:
         what = f"cannot be read ({e.strerror or e})."
-        remedy = f"Check that {path} is a file and that you may read it."
+        remedy = f"Check that {path} is a file and that you can read it."
         raise ProblemsError([file_problem(Place(name), what, remedy)]) from e
 
 
@@ -94,7 +94,9 @@ def text_of(data: bytes, name: str) -> str:
     text = decode(data, name, GENERAL_RULE, largest_bytes=LARGEST_BYTES, remedy=remedy)
     if "\0" in text:
         place = Place(name, text[: text.index("\0")].count("\n") + 1)
-        raise ProblemsError([file_problem(place, "holds a NUL, so it is not text.", remedy)])
+        raise ProblemsError(
+            [file_problem(place, "contains a NUL byte, so it is not a text file.", remedy)]
+        )
     return text
 
 

@@ -20,17 +20,17 @@ class Value:
     """One setting with its present value.
 
     Attributes:
-        name: The setting, or another name of the racer's own files.
-        value: Its text, with everything filled in; passwords and keys are hidden.
-        default: Text it would have if nobody set it.
+        name: Name of the setting, or another name from the racer's files.
+        value: Its value, with all `$NAME` replaced; passwords and keys are hidden.
+        default: Its default value.
         source: Where it was given: `run.env line 7`, `environment`, `flag` or `default`.
-        file: The file of that place, None outside of files.
+        file: The file, None if the value does not come from a file.
         line: The line there.
         changed: Whether it differs from its default.
         effect: Whether it does something here.
-        reason: Why it does not.
-        meaning: What it is for.
-        expected: What may be written.
+        reason: Why it has no effect.
+        meaning: What it does.
+        expected: The allowed values.
         group: Heading in the documentation.
     """
 
@@ -69,7 +69,7 @@ class Values:
         directory: The working folder.
         experiment: Name of the experiment, empty without one.
         settings: The values, in the order of the documentation.
-        workers: What worker-N.env changes.
+        workers: The settings that worker-N.env changes.
     """
 
     directory: str

@@ -23,8 +23,8 @@ RUN_FOLDERS = ("runs", "rollouts")
 """Folders of the bucket with the files of running trainings."""
 
 BUCKET_RULE = (
-    "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and last, as "
-    "in my-bucket."
+    "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit first and "
+    "last, as in my-bucket."
 )
 """A remedy if `follows_s3` is False."""
 
@@ -58,7 +58,7 @@ def _object_key(value: str) -> str:
     bad = re.search(r"[^A-Za-z0-9._/-]", value)
     if bad is not None:
         raise BadValue(
-            f"holds {bad[0]!a}, which is not allowed in a name in the bucket",
+            f"contains {bad[0]!a}, which is not allowed in a name in the bucket",
             "Use only letters, digits, and the characters . _ - /.",
         )
     if len(value) > LONGEST_KEY or any(len(part) > LONGEST_PART for part in value.split("/")):
@@ -160,8 +160,8 @@ BucketName = Annotated[
     str,
     Check(_bucket),
     Shape(
-        "the name of a bucket: 3 to 63 small letters, digits, . and -; elsewhere than local and "
-        "aws also capitals and _"
+        "the name of a bucket: 3 to 63 lowercase letters, digits, . and -; with DR_CLOUD=remote or "
+        "azure also uppercase letters and _"
     ),
 ]
 """A name that some server takes; whether `follows_s3` must hold depends on DR_CLOUD."""
@@ -180,7 +180,7 @@ FolderName = Annotated[
     str, Check(_folder_name), Shape("the name of a folder in experiments/, or nothing")
 ]
 Gpus = Annotated[
-    str, Check(_gpus), Shape("numbers or ids of GPUs with commas between, -1 for none, or nothing")
+    str, Check(_gpus), Shape("numbers or ids of GPUs separated by commas, -1 for none, or nothing")
 ]
 """As CUDA_VISIBLE_DEVICES has them."""
 Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]

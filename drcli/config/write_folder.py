@@ -53,7 +53,7 @@ class FolderReport:
         written: Files, by their path below it.
         unchanged: Files that were as they should be.
         backups: Copies of files that were replaced.
-        warnings: Sentences about what is allowed and may surprise.
+        warnings: Things that are allowed but may surprise you.
     """
 
     folder: str
@@ -176,9 +176,9 @@ def _make_folders(path: Path, undo: ExitStack) -> None:
             folder.mkdir(exist_ok=True)
         except OSError as e:
             raise SettingsError(
-                f"{folder}: this folder cannot be made ({e.strerror or e}).",
+                f"{folder}: this folder cannot be created ({e.strerror or e}).",
                 remedy=remedy_for(
-                    e, folder, "Choose another folder, or check that you may write there."
+                    e, folder, "Choose another folder, or check that you can write there."
                 ),
             ) from e
         undo.callback(_try, folder.rmdir)

@@ -20,10 +20,10 @@ class IterationRecord(JsonRecord):
         episodes: Training episodes driven.
         steps: Steps learned from.
         total_steps: Steps learned from since the beginning.
-        mean_reward: Mean sum of rewards of an episode.
+        mean_reward: Mean total reward of an episode.
         mean_progress: Mean progress of an episode, percent of a lap.
         full_laps: Episodes that ended with a completed lap.
-        best_lap_s: Fastest completed lap, simulated seconds, or None.
+        best_lap_s: Fastest completed lap, simulated seconds; None without one.
         entropy: Mean entropy of the policy in the last epoch, nats.
         surrogate_loss: Mean policy loss of the last epoch.
         value_loss: Mean value loss of the last epoch.
@@ -32,11 +32,11 @@ class IterationRecord(JsonRecord):
         real_time_factor: Simulated seconds per second of wall time, all cars together.
         drive_s: Wall time of the slowest worker.
         learn_s: Wall time of the update.
-        exchange_s: Wall time of the iteration without driving and learning.
+        exchange_s: Wall time of the iteration spent on neither driving nor learning.
         elapsed_s: Wall time of training so far, without the time it was stopped.
         evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
         evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
-        actor_loss: Of SAC, mean of the last part of the update; None for PPO.
+        actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.
         alpha: Temperature of SAC, likewise.
     """

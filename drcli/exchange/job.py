@@ -112,8 +112,9 @@ class Job:
             return from_json(Job, sent["job"])
         except (RecordError, KeyError) as error:
             raise SettingsError(
-                f"This process cannot read the job that its launcher gave it: {error}.",
-                remedy="Stop the run and start it again; maybe drcli was updated after the start.",
+                f"This process cannot read its job: {error}.",
+                remedy="Stop the run and start it again; drcli may have been updated in the "
+                "meantime.",
             ) from error
 
 

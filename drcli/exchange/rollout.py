@@ -228,7 +228,7 @@ def _explained() -> Iterator[None]:
         *(SafetensorError, zstandard.ZstdError),
     ) as e:
         what = f"{e} is missing" if isinstance(e, KeyError) else str(e)
-        raise RecordError(f"it does not hold episodes ({what})") from e
+        raise RecordError(f"it does not contain episodes ({what})") from e
 
 
 def _header(data: bytes) -> dict[str, str]:

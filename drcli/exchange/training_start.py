@@ -22,7 +22,7 @@ class Pretrained:
         prefix: Their model.
         checkpoint: Which of its checkpoints: last or best.
         name: That checkpoint, such as `12_Step-7824.ckpt`.
-        metric: Of its evaluation there; None if it was not evaluated.
+        metric: Mean score of its evaluation there; None if it was not evaluated.
         sha256: Fingerprint of the weights.
     """
 

@@ -79,7 +79,7 @@ def missing_files(
     problems = []
     for name, key in places(config).items():
         if name not in found:
-            what = f"there is no {name} here, nor in the bucket at {bucket}/{key}."
+            what = f"{name} is missing, here and in the bucket at {bucket}/{key}."
             remedy = f"Put your {name} into {local}; an example is {model_file(name)}."
             problems.append(Problem(FILE_RULES[name], "error", str(local), None, what, remedy))
     return problems

@@ -226,7 +226,7 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
             "stack_size",
             f"shows the network {v.stack_size} frames at a time; other trainers ignore this key, "
             "and the physical car drives with a single frame only",
-            "Write 1 for a model that shall drive elsewhere.",
+            "Write 1 for a model that is to drive on other simulators.",
         )
     if v.discount_factor >= 1.0:
         yield ("discount_factor", "looks ahead without end; 0.999 is usual", "Write 0.999 or less.")

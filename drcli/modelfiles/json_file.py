@@ -81,7 +81,7 @@ def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
     except ValueError as e:  # Python does not convert a number of 5,000 digits
         raise problem(None, "is not valid JSON: a number has too many digits.") from e
     if not isinstance(values, dict):
-        message = f"holds {shown(text.strip())}, not a JSON object."
+        message = f"contains {shown(text.strip())} instead of a JSON object."
         raise problem(1, message, "Put the values between { and }.")
     lines, faults = _lines(text)
     for line, fault in faults:

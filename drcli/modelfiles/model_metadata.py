@@ -77,14 +77,14 @@ def _sensors(written: Any) -> tuple[str, ...]:
         raise BadValue("is not a list of sensors", 'Write "sensor": ["FRONT_FACING_CAMERA"].')
     for name in written:
         if name not in CAMERAS + LIDARS:
-            reason = f"holds {shown(str(name))}, which is not a sensor"
+            reason = f"contains {shown(str(name))}, which is not a known sensor"
             raise BadValue(reason, one_of(CAMERAS + LIDARS, str(name)))
     cameras = [name for name in written if name in CAMERAS]
     if len(cameras) != 1:
-        reason = "holds more than one camera" if cameras else "does not hold a camera"
+        reason = "contains more than one camera" if cameras else "does not contain a camera"
         raise BadValue(reason, f"Keep exactly one of {', '.join(CAMERAS)}.")
     if len(written) > 2:
-        raise BadValue("holds more than one lidar", f"Keep at most one of {', '.join(LIDARS)}.")
+        raise BadValue("contains more than one lidar", f"Keep at most one of {', '.join(LIDARS)}.")
     return tuple(written)
 
 

@@ -67,7 +67,7 @@ def weight_problems(trained: Design, wanted: Design, model: str) -> list[Problem
             f"{model} was trained with other values of action_space, so it has to learn what its "
             "actions do now."
         )
-        found = [Problem("V-35", "warning", where, None, what, "Go on if you mean it.")]
+        found = [Problem("V-35", "warning", where, None, what, "Continue if this is intended.")]
     return found
 
 
@@ -78,10 +78,7 @@ def _actions(metadata: ModelMetadata) -> str:
 
 def _other_actions(old: ModelMetadata, new: ModelMetadata, where: str, model: str) -> Problem:
     what = f"{model} was trained with {_actions(old)}, but action_space has {_actions(new)} here."
-    remedy = (
-        "Keep type and number of actions (their values may change), or start a new model with "
-        "fresh weights."
-    )
+    remedy = "Keep the type and number of actions (the values may change), or start a new model."
     return Problem("V-35", "error", where, None, what, remedy)
 
 

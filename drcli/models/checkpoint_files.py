@@ -84,7 +84,7 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
         raise SettingsError(
             f"No checkpoint file available at s3://{bucket.name}/"
             f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` shows all.",
+            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
         )
     listed = bucket.list(keys.model_folder(prefix))
     score = _score(scores, listed, prefix, choice)
@@ -148,15 +148,15 @@ def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
         raise SettingsError(
             "Meta-data files are not found. Exiting. There is no model at "
             f"s3://{bucket.name}/{prefix}.",
-            remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` shows "
+            remedy="Correct its name (DR_LOCAL_S3_MODEL_PREFIX, or -p); `dr-list-models` lists "
             "all models.",
         )
     if missing:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. s3://{bucket.name}/{prefix} lacks "
             f"{', '.join(missing)}.",
-            remedy="If it is being trained, wait for its first iteration; else name another one "
-            "with -p (`dr-list-models` shows all).",
+            remedy="If it is being trained, wait for its first iteration; otherwise choose another "
+            "model with -p (`dr-list-models` lists all models).",
         )
 
 

@@ -33,8 +33,8 @@ class CustomFilesReport:
         place: The folder in the bucket, an s3:// address.
         copied: Names of the files that were copied, below both.
         unchanged: Names of the files that were the same.
-        refused: Names that the other end cannot have: names in the bucket that lead out of the
-            folder, and names of files that are not UTF-8.
+        refused: Names that were not copied: objects whose name is not a valid path in the folder,
+            and files whose name is not UTF-8.
     """
 
     folder: str
@@ -58,7 +58,7 @@ def upload_custom_files(
         raise SettingsError(
             f"{folder}: this folder does not exist.",
             remedy="Create it and put reward_function.py, hyperparameters.json and "
-            "model_metadata.json there, or let `dr init` do so.",
+            "model_metadata.json there, or run `dr init`.",
         )
     say(f"Uploading files to {place}")
     start = keys.folder(config.prefix)
@@ -116,7 +116,7 @@ def write_file(path: Path, data: bytes) -> bool:
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
-            remedy=remedy_for(e, path, f"Check that you may write {path.parent}."),
+            remedy=remedy_for(e, path, f"Check that you can write {path.parent}."),
         ) from e
     rewrite(path, data)
     return True
@@ -152,7 +152,7 @@ def _read(path: Path) -> bytes:
 def _refuse(error: OSError, path: Path | None = None) -> NoReturn:
     raise SettingsError(
         f"{path or error.filename}: cannot be read ({error.strerror or error}).",
-        remedy="Check who may read it.",
+        remedy="Check the permissions of the file.",
     ) from error
 
 

@@ -235,7 +235,7 @@ def _list_model(source: Source) -> Listing:
         why = ", ".join(wrong) if listed else "There is nothing"
         raise SettingsError(
             f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
-            remedy=f"Correct the address after -s; `{source.listing}` shows all models there.",
+            remedy=f"Correct the address after -s; `{source.listing}` lists all models there.",
         )
     return listed
 
@@ -377,7 +377,7 @@ def _pointers(source: Source) -> list[Item]:
 
 def _incomplete(source: Source, missing: str) -> StorageError:
     return StorageError(
-        f"{source.url} names a checkpoint that is not complete: {missing} is missing.",
+        f"The checkpoint at {source.url} is incomplete: {missing} is missing.",
         remedy="If it is being trained, run the command again; otherwise fetch another model.",
     )
 

@@ -18,8 +18,8 @@ class CheckpointEntry:
     """A checkpoint in the list.
 
     Attributes:
-        name: Such as `12_Step-7824.ckpt`.
-        metric: Average score of its evaluation episodes; None before an evaluation.
+        name: Name of the checkpoint, such as `12_Step-7824.ckpt`.
+        metric: Mean score of its evaluation episodes; None before the first evaluation.
     """
 
     name: str
@@ -44,7 +44,7 @@ class ModelEntry:
         size_bytes: Their size.
         modified: When the newest object was written, ISO 8601.
         training: Whether it is being trained now.
-        damaged: What is wrong with its index; `best` and `last` are reconstructed then.
+        damaged: Damage to its index; `best` and `last` are reconstructed then.
     """
 
     prefix: str

@@ -46,7 +46,7 @@ def find(
     try:
         trained = Design.of_model(bucket, prefix)
     except ObjectMissing as e:
-        remedy = "Restore that file from a copy, or name another model."
+        remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
     model = f"s3://{bucket.name}/{prefix}"
     warnings = weight_problems(trained, wanted, model)
@@ -97,7 +97,7 @@ def read_weights(
             raise _wrong(name, place, prefix, what, remedy) from e
         other = "last" if checkpoint == "best" else "best"
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
-        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or name another model."
+        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or choose another model."
         raise _wrong(name, place, prefix, what, remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256

@@ -44,9 +44,9 @@ class TransferReport:
         checkpoint: Name of the checkpoint to use; the last one of a whole model.
         copied: Names of the objects that were copied, below the target.
         copied_bytes: Their size.
-        unchanged: Names of the objects that were there already.
+        unchanged: Names of the objects that already existed.
         deleted: Names of the objects that -w deleted.
-        dry_run: Whether this only shows what would happen.
+        dry_run: Whether -d was given, so that nothing was changed.
     """
 
     source: str
@@ -220,7 +220,7 @@ class Delivery:
         if items:
             key = f"{self.bucket.name}/{self._folder}{items[0].name}"
             raise ObjectDamaged(
-                f"s3://{key} does not hold what was written to it, {_SENDINGS} times.",
+                f"The server stored s3://{key} wrongly {_SENDINGS} times.",
                 remedy="Use another S3 server; this one would lose a model.",
             )
 

@@ -64,7 +64,7 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
     Raises:
         ObjectDamaged: It is unreadable.
     """
-    remedy = "Go on with `dr-start-training --resume`, which writes it again."
+    remedy = "Continue with `dr-start-training --resume`, which writes it again."
     try:
         return read_record(bucket, keys.training_start(prefix), TrainingStart.decode, remedy)
     except ObjectMissing:

@@ -64,8 +64,8 @@ class UploadReport(TransferReport):
     """The result of `dr-upload-model`.
 
     Attributes:
-        choice: last, best, or the number that was asked for.
-        metric: Result of the checkpoint's evaluation; None if it was not evaluated.
+        choice: last, best, or the requested number.
+        metric: Mean score of the checkpoint's evaluation; None if it was not evaluated.
         older: Checkpoints of earlier uploads that are still there.
         older_bytes: Their size.
     """

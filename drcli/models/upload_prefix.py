@@ -26,10 +26,10 @@ class UploadIncrement:
 
     Attributes:
         file: The run.env that is edited.
-        backup: Copy of it as it was before.
+        backup: Copy of the file from before the change.
         before: Prefix of the last upload.
         after: Prefix of the next one.
-        wiped: Number of objects there, all of which will be deleted.
+        wiped: Number of objects there that will be deleted.
     """
 
     file: str
@@ -70,7 +70,7 @@ def plan_upload_increment(
     )
     text, after = (prefix, prefix) if prefix is not None else raised(text, before, delimiter)
     if before == after:
-        raise SettingsError(f"{PREFIX} is {after} already.", remedy="Name another one with -p.")
+        raise SettingsError(f"{PREFIX} is already {after}.", remedy="Choose another name with -p.")
     edit = plan_edit(settings, {PREFIX: text})
     changed = load_settings(settings.directory, flags={PREFIX: after})
     wiped = _count(changed) if wiping else 0

@@ -33,7 +33,7 @@ class DriverReport:
     Attributes:
         name: The driver.
         about: Its way of driving.
-        steps: Steps that were paid.
+        steps: Number of steps with a reward.
         seconds: Simulated time.
         progress: Percent of the lap.
         end: How it ended, in the words of traces.
@@ -59,7 +59,7 @@ class ParameterReport:
         name: Its name.
         least: Least value, over all items of a list; None for an empty one.
         greatest: Greatest value.
-        read: Whether the function names it.
+        read: Whether its name appears in the function.
     """
 
     name: str

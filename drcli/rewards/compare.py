@@ -27,7 +27,7 @@ class DriverComparison:
     Attributes:
         name: The driver.
         about: Its way of driving.
-        steps: Steps that were paid.
+        steps: Number of steps with a reward.
         seconds: Simulated time.
         first_total: Sum of the rewards of the first function.
         second_total: Sum of the rewards of the second one.
@@ -75,10 +75,10 @@ class ComparisonReport:
         rank_correlation: Correlation of their ranks.
         drivers: The rewards of each driver.
         places: Where they differ most, each scaled to its range on the drive.
-        first_prefers_fast: Whether the first one pays more for a fast lap than for a slow one;
-            None if a lap was not completed.
+        first_prefers_fast: Whether the first one gives more reward for a fast lap than for a slow
+            one; None if a lap was not completed.
         second_prefers_fast: The same for the second one.
-        picture: File of the picture, if one was asked for.
+        picture: File of the picture, if one was requested.
     """
 
     first: str

@@ -171,7 +171,7 @@ def try_rewards(files: list[Path], course: Course, directory: Path) -> list[Trie
             except OSError as error:
                 raise SettingsError(
                     f"{file}: the reward function cannot be read: {error.strerror}.",
-                    remedy="Name a file that you may read, such as "
+                    remedy="Choose a file that you can read, such as "
                     "custom_files/reward_function.py.",
                 ) from None
             name = display_name(file, directory)

@@ -189,7 +189,7 @@ def _names(tried: TriedReward) -> Iterator[Problem]:
     for name, line in unknown_parameters(tried.text, known).items():
         likely = closest(name, known)
         remedy = f"Did you mean `{likely}`?" if likely else "See docs/reward-functions.md."
-        what = f"It asks for `{name}`, which is not a parameter."
+        what = f"It reads `{name}`, which is not a parameter."
         yield tried.warning("parameters", what, remedy, line)
 
 

@@ -142,7 +142,7 @@ def refuse_replacing(path: Path) -> None:
     Raises:
         SettingsError: It is one of these.
     """
-    remedy = "Name a file in a folder that exists and that you may write to."
+    remedy = "Choose a file in a folder that exists and that you can write to."
     if not path.parent.is_dir():
         raise SettingsError(
             f"{path} cannot be written: the folder {path.parent} does not exist.", remedy=remedy
@@ -159,7 +159,7 @@ def refuse_replacing(path: Path) -> None:
     if start and start != _PNG:
         raise SettingsError(
             f"{path} exists and is not a PNG picture, so it is not replaced.",
-            remedy="Name another file with --out, such as --out rewards.png.",
+            remedy="Choose another file with --out, such as --out rewards.png.",
         )
 
 

@@ -28,8 +28,8 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
         ProblemsError: Some do not exist.
     """
     files = [path / keys.REWARD_FUNCTION_FILE if path.is_dir() else path for path in paths]
-    what = "there is no such file."
-    remedy = "Name a reward function, such as custom_files/reward_function.py."
+    what = "this file does not exist."
+    remedy = "Give the path of a reward function, such as custom_files/reward_function.py."
     refuse(
         Problem("V-02", "error", str(file), None, what, remedy)
         for file in files

@@ -20,7 +20,7 @@ class Place:
         name: bucket, model, custom-files or metrics.
         s3: Its s3:// address, for the aws command.
         http: Its http address, None before the first start of the local server. Needs the keys.
-        folder: The folder on this disk, None if only a server knows it.
+        folder: Its folder on this disk, None if it is only on a server.
     """
 
     name: PlaceName

@@ -27,12 +27,12 @@ class Increment:
 
     Attributes:
         file: The run.env that is edited.
-        backup: Copy of it as it was before.
+        backup: Copy of the file from before the change.
         bucket: Name of the bucket.
         before: Prefix of the model to continue from.
         after: Prefix of the new model.
-        pretrained: The weights that the new model will begin with, as they are now.
-        wipes: Whether the new prefix has objects, all of which will be deleted.
+        pretrained: The current state of the weights that the new model will start with.
+        wipes: Whether there are objects under the new prefix, which will be deleted.
     """
 
     file: str
@@ -82,8 +82,8 @@ def plan_increment(
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(
-            f"There is a model at s3://{bucket.name}/{after} already.",
-            remedy="Name the new model with -p, or delete that one with -w.",
+            f"s3://{bucket.name}/{after} already contains a model.",
+            remedy="Choose another name with -p, or delete that model with -w.",
         )
     if used:
         lease.refuse_other_owner(bucket, after)
@@ -123,7 +123,7 @@ def _refuse_left_behind(settings: Settings, after: str) -> None:
     metrics = load_settings(settings.directory, flags=edited).metrics_prefix
     if contains(before, metrics):
         raise SettingsError(
-            f"{settings.source(METRICS)}: {METRICS}={metrics} would keep the new model's metrics "
-            f"with those of {before}.",
+            f"{settings.source(METRICS)}: {METRICS}={metrics} would store the metrics of the "
+            f"new model together with those of {before}.",
             remedy=f"Write {METRICS}=${MODEL}/metrics.",
         )

@@ -55,7 +55,7 @@ def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
     except OSError as e:
         raise SettingsError(
             f"{e.filename}: the log of the last training cannot be renamed ({e.strerror or e}).",
-            remedy=f"Check that you may write to {directory / 'data' / 'logs'}, or move it.",
+            remedy=f"Check that you can write to {directory / 'data' / 'logs'}, or move it.",
         ) from e
 
 

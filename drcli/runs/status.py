@@ -26,7 +26,7 @@ class WorkerReport:
 
     Attributes:
         name: "trainer", "sim-0", "sim-1", ...
-        pid: Its process, or None before it started.
+        pid: Its process; None before it started.
         alive: Whether that process runs.
         restarts: How often the supervisor has restarted it.
         activity: What it does or waits for, in a few words.
@@ -61,7 +61,7 @@ class RunReport:
         history: All finished iterations, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
-        warning: What is wrong with the learning curve; empty if nothing is.
+        warning: Problem with the learning curve; empty if there is none.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
             are reconstructed then, as far as possible.
     """

@@ -28,10 +28,10 @@ class BucketState:
     Attributes:
         cloud: DR_CLOUD.
         name: DR_LOCAL_S3_BUCKET.
-        endpoint: Address of its server, None where the local one was never started.
+        endpoint: Address of its server, None if the local one was never started.
         state: "stopped": the local server does not run; "silent": a server does not answer.
         reason: Why it is silent, empty otherwise.
-        checkpoint: The model's newest checkpoint; None if it has none or that is unknown.
+        checkpoint: The model's newest checkpoint; None if it has none or it is unknown.
         model: Whether the model has a checkpoint; None if unknown.
     """
 
@@ -81,7 +81,8 @@ class Summary:
         workers: DR_WORKERS.
         bucket: The bucket.
         running: Trainings and evaluations of every DR_RUN_ID in this folder.
-        versions: Of Python and the important packages; None for one that is not installed.
+        versions: Versions of Python and the important packages; None for one that is not
+            installed.
         gpus: Names of the NVIDIA GPUs.
         gpu_usable: Whether the installed torch can use them.
         warnings: Warnings about the settings.

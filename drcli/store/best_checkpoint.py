@@ -49,7 +49,7 @@ def with_evaluation(scores: Scores, score: Score, metric: str) -> Scores:
 
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
     """The scores of a model, None before its first checkpoint; ObjectDamaged if unreadable."""
-    remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
+    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
     try:
         return read_record(bucket, keys.deepracer_checkpoints(prefix), Scores.decode, remedy)
     except ObjectMissing:

@@ -187,7 +187,7 @@ class CheckpointStore:
         raise StorageError(
             f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
             + " ".join(damaged),
-            remedy="Restore one from a copy, or train the model from the start with `-w`.",
+            remedy="Restore one from a copy, or start over with `-w`.",
         )
 
     def best_name(self) -> str | None:
@@ -258,7 +258,7 @@ class CheckpointStore:
             raise ObjectDamaged(
                 f"{self._bucket.name}/{key} is damaged: {fault}.",
                 remedy="Restore it from a copy, or choose another checkpoint; `dr-start-training "
-                "--resume` goes on without it.",
+                "--resume` continues without it.",
             )
         return data
 

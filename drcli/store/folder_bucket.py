@@ -86,7 +86,7 @@ class FolderBucket:
     def _unreadable(self, path: Path, error: OSError) -> StorageError:
         return StorageError(
             f"Cannot read {path}: {error.strerror or error} (DR_S3_DATA_DIR).",
-            remedy="Check that you may read that file and its folders.",
+            remedy="Check that you can read that file and its folders.",
         )
 
     def _read_only(self) -> TypeError:

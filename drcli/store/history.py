@@ -56,7 +56,9 @@ class History:
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
     """All iterations so far, oldest first; ObjectDamaged if it is unreadable."""
-    remedy = "Stop the training and go on with `dr-start-training --resume`, which reconstructs it."
+    remedy = (
+        "Stop the training and continue with `dr-start-training --resume`, which reconstructs it."
+    )
     try:
         return read_record(bucket, keys.history(prefix), decode_history, remedy)
     except ObjectMissing:

@@ -60,7 +60,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
         return
     raise SettingsError(
         f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
-        f"{held.host} (last sign of life {held.age_s:.0f} s ago).",
+        f"{held.host} (last heard from {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
@@ -107,10 +107,10 @@ def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
         f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
-        "which took over because this training had sent no sign of life for a minute. Anything it "
-        "did since then is discarded.",
-        remedy="The model is safe; the other training goes on. To go on here, stop it there, then "
-        "run `dr-start-training --resume` here.",
+        "which took over because this training had not renewed its lock for a minute. Everything "
+        "this training did after that is discarded.",
+        remedy="The model is safe; the other training continues. To continue here, stop the other "
+        "training, then run `dr-start-training --resume` here.",
     )
 
 

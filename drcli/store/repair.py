@@ -102,7 +102,7 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json; ObjectMissing or ObjectDamaged."""
-    remedy = "Go on with `dr-start-training --resume`, which reconstructs it."
+    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
     return read_record(bucket, key, decode_metrics, remedy)
 
 
@@ -176,7 +176,7 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
     yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
     yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
     yield from _metrics(model)
-    rewritten = "It will be rewritten when the training goes on."
+    rewritten = "It will be rewritten when the training continues."
     yield _Object(keys.lease(prefix), Lease.decode, lambda _: rewritten)
     for info in bucket.list(keys.status_folder(prefix)):
         yield _Object(info.key, ActivityRecord.decode, lambda _: rewritten)

@@ -159,7 +159,7 @@ class S3Bucket:
         try:
             if self.get(key) != content or [o.key for o in self.list(folder)] != [key]:
                 raise StorageError(
-                    f"{self.endpoint.place} does not return what was written to "
+                    f"{self.endpoint.place} returned other data than was written to "
                     f"'{self.name}' ({self.endpoint.names.bucket}).",
                     remedy="Use another S3 server; this one would lose a model.",
                 )
@@ -243,7 +243,7 @@ class S3Bucket:
                 raise StorageError(
                     f"Cannot delete {self.name}/{failure.get('Key')} at {self.endpoint.place}: "
                     f"{failure.get('Code')} {failure.get('Message')}.",
-                    remedy="Check that the access keys may delete.",
+                    remedy="Check that the access keys have permission to delete objects.",
                 )
 
     def _list_all(self, folder: str) -> Listing:

@@ -106,9 +106,9 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         )
     if code == "InvalidBucketName":
         return StorageError(
-            f"The server at {endpoint.place} refuses '{attempt.bucket}' as the name of a bucket "
+            f"The server at {endpoint.place} does not accept '{attempt.bucket}' as a bucket name "
             f"({names.bucket}).",
-            remedy=f"Set {names.bucket} to 3 to 63 small letters, digits, dots and hyphens.",
+            remedy=f"Set {names.bucket} to 3 to 63 lowercase letters, digits, dots and hyphens.",
         )
     if code in MISSING_CODES:
         return ObjectMissing(
@@ -119,8 +119,8 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         whose = names.profile if endpoint.engine is None else endpoint.setting
         return StorageError(
             f"Cannot {attempt}: the server refuses the access keys of {whose} ({code}).",
-            remedy="Check the keys of that profile and that they may read, write, list and delete "
-            f"in '{attempt.bucket}'."
+            remedy="Check the keys of that profile, and that they are allowed to read, "
+            f"write, list and delete in '{attempt.bucket}'."
             if endpoint.engine is None
             else f"Another server uses {endpoint.url}; set DR_LOCAL_S3_PORT to a free port.",
         )
@@ -128,7 +128,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         where = f" under {endpoint.data_dir}" if endpoint.data_dir else ""
         return DiskFull(
             f"Cannot {attempt}: the disk{where} is full.",
-            remedy="Make room, for instance delete old models, and continue the run.",
+            remedy="Make room, for example by deleting old models, then continue the run.",
         )
     return StorageError(
         f"Cannot {attempt}: the server answered {status} {code}.",

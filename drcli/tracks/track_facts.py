@@ -11,11 +11,11 @@ class TrackFacts:
         name: Its name.
         length_m: Length of the centre line.
         width_m: Mean width of the road.
-        least_width_m: Width at its narrowest place.
-        greatest_width_m: Width at its widest.
+        least_width_m: Width at its narrowest point.
+        greatest_width_m: Width at its widest point.
         closed: Whether it is a loop.
         direction: "clockwise", "counterclockwise" or "open".
-        waypoints: How many there are.
+        waypoints: Number of waypoints.
         repeated: Numbers of those that repeat the one before, as in many community routes.
         spacing_m: Mean distance between the others.
         line_family: "in" if the white line belongs to the road, else "out".

@@ -26,7 +26,7 @@ class TrackView:
     Attributes:
         facts: The facts about the track.
         map_lines: A map in letters for a terminal, top line first.
-        picture: File of the picture, if one was asked for.
+        picture: File of the picture, if one was requested.
     """
 
     facts: TrackFacts
@@ -64,7 +64,7 @@ def show_track(
         except OSError as error:
             raise SettingsError(
                 f"--png {picture} cannot be written: {error.strerror}.",
-                remedy="Name a file in a folder that exists and that you may write to.",
+                remedy="Choose a file in a folder that exists and that you can write to.",
             ) from None
     return TrackView(facts, text_map(track, columns), str(picture) if picture else None)
 

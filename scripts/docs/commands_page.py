@@ -49,7 +49,7 @@ def _exit_codes() -> str:
 def _reference() -> str:
     return "\n".join(
         [
-            "| there | here | verdict | why |",
+            "| DeepRacer-for-Cloud | drcli | verdict | notes |",
             "| --- | --- | --- | --- |",
             *(_reference_line(row) for row in REFERENCE),
         ]

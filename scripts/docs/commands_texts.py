@@ -13,7 +13,7 @@ standard error.
 
 EXIT_CODES = {
     0: "done",
-    1: "the answer to a question was no; `dr-logs*`, `dr-find-*` and `dr-get-robomaker-stats`: not "
+    1: "a question was answered with no; `dr-logs*`, `dr-find-*` and `dr-get-robomaker-stats`: not "
     "running, or no log yet; or an internal error, whose traceback is in `data/logs/`",
     2: "wrong command line",
     3: "a setting, parameter file or reward function is wrong",
@@ -49,8 +49,8 @@ report only if it has one.
 _FOLLOWING = """
 ## Following a training
 
-`dr-start-training` shows a live display on a terminal, and prints a line for each iteration
-elsewhere. Ctrl-C leaves the display (exit code 130) and the training continues. With
+`dr-start-training` shows a live display on a terminal; otherwise it prints a line for each
+iteration. Ctrl-C leaves the display (exit code 130) and the training continues. With
 `--foreground`, Ctrl-C stops the training.
 """
 
@@ -71,8 +71,8 @@ as `DR_LOCAL_S3_PRETRAINED_PREFIX`, and the next name as `DR_LOCAL_S3_MODEL_PREF
 `team/m-09` becomes `team/m-10`, and a name without a number gets `-1`. Comments, order, quotes
 and `$NAME` are kept, and a copy is kept as `run.env.bak`.
 
-It refuses while this run is training, when the model has no complete checkpoint, when the new
-prefix is in use (without `-w`), and when the environment sets one of the three names, because the
+The command fails if this run is training, if the model has no complete checkpoint, if the new
+prefix is in use (without `-w`), and if the environment sets one of the three names, because the
 change would have no effect.
 """
 
@@ -107,13 +107,13 @@ its description.
 """
 
 _NOTE = """
-## What a model knows about its training
+## The record of a training
 
-`<prefix>/ip/run.json` holds the seed, the settings that differ from their defaults, versions of
+`<prefix>/ip/run.json` contains the seed, the settings that differ from their defaults, versions of
 Python and the packages, the git commit of your folder and of this project (and whether tracked
-files have changed since), the machine, and the model whose weights it started from. Records of the
-starts before `--resume` are kept in `earlier`. Reward function, hyperparameters and model metadata
-are in the same folder.
+files have changed since), the machine, and the model whose weights it started from. When a training
+is resumed, the records of earlier starts are kept in `earlier`. Reward function, hyperparameters
+and model metadata are in the same folder.
 """
 
 _SPOT = """

@@ -93,7 +93,7 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-start-evaluation",
         "better",
-        "same flags `-q -c`; refuses a model that does not exist; never changes the model; "
+        "same flags `-q -c`; fails if the model does not exist; never changes the model; "
         "without `-q` it prints the result, with `-q` it drives in the background",
     ),
     Row("dr-stop-evaluation", "same", "the evaluation ends within a second, without results"),
@@ -105,8 +105,8 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-increment-training",
         "better",
-        "same flags and questions; right for names with slashes, without a number, above nine; "
-        "refuses when the model has no checkpoint",
+        "same flags and questions; handles names with slashes, without a number, and "
+        "numbers above nine; fails if the model has no checkpoint",
     ),
     Row(
         "dr-start-tournament",
@@ -123,12 +123,12 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-upload-model",
         "better",
-        "same flags and messages; any checkpoint; uploads at the same time do no harm",
+        "same flags and messages; any checkpoint; concurrent uploads are safe",
     ),
     Row(
         "dr-increment-upload-model",
         "better",
-        "`-p` works; slashes and names without a number are right",
+        "`-p` works; handles slashes and names without a number",
     ),
     Row("dr-download-model", "better", "same flags; verified before and after the copy"),
     Row("dr-list-aws-models", "better", "broken there; lists the models in the upload bucket"),

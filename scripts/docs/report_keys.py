@@ -96,4 +96,5 @@ def _dataclass_in(annotation: Any) -> tuple[Any, bool]:
 
 
 def _sentence(text: str) -> str:
-    return " ".join(text.split())
+    """A docstring's text in one line, with the JSON word for None."""
+    return re.sub(r"\bNone\b", "null", " ".join(text.split()))

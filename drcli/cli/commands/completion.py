@@ -17,7 +17,7 @@ _Shell = Annotated[
     completion.Shell | None,
     typer.Argument(
         metavar="SHELL",
-        help="bash, zsh or fish; taken from $SHELL when left out.",
+        help="bash, zsh or fish; taken from $SHELL if left out.",
         show_default=False,
     ),
 ]

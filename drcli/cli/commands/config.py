@@ -90,7 +90,7 @@ def change(
         typer.Option(
             "--file",
             metavar="FILE",
-            help="run.env or system.env; chosen for you when left out.",
+            help="run.env or system.env; chosen for you if left out.",
         ),
     ] = None,
     as_json: AsJson = False,

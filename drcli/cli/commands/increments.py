@@ -76,8 +76,8 @@ class UploadName:
 
     Attributes:
         file: The file that was edited.
-        before: The prefix until now.
-        after: The prefix from now on.
+        before: The old prefix.
+        after: The new prefix.
         target: The whole address.
     """
 

@@ -31,7 +31,7 @@ OPTIONS = {
 def init(
     folder: Annotated[
         str | None,
-        typer.Argument(metavar="FOLDER", help="The folder; the current one when left out."),
+        typer.Argument(metavar="FOLDER", help="The folder; the current one if left out."),
     ] = None,
     world: Annotated[
         str | None,
@@ -96,8 +96,8 @@ def init(
 ) -> None:
     """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
-    On a terminal it asks for everything that no option gives; elsewhere it uses the shipped values.
-    No file is replaced unless you agree.
+    On a terminal it asks for every value that is not given as an option; otherwise it uses the
+    shipped values. No file is replaced unless you agree.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """

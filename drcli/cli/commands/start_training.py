@@ -62,9 +62,9 @@ def start_training(
     Uses reward_function.py, hyperparameters.json and model_metadata.json from custom_files/, or
     from the bucket, or the shipped examples if you have none. Everything is checked first.
 
-    A terminal shows a live display; Ctrl-C leaves it and the training continues. Elsewhere, one
-    line is printed for each iteration. The command ends with the training and has its exit code;
-    with -q it ends at once.
+    A terminal shows a live display; Ctrl-C leaves it and the training continues. Otherwise, one
+    line is printed for each iteration. The command exits when the training ends, with the same exit
+    code. With -q it returns at once.
 
     Example: dr-start-training --until-laps 3
     """

@@ -45,9 +45,9 @@ class Checked:
     """Settings that are right.
 
     Attributes:
-        files: Those that were read.
+        files: Files that were read.
         settings: Number of settings in these files and in the environment.
-        warnings: Sentences about what may surprise.
+        warnings: Things that are allowed but may surprise you.
     """
 
     files: list[str]

@@ -134,7 +134,11 @@ class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSO
         file="run.env",
     )
     continue_on_spot_interruption: bool = setting(
-        "DR_CONTINUE_ON_SPOT_INTERRUPTION", True, "Go on elsewhere.", ignored=_SPOT, file="run.env"
+        "DR_CONTINUE_ON_SPOT_INTERRUPTION",
+        True,
+        "Continue on another machine.",
+        ignored=_SPOT,
+        file="run.env",
     )
     import_model_on_completion: bool = setting(
         "DR_IMPORT_MODEL_ON_COMPLETION",

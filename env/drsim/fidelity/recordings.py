@@ -144,7 +144,8 @@ def _read(file: Path) -> tuple[list[_Step], int]:
         text = file.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise RecordingError(
-            f"{file} cannot be read ({error.strerror}). Correct its rights, or name another folder."
+            f"{file} cannot be read ({error.strerror}). Correct its permissions, or choose another "
+            "folder."
         ) from None
     lines = text.splitlines()
     if not lines:

@@ -86,7 +86,7 @@ def write_route(track: Track, file: Path) -> None:
             np.save(stream, rows, allow_pickle=False)
     except (OSError, ValueError) as error:  # the second: a name with a null byte
         raise TrackError(
-            f"{file}: it cannot be written ({error}). Correct the path or its rights."
+            f"{file}: it cannot be written ({error}). Correct the path or its permissions."
         ) from None
 
 
@@ -122,11 +122,11 @@ def _bytes_of(file: Path) -> bytes:
         raise TrackError("the route file does not exist. Correct the path.") from None
     except OSError as error:
         raise TrackError(
-            f"it cannot be read ({error.strerror}). Correct the path or its rights."
+            f"it cannot be read ({error.strerror}). Correct the path or its permissions."
         ) from None
     if len(data) > _MAX_BYTES:
         raise TrackError(
-            f"it is larger than {_MAX_BYTES} bytes, far more than a route needs. Name another "
+            f"it is larger than {_MAX_BYTES} bytes, far more than a route needs. Choose another "
             "file, or resample the route to one row every 0.3 m."
         )
     return data

@@ -60,7 +60,10 @@ def read_line(text: str, chords: int) -> Floats:
     shape, matrix = _first_shape(_parsed(text))
     curves = _curves(shape) @ matrix[:, :2].T + matrix[:, 2]
     if not (np.abs(curves) <= _FURTHEST).all():
-        raise TrackError(f"the transforms lead beyond {_FURTHEST:.0e}. Draw the line smaller.")
+        raise TrackError(
+            f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
+            "origin. Make the drawing smaller."
+        )
     points = _flattened(curves, chords)
     return points * [1.0, -1.0]  # SVG counts y downwards
 
@@ -101,9 +104,12 @@ def _combined(outside: Floats, transform: str) -> Floats:
         shift = matrix[:, :2] @ inner[:, 2] + matrix[:, 2]
         matrix = np.column_stack([matrix[:, :2] @ inner[:, :2], shift])
         if not (np.abs(matrix) <= _FURTHEST).all():
-            raise TrackError(f"the transforms lead beyond {_FURTHEST:.0e}. Draw the line smaller.")
+            raise TrackError(
+                f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
+                "origin. Make the drawing smaller."
+            )
     if transform[place:].strip(" \t\r\n,"):
-        raise TrackError(f"transform '{transform[place:][:40]}' is not understood. Remove it.")
+        raise TrackError(f"transform '{transform[place:][:40]}' is not supported. Remove it.")
     return matrix
 
 
@@ -120,7 +126,7 @@ def _matrix(name: str, values: list[float]) -> Floats:
             c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
             return np.array([[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y]])
     raise TrackError(
-        f"transform '{name[:40]}' with {len(values)} numbers is not understood. Use translate, "
+        f"transform '{name[:40]}' with {len(values)} numbers is not supported. Use translate, "
         "scale, rotate or matrix, or apply the transform to the path."
     )
 

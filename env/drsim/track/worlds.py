@@ -139,8 +139,8 @@ def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = Fal
     if clockwise is not None:
         if not track.closed:
             raise TrackError(
-                f"{track.name} is not a loop, so it has no clockwise direction. Leave the "
-                "direction away, or drive it in reverse."
+                f"{track.name} is not a loop, so it has no clockwise direction. Remove "
+                "_cw or _ccw from the name, or drive it in reverse."
             )
         if track.is_ccw == clockwise:
             track = replace(track.reversed(), reverse=track.reverse)

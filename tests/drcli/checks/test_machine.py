@@ -155,4 +155,4 @@ def test_a_bucket_that_gives_back_something_else_is_an_error():
     [found] = probe(ForgetfulBucket())
 
     assert (found.rule, found.severity) == ("V-50", "error")
-    assert "does not return" in found.message
+    assert "does not correctly return" in found.message

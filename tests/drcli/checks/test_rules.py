@@ -91,7 +91,7 @@ CASES = (
         lambda f: None,
         lambda f: f.remove("reward_function.py"),
         "error",
-        ("custom_files", "there is no reward_function.py", "an example is"),
+        ("custom_files", "reward_function.py is missing", "an example is"),
     ),
     Case(
         "V-03",
@@ -428,7 +428,7 @@ CASES = (
         lambda f: sac(f),
         lambda f: sac(f, num_episodes_between_training=20),
         "warning",
-        ("num_episodes_between_training=20", "it works here", "take only 1"),
+        ("num_episodes_between_training=20", "it works here", "accept only 1"),
     ),
     Case(
         "V-35",
@@ -438,7 +438,7 @@ CASES = (
             pretrain(f, "old"),
         ),
         "error",
-        ("s3://bucket/old was trained with 1 discrete action,", "fresh weights"),
+        ("s3://bucket/old was trained with 1 discrete action,", "start a new model"),
     ),
     Case(
         "V-36",

@@ -154,7 +154,7 @@ def test_a_stronger_environment_is_told_and_hides_no_mistake(files):
     done = edit(files, environ, DR_WORKERS="3")
 
     assert done.warnings == (
-        "environment: DR_WORKERS is set there and wins over system.env. Remove it with "
+        "environment: DR_WORKERS is set there and overrides system.env. Remove it with "
         "`unset DR_WORKERS`.",
     )
     with pytest.raises(SettingsError, match="DR_WORKERS=99 is above 10"):
@@ -166,7 +166,7 @@ def test_a_stronger_file_is_told(files):
 
     assert content(files, "system.env").endswith(b"DR_CAR_NAME=Slow\n")
     assert done.warnings == (
-        "run.env line 2: DR_CAR_NAME is set there too and wins over system.env.",
+        "run.env line 2: DR_CAR_NAME is set there too and overrides system.env.",
     )
 
 

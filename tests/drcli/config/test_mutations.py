@@ -221,7 +221,7 @@ def _assert_place_and_key(sentence: str, data: dict[str, bytes]) -> None:
     found = re.match(r"Error: (run\.env|system\.env)(?: line (\d+))?: (.+)", sentence)
     assert found is not None, sentence
     file, line, what = found.groups()
-    if line is None or re.search("not UTF-8 text|holds a NUL", what):
+    if line is None or re.search("not UTF-8 text|contains a NUL", what):
         return  # no text, so no key either
     lines = re.split(r"\r\n|\n|\r", data[file].decode("utf-8-sig"))
     key = lines[int(line) - 1].strip().removeprefix("export ").partition("=")[0].strip()

@@ -92,8 +92,8 @@ from drcli.config.loading import load_settings
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=my model",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=my model holds ' ', which is not allowed in "
-            "a name in the bucket.",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=my model contains ' ', which is not allowed "
+            "in a name in the bucket.",
             "Use only letters, digits, and the characters . _ - /.",
             id="prefix-with-space",
         ),
@@ -115,14 +115,14 @@ from drcli.config.loading import load_settings
             "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=rl-deepracer-sagemaker is the folder of your "
             "own files, or contains it "
             "(DR_LOCAL_S3_CUSTOM_FILES_PREFIX=rl-deepracer-sagemaker/mine).",
-            "Give the model another folder: -w would wipe your files.",
+            "Give the model a separate folder; otherwise -w would delete your files.",
             id="own-files-in-the-model",
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=custom_files/model",
             "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=custom_files/model is inside the folder of "
             "your own files (DR_LOCAL_S3_CUSTOM_FILES_PREFIX=custom_files).",
-            "Give the model another folder: they could overwrite each other.",
+            "Give the model a folder outside it; otherwise they could overwrite each other.",
             id="model-among-own-files",
         ),
         pytest.param(
@@ -135,8 +135,8 @@ from drcli.config.loading import load_settings
             "DR_LOCAL_S3_BUCKET=Bad_Bucket",
             "run.env line 2: DR_LOCAL_S3_BUCKET=Bad_Bucket is not the name of a bucket with "
             "DR_CLOUD=local.",
-            "Write 3 to 63 small letters, digits, dots and hyphens, a letter or digit first and "
-            "last, as in my-bucket.",
+            "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit "
+            "first and last, as in my-bucket.",
             id="bucket-that-s3-refuses",
         ),
         pytest.param(
@@ -217,7 +217,7 @@ from drcli.config.loading import load_settings
         ),
         pytest.param(
             'DR_CAR_NAME="a\\nb"',
-            "run.env line 2: DR_CAR_NAME='a\\nb' holds a line break or control character.",
+            "run.env line 2: DR_CAR_NAME='a\\nb' contains a line break or control character.",
             "Remove it from DR_CAR_NAME.",
             id="line-break",
         ),

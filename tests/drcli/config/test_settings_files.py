@@ -85,7 +85,10 @@ def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remed
     ("data", "sentence"),
     [
         (b"A=1\nB=\xff\xfe\n", "run.env line 2: byte 0xff is not UTF-8 text."),
-        ("A=1\n".encode("utf-16-le"), "run.env line 1: holds a NUL, so it is not text."),
+        (
+            "A=1\n".encode("utf-16-le"),
+            "run.env line 1: contains a NUL byte, so it is not a text file.",
+        ),
         (b"#" * (LARGEST_BYTES + 1), "run.env: is 65,537 bytes long; 65,536 are allowed."),
     ],
 )

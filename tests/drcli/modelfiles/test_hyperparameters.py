@@ -128,7 +128,7 @@ def test_a_bad_value_is_named_with_file_line_key_value_and_remedy(line, sentence
     ("text", "sentence"),
     [
         ("", "h.json: is empty."),
-        ("[1]", "h.json line 1: holds [1], not a JSON object."),
+        ("[1]", "h.json line 1: contains [1] instead of a JSON object."),
         (
             '{\n"lr": 0.001,\n}',
             "h.json line 3: is not valid JSON at column 1: a key in double quotes is missing, "

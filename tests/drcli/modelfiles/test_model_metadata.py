@@ -182,25 +182,26 @@ def test_the_action_space_is_kept_as_written_for_logs():
         ),
         pytest.param(
             {"sensor": ["FRONT_FACING_CAMRA"]},
-            'sensor=["FRONT_FACING_CAMRA"] holds FRONT_FACING_CAMRA, which is not a sensor',
+            'sensor=["FRONT_FACING_CAMRA"] contains FRONT_FACING_CAMRA, which is not a known '
+            "sensor",
             "Did you mean FRONT_FACING_CAMERA?",
             id="misspelt-sensor",
         ),
         pytest.param(
             {"sensor": ["LIDAR"]},
-            'sensor=["LIDAR"] does not hold a camera',
+            'sensor=["LIDAR"] does not contain a camera',
             "Keep exactly one of",
             id="no-camera",
         ),
         pytest.param(
             {"sensor": ["observation", "LEFT_CAMERA"]},
-            'sensor=["observation", "LEFT_CAMERA"] holds more than one camera',
+            'sensor=["observation", "LEFT_CAMERA"] contains more than one camera',
             "Keep exactly one of",
             id="two-cameras",
         ),
         pytest.param(
             {"sensor": ["observation", "LIDAR", "SECTOR_LIDAR"]},
-            'sensor=["observation", "LIDAR", "SECTOR_LIDAR"] holds more than one lidar',
+            'sensor=["observation", "LIDAR", "SECTOR_LIDAR"] contains more than one lidar',
             "Keep at most one of",
             id="two-lidars",
         ),

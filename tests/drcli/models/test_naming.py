@@ -75,7 +75,7 @@ def test_a_name_that_cannot_stand_in_the_bucket_is_refused(mover, increment, nam
 
 
 def test_the_present_name_is_refused(mover, increment):
-    with pytest.raises(SettingsError, match="is team/model-1 already"):
+    with pytest.raises(SettingsError, match="is already team/model-1"):
         increment(prefix="team/model-1")
 
 

@@ -137,8 +137,8 @@ def test_a_missing_file_is_refused_with_what_to_name_instead(racer, dr, capsys):
 
     assert code == 3
     said = capsys.readouterr().err
-    assert "none.py: there is no such file" in said
-    assert "other.py: there is no such file" in said
+    assert "none.py: this file does not exist" in said
+    assert "other.py: this file does not exist" in said
 
 
 def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):

@@ -152,7 +152,7 @@ def test_a_name_that_is_in_use_is_refused_unless_it_may_be_wiped(trained, increm
     trained.bucket.put("model-2/model/x", b"theirs")
     trained.bucket.put("model-20/model/x", b"a neighbour's")
 
-    with pytest.raises(SettingsError, match="There is a model at s3://bucket/model-2 already"):
+    with pytest.raises(SettingsError, match="s3://bucket/model-2 already contains a model"):
         increment()
     step = increment(wiping=True)
 
@@ -220,7 +220,7 @@ def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
     planned = plan_increment(settings)
     trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=other")
 
-    with pytest.raises(SettingsError, match="was changed while this command waited"):
+    with pytest.raises(SettingsError, match="changed while this command was waiting"):
         make_increment(planned, settings.storage)
 
     assert trained.settings().model_prefix == "other"

@@ -155,7 +155,7 @@ def test_weights_that_do_not_fit_are_refused_before_anything_is_written(
     after = {item.key: trained.bucket.get(item.key) for item in trained.bucket.list("")}
     assert sentence in str(caught.value)
     assert str(trained.folder / "custom_files") in str(caught.value)
-    assert "fresh weights" in caught.value.remedy
+    assert "start a new model" in caught.value.remedy
     assert after == before
 
 

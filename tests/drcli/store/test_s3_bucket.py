@@ -182,7 +182,7 @@ def test_a_missing_bucket_names_the_variable(scripted):
 def test_a_name_that_the_server_takes_for_no_bucket_names_the_variable(scripted):
     bucket = scripted(answer("InvalidBucketName", 400))
 
-    with pytest.raises(StorageError, match=r"refuses 'bucket' .*\(DR_LOCAL_S3_BUCKET\)") as refusal:
+    with pytest.raises(StorageError, match=r"accept 'bucket' .*\(DR_LOCAL_S3_BUCKET\)") as refusal:
         bucket.get("k")
 
     assert "Set DR_LOCAL_S3_BUCKET to" in refusal.value.remedy

@@ -57,7 +57,7 @@ def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
 def test_a_folder_that_cannot_be_made_is_told_with_its_setting(tmp_path):
     (tmp_path / "file").write_text("in the way")
 
-    with pytest.raises(StorageError, match="cannot be kept in") as refused:
+    with pytest.raises(StorageError, match="cannot be stored in") as refused:
         server.ensure_running(StorageConfig("local", "bucket", tmp_path / "file" / "s3"))
 
     assert "DR_S3_DATA_DIR" in refused.value.remedy
@@ -252,7 +252,7 @@ def test_a_remembered_port_that_was_taken_meanwhile_is_replaced(local):
 def test_a_server_that_works_is_not_replaced_by_another_kind(local):
     server.ensure_running(local)
 
-    with pytest.raises(StorageError, match="DR_LOCAL_S3_ENGINE asks for moto"):
+    with pytest.raises(StorageError, match="DR_LOCAL_S3_ENGINE is moto"):
         server.ensure_running(replace(local, engine="moto"))
 
 

@@ -401,7 +401,9 @@ def test_a_file_that_is_no_text_is_refused_with_the_line(tmp_path):
     path = tmp_path / "reward_function.py"
     path.write_bytes("\n# größe\n".encode("latin-1"))
 
-    with pytest.raises(RewardError, match="line 2, holds byte 0xf6, which is not UTF-8") as caught:
+    with pytest.raises(
+        RewardError, match="line 2, contains byte 0xf6, which is not UTF-8"
+    ) as caught:
         load_reward_function(path)
 
     assert caught.value.line == 2

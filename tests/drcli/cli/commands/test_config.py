@@ -216,7 +216,7 @@ def test_what_wins_over_a_change_is_said(dr, working_folder, capsys, monkeypatch
 
     printed = capsys.readouterr()
     assert printed.out == "run.env: DR_WORKERS=3  (was 2)\n"
-    assert printed.err.startswith("Warning: environment: DR_WORKERS is set there and wins")
+    assert printed.err.startswith("Warning: environment: DR_WORKERS is set there and overrides")
 
 
 def test_a_wrong_value_is_refused_and_nothing_written(dr, working_folder, capsys):

@@ -40,7 +40,7 @@ def test_the_next_experiment_gets_the_next_number(dr, empty):
         ("a/b", [], "--experiment a/b is not a plain folder name"),
         ("..", [], "--experiment .. is not a plain folder name"),
         ("x", ["--cloud", "aws"], "for all: `dr config set DR_CLOUD=aws`."),
-        ("x", ["--prefix", "a b"], "--prefix a b holds ' '"),
+        ("x", ["--prefix", "a b"], "--prefix a b contains ' '"),
     ],
 )
 def test_an_experiment_that_cannot_be_is_refused(dr, empty, capsys, name, options, words):

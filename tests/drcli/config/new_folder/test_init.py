@@ -101,9 +101,9 @@ def test_a_spot_instance_finds_the_lines_that_it_replaces(dr, empty, file, liter
     [
         (["--cloud", "locla"], "--cloud locla is not one of local, remote, aws, azure. Did"),
         (["--cloud", "remote"], "--cloud remote needs an address, but --endpoint is empty. Set"),
-        (["--prefix", "a b"], "--prefix a b holds ' '"),
+        (["--prefix", "a b"], "--prefix a b contains ' '"),
         (["--prefix", "custom_files"], "--prefix custom_files is the folder of your own files"),
-        (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' holds '\\n'"),
+        (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' contains '\\n'"),
         (["--profile", "\udcff"], "--profile '\\udcff' cannot be written into"),
         (["--race-type", "RALLY"], "--race-type RALLY is not one of"),
         (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 1"),

@@ -62,4 +62,4 @@ def test_an_answer_that_will_not_do_is_asked_for_again_with_the_reason():
 
     assert values["DR_LOCAL_S3_MODEL_PREFIX"] == "mine"
     assert len(reasons) == 1
-    assert reasons[0].startswith("two words holds ' '")
+    assert reasons[0].startswith("two words contains ' '")
