@@ -32,7 +32,7 @@ def test_a_wrong_reward_function_is_named_with_file_and_line(workspace, body, wo
 def test_a_missing_reward_function_is_missed(workspace):
     (workspace.folder / "custom_files" / "reward_function.py").unlink()
 
-    _assert_refused(workspace, 3, ["no reward_function.py", "custom_files"])
+    _assert_refused(workspace, 3, ["custom_files: reward_function.py is missing"])
 
 
 def test_all_that_is_wrong_is_named_at_once_with_file_line_and_value(workspace):

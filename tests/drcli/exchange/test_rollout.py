@@ -96,7 +96,7 @@ def test_parts_are_joined_in_order():
 def test_truncated_bytes_are_refused(end):
     data = encode_episodes(played([3]))
 
-    with pytest.raises(RecordError, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not contain episodes"):
         decode_episodes([data[:end]], 3)
 
 
@@ -138,7 +138,7 @@ def test_an_object_without_one_of_the_columns_is_refused():
 def test_parts_of_different_actions_cannot_be_joined():
     parts = [encode_episodes(played([3])), encode_episodes(played([3], continuous=True))]
 
-    with pytest.raises(RecordError, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not contain episodes"):
         decode_episodes(parts, 6)
 
 
@@ -151,7 +151,7 @@ def test_parts_with_frames_of_another_size_cannot_be_joined():
 
 @pytest.mark.parametrize("steps", [2, 4])
 def test_parts_with_more_or_fewer_steps_than_told_are_refused(steps):
-    with pytest.raises(RecordError, match="it does not hold episodes"):
+    with pytest.raises(RecordError, match="it does not contain episodes"):
         decode_episodes([encode_episodes(played([3]))], steps)
 
 
@@ -213,7 +213,7 @@ BOMB = zstandard.ZstdCompressor().compress(bytes(50 << 20))
 def test_a_rollout_that_claims_more_than_it_holds_is_damage_and_takes_no_memory(data):
     tracemalloc.start()
     try:
-        with pytest.raises(RecordError, match="it does not hold episodes"):
+        with pytest.raises(RecordError, match="it does not contain episodes"):
             decode_episodes([data], 8)
         _, peak = tracemalloc.get_traced_memory()
     finally:
