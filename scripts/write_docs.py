@@ -1,7 +1,6 @@
 """Runs `python scripts/docs`, under the name that it had in version 0.1.0."""
 
-import sys
+import runpy
+from pathlib import Path
 
-from docs.__main__ import main
-
-sys.exit(main())
+runpy.run_path(str(Path(__file__).parent / "docs"), run_name="__main__")

@@ -69,6 +69,7 @@ def _style(source: Source, severity: Severity) -> Iterator[Problem]:
 
     messages: dict[str, list[int]] = {}
 
+    # The type is ignored because pycodestyle has no types.
     class Messages(pycodestyle.BaseReport):  # type: ignore[misc]
         def error(self, line_number: int, offset: int, text: str, check: object) -> None:
             silent = text.startswith(IGNORED_STYLE) or source.is_silenced(line_number)

@@ -148,7 +148,7 @@ def _parts(length: int, count: int) -> list[slice]:
 def _backward(model: M, loss_of: LossOf[M], part: slice, share: float) -> Tensor:
     """Add a part's share of the gradient to a network, and return its share of the statistics."""
     loss, statistics = loss_of(model, part)
-    (loss * share).backward()  # type: ignore[no-untyped-call]
+    torch.autograd.backward(loss * share)
     return statistics.detach() * share
 
 

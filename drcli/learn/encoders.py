@@ -94,6 +94,7 @@ class Encoder(nn.Module):
         flat = height * width * channels + (_LIDAR[-1] if spec.scan_dims else 0)
         self.dense = _dense(flat, layers.dense)
         self.features = layers.dense[-1]
+        # The type is ignored because torch has no type for it.
         self.register_load_state_dict_pre_hook(_with_present_names)  # type: ignore[no-untyped-call]
         for name, parameter in self.named_parameters():
             if name.endswith("weight"):

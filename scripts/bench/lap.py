@@ -172,8 +172,9 @@ def _first_lap(folder: Path, status: dict[str, Any]) -> tuple[float | None, int 
     return None, None
 
 
-def _dr(folder: Path, environment: dict[str, str], command: str, *options: str,
-        check: bool = True) -> str:  # fmt: skip
+def _dr(
+    folder: Path, environment: dict[str, str], command: str, *options: str, check: bool = True
+) -> str:
     done = subprocess.run(
         [str(Path(sys.executable).parent / "dr"), command, *options],
         cwd=folder,

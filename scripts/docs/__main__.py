@@ -14,13 +14,11 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import commands_page
+import errors_page
+import settings_page
+
 FOLDER = Path(__file__).resolve().parent
-sys.path[:0] = [str(FOLDER), str(FOLDER.parent / "bench")]
-
-import commands_page  # noqa: E402  (in the folder of this file)
-import errors_page  # noqa: E402
-import settings_page  # noqa: E402
-
 DOCS = FOLDER.parents[1] / "docs"
 
 PAGES: Mapping[str, Callable[[], str]] = {
@@ -70,6 +68,7 @@ def main() -> int:
 if __name__ == "__main__":
     if sys.argv[1:2] and sys.argv[1] in DRAWINGS:
         drawing = sys.argv.pop(1)
+        sys.path.append(str(FOLDER.parent / "bench"))  # some draw what a benchmark measures
         runpy.run_path(str(FOLDER / f"{drawing}.py"), run_name="__main__")
     else:
         sys.exit(main())
