@@ -23,33 +23,14 @@ from drcli.exchange.episode_metrics import (
     encode_metrics,
     encode_report,
 )
-from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
+from drcli.exchange.iteration import decode_history, encode_history
 from drcli.exchange.rollout_manifest import Driving, Manifest, Part
 from drcli.exchange.run_state import ActivityRecord, Lease, TrainingEnd
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
+from iterations import iteration_record
 
-ITERATION = IterationRecord(
-    iteration=3,
-    checkpoint="3_Step-300.ckpt",
-    episodes=4,
-    steps=100,
-    total_steps=400,
-    mean_reward=1.5,
-    mean_progress=20.0,
-    full_laps=0,
-    best_lap_s=None,
-    entropy=1.0,
-    surrogate_loss=0.1,
-    value_loss=0.2,
-    kl=0.01,
-    steps_per_s=500.0,
-    real_time_factor=30.0,
-    drive_s=0.3,
-    learn_s=0.4,
-    exchange_s=0.1,
-    elapsed_s=9.0,
-)
+ITERATION = iteration_record(3, elapsed_s=9.0)
 CHECKPOINT = CheckpointRecord(
     "4_Step-400.ckpt",
     Fingerprint(8, "ab"),

@@ -3,13 +3,13 @@
 import pytest
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.scores import EvaluationResult
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.workers import scoring
 from drcli.workers.scoring import Scoring
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"
@@ -25,7 +25,7 @@ class Model:
         for number in range(checkpoints):
             self.store.save(number, 100 * number, b"weights")
             if number:
-                self.history.add(record(number - 1))
+                self.history.add(iteration_record(number - 1))
         self.newest = CheckpointName(checkpoints - 1, 100 * (checkpoints - 1))
         self.scoring = self.new_scoring()
 
@@ -49,12 +49,6 @@ class Model:
         return self.history.records[iteration].evaluation_progress
 
 
-def record(number: int) -> IterationRecord:
-    numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
-    values = {**numbers, "iteration": number, "checkpoint": "", "best_lap_s": None}
-    return IterationRecord(**{**values, "evaluation_progress": [], "evaluation_lap_s": []})
-
-
 @pytest.fixture
 def model() -> Model:
     return Model(4)
@@ -75,7 +69,7 @@ def test_what_was_evaluated_is_scored_before_the_trainer_leaves(model):
 def test_its_learning_curve_gets_the_evaluation_once_there_is_a_record_for_it(model):
     model.evaluate(3, 100.0)
     model.scoring.score_all(model.newest)
-    model.history.add(record(3))
+    model.history.add(iteration_record(3))
 
     model.scoring.expect(3, None)
     model.scoring.score(CheckpointName(4, 400))
