@@ -86,7 +86,7 @@ class ActorCritic(nn.Module):
         self.returns.follow(size, cast(nn.Linear, last))
 
     def act(
-        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Choose actions; see `Policy.act`."""
         policy, value = self(seen)

@@ -124,7 +124,7 @@ class DataParallelPolicy:
         return self._policy.spec
 
     def act(
-        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Choose an action for each car; see `Policy.act`."""
         count = min(self._threads, len(noise) // FEWEST_CARS)

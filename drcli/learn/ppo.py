@@ -104,7 +104,8 @@ class PPO:
             rollout.last_values if config.bootstrap_cut else None,
         )
         values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
-        returns = torch.from_numpy(advantages + rollout.values).to(device)
+        targets = advantages + rollout.values
+        returns = torch.from_numpy(targets).to(device)
         if not bool(torch.isfinite(returns).all()):
             raise NonFiniteLossError("A return is nan or infinite.")
         self.model.follow_returns(returns, values)
@@ -116,7 +117,7 @@ class PPO:
             advantages=normalized(advantages).clip(-clip, clip),
             returns=self.model.returns.units(returns),
         )
-        return batch, explained_variance(rollout.values, advantages + rollout.values)
+        return batch, explained_variance(rollout.values, targets)
 
     def _loss(
         self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice

@@ -39,7 +39,6 @@ class ReturnScale(nn.Module):
         super().__init__()
         self.register_buffer("scale", torch.zeros((), dtype=torch.float64))
         self.register_buffer("weight", torch.zeros((), dtype=torch.float64))
-        # Type ignored: PyTorch has no types for this function.
         # The type is ignored because torch has no type for it.
         self.register_load_state_dict_pre_hook(_as_before)  # type: ignore[no-untyped-call]
 

@@ -59,7 +59,7 @@ class SACAgent(nn.Module):
         return seen.state if self.spec.state_dims else features
 
     def act(
-        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None = None
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Choose actions in [-1, 1]; see `Policy.act`. `epsilon` is not used."""
         features = self.features(seen)

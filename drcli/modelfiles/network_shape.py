@@ -1,6 +1,7 @@
 """Checks whether the weights of one model fit another."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from drcli.base.problems import Problem
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -17,6 +18,8 @@ class Design:
     parameters: Hyperparameters
     metadata_origin: str
     parameters_origin: str
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Their content by name, where they were read from a model."""
 
     @staticmethod
     def of_model(bucket: Bucket, prefix: str) -> "Design":
@@ -26,12 +29,15 @@ class Design:
             ObjectMissing: One of its files does not exist.
             ProblemsError: One of them is wrong.
         """
-        metadata, parameters = keys.model_metadata(prefix), keys.hyperparameters(prefix)
-        origins = (f"{bucket.name}/{metadata}", f"{bucket.name}/{parameters}")
+        keys_of_files = keys.model_metadata(prefix), keys.hyperparameters(prefix)
+        metadata, parameters = (bucket.get(key) for key in keys_of_files)
+        origins = [f"{bucket.name}/{key}" for key in keys_of_files]
         return Design(
-            ModelMetadata.from_bytes(bucket.get(metadata), origins[0]),
-            Hyperparameters.from_bytes(bucket.get(parameters), origins[1]),
-            *origins,
+            ModelMetadata.from_bytes(metadata, origins[0]),
+            Hyperparameters.from_bytes(parameters, origins[1]),
+            origins[0],
+            origins[1],
+            {keys.MODEL_METADATA_FILE: metadata, keys.HYPERPARAMETERS_FILE: parameters},
         )
 
     def conflicts(self) -> list[Problem]:

@@ -183,8 +183,8 @@ def reward_failure(error: RewardError) -> SettingsError:
         text = text.replace(str(error.file), error.file.name)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
-        "or start over with `-w`.",
+        remedy="Correct reward_function.py and run the command again; a training continues with "
+        "`dr-start-training --resume`, or starts over with `-w`.",
     )
 
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
@@ -41,6 +40,7 @@ from drcli.workers.build_race import (
 )
 from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.restore_learner import load_weights
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
@@ -160,7 +160,7 @@ def _racer(bucket: Bucket, entry: Entry, design: Design, config: RunConfig) -> R
     plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
     checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
-    model.load_state_dict(load_tensors(checkpoint.tensors))
+    load_weights(model, checkpoint)
     return Racer(model, actions_of(metadata))
 
 

@@ -33,10 +33,10 @@ class Goals:
             return "Training is complete: all evaluation laps of a checkpoint were completed."
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
-            return f"Training is complete: the time limit of {minutes:g} minutes was reached."
+            return f"Training is complete: the time limit ({_minutes(minutes)}) was reached."
         most, name = _iteration_limit(job, self._parameters)
         if most <= len(records):
-            done = "1 iteration is" if most == 1 else f"{len(records)} iterations are"
+            done = "1 iteration is" if len(records) == 1 else f"{len(records)} iterations are"
             return f"Training is complete: {done} done, {name} is {most}."
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:
@@ -79,7 +79,7 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if job.max_minutes is not None:
         given = job.max_minutes == settings.train_max_minutes
         ways.append(
-            f"after {job.max_minutes:g} minutes "
+            f"after {_minutes(job.max_minutes)} "
             f"({'DR_TRAIN_MAX_MINUTES' if given else '--max-minutes'})"
         )
     most, name = _iteration_limit(job, parameters)
@@ -108,3 +108,7 @@ def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:
     if job.config.train.train_max_iterations > 0:
         limits.append((job.config.train.train_max_iterations, "DR_TRAIN_MAX_ITERATIONS"))
     return min(limits)
+
+
+def _minutes(count: float) -> str:
+    return "1 minute" if count == 1 else f"{count:g} minutes"

@@ -125,9 +125,9 @@ def _number(name: object, text: object) -> float | None:
         return None
     try:
         number = int(text) if name in (NUMBER, STEPS) else float(text)
-    except ValueError:
+        return number if math.isfinite(number) else None
+    except (ValueError, OverflowError):  # not a number, or an integer larger than any float
         return None
-    return number if math.isfinite(number) else None
 
 
 def _text(value: float) -> str:

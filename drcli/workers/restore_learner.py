@@ -2,6 +2,7 @@
 
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
+from torch import nn
 
 from drcli.base.errors import SettingsError
 from drcli.base.log import get_logger
@@ -14,20 +15,21 @@ from drcli.workers.build_learner import Learner
 _logger = get_logger(__name__)
 
 
-def restore_weights(learner: Learner, found: Checkpoint) -> None:
-    """Load the weights of a checkpoint into the learner.
+def load_weights(model: nn.Module, found: Checkpoint) -> None:
+    """Load the weights of a checkpoint into a network.
 
     Raises:
         SettingsError: The parameter files describe another network.
     """
     try:
-        learner.model.load_state_dict(load_tensors(found.tensors))
+        model.load_state_dict(load_tensors(found.tensors))
     except (RuntimeError, SafetensorError) as error:
         what = str(error).strip().splitlines()[-1].strip()
         raise SettingsError(
             f"The weights of {found.record.name} do not fit model_metadata.json and "
             f"hyperparameters.json: {what}",
-            remedy="Restore the files that the model was trained with, or start over with -w.",
+            remedy="Restore the files that the model was trained with, or train it again with "
+            "`dr-start-training -w`.",
         ) from None
 
 

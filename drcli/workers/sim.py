@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 
 import torch
-from safetensors.torch import load as load_tensors
 
 from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
@@ -34,12 +33,12 @@ from drcli.workers.build_race import (
     load_reward,
     load_world,
     longest_episode,
-    reward_failure,
 )
 from drcli.workers.cores import cores, driving_threads, overlaps
 from drcli.workers.driving import Driven, Driver, Plan, Racer, episodes_of
 from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
+from drcli.workers.restore_learner import load_weights
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode.episode_rules import EpisodeRules
@@ -144,7 +143,7 @@ class SimWorker:
             iteration = max(iteration, newest)
             checkpoint = self._checkpoints.load(str(name))
             self._waiter.learn_from(checkpoint.record)
-            self._model.load_state_dict(load_tensors(checkpoint.tensors))
+            load_weights(self._model, checkpoint)
             self._iterate(iteration, name)
             iteration += 1
 
@@ -182,17 +181,15 @@ class SimWorker:
                 writer.finish(Driving(drive_s=time.time() - begin, evaluates=evaluates))
                 self._delivered_s = time.monotonic()
                 self._publish_training(iteration, name, training, (begin, time.time()))
-                self._activity.say(f"evaluates checkpoint {name.number}")
+                if len(evaluation) < trials:
+                    self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
             plans = self._plans(numbers, trials)
             self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon(name))
-        except StopRequested:
+        except (StopRequested, RewardError):
             writer.abandon()
             raise
-        except RewardError as error:
-            writer.abandon()
-            raise reward_failure(error) from None
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))

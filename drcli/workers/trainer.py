@@ -31,7 +31,7 @@ from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
-from drcli.workers.restore_learner import forget_evaluations, restore_optimizer, restore_weights
+from drcli.workers.restore_learner import forget_evaluations, load_weights, restore_optimizer
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -62,13 +62,7 @@ class Trainer:
         design = Design.of_model(self._bucket, self._prefix)
         metadata, parameters = design.metadata, design.parameters
         # Each checkpoint carries these files: without them, the model could not be continued.
-        files = {
-            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self._prefix),
-            keys.MODEL_METADATA_FILE: keys.model_metadata(self._prefix),
-        }
-        self._inputs = {
-            name: self._bucket.get(key).decode("utf-8-sig") for name, key in files.items()
-        }
+        self._inputs = {name: data.decode("utf-8-sig") for name, data in design.files.items()}
         plain.info("Using the following hyper-parameters")
         plain.info(parameters.canonical_json(metadata.training_algorithm))
         self._found = self._checkpoints.load_latest(with_optimizer=True)
@@ -133,7 +127,7 @@ class Trainer:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
         record = found.record
         forget_evaluations(self._bucket, self._prefix, after=record.number)
-        restore_weights(self._learner, found)
+        load_weights(self._learner.model, found)
         if found.optimizer is None:
             _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
         else:

@@ -109,17 +109,17 @@ def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace
     If a reward function catches every exception that should interrupt it, the simulation calls this
     and ends the process.
     """
-    # Imported here, because the trainer does without drsim.
-    from drcli.workers.build_race import reward_failure
-    from drsim.errors import RewardError
-
-    known = reward_failure(error) if isinstance(error, RewardError) else error
-    _explain(known, job, name)
+    _explain(error, job, name)
 
 
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     """Write the reason of a failure for the supervisor and into the log."""
     print_limit.end_limit()
+    simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
+    if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
+        from drcli.workers.build_race import reward_failure
+
+        error = reward_failure(error)
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         _logger.error("%s %s", error, error.remedy)

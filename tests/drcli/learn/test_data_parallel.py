@@ -1,3 +1,5 @@
+"""The gradient of a minibatch in parts equals that of the whole, whatever the parts do."""
+
 import pytest
 import torch
 from torch import nn

@@ -47,7 +47,7 @@ def test_the_time_of_this_start_counts(goals):
     limited = goals(max_minutes=1.0, clock=lambda: next(times))
 
     assert limited.reached([]) is None
-    assert limited.reached([]) == "Training is complete: the time limit of 1 minutes was reached."
+    assert limited.reached([]) == "Training is complete: the time limit (1 minute) was reached."
 
 
 def test_the_files_that_everybody_has_train_as_long_as_they_did_elsewhere(goals):

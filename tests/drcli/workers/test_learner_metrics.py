@@ -144,6 +144,7 @@ def test_a_file_of_something_else_is_written_anew_and_said(bucket, make_record, 
 
 def test_damaged_cells_are_left_out(bucket, make_record):
     text = "iteration,global_step,losses/entropy,mine\n0,x,2.5,7\n1,2,nan\nx,1,1,1\n1,2,3,4,5,6\n"
+    text += f"{'1' * 400},5\n1,{'2' * 400}\n1,2,3\n"
     bucket.put(KEY, text.encode())
 
     metrics = LearnerMetrics(bucket, "model")
