@@ -71,7 +71,11 @@ def flakes(source: Source) -> Iterator[tuple[int, str, bool]]:
     from pyflakes.checker import Checker
     from pyflakes.messages import UndefinedName
 
-    for message in Checker(source.tree, filename=source.name).messages:
+    try:
+        messages = Checker(source.tree, filename=source.name).messages
+    except RecursionError:  # pyflakes needs more depth than Python itself
+        return
+    for message in messages:
         if not source.is_silenced(message.lineno):
             text = message.message % message.message_args
             yield message.lineno, text, isinstance(message, UndefinedName)

@@ -167,7 +167,7 @@ def _numbers(node: ast.expr) -> list[float]:
     """The numbers that are written there, in brackets or alone; empty for anything else."""
     try:
         value = ast.literal_eval(node)
-    except ValueError:
+    except (ValueError, TypeError):  # not a literal, or a list in a set
         return []
     values = list(value) if isinstance(value, tuple | list | set) else [value]
     return values if all(isinstance(number, int | float) for number in values) else []

@@ -22,7 +22,7 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find
+from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
@@ -108,11 +108,13 @@ class _Validation:
 
     def try_files_alone(self) -> None:
         """Check the three files without the settings, which name the bucket and the track."""
-        files = {
-            name: InputFile(name, path.read_bytes(), str(path))
-            for name in FILE_RULES
-            if (path := self.directory / "custom_files" / name).is_file()
-        }
+        files = {}
+        for name in FILE_RULES:
+            try:
+                if (file := local_file(self.directory / "custom_files", name)) is not None:
+                    files[name] = file
+            except ProblemsError as error:
+                self.found += error.problems
         reward = files.get(keys.REWARD_FUNCTION_FILE)
         if reward is not None:
             source, wrong = read_source(reward)

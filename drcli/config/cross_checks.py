@@ -16,7 +16,7 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
     ) -> Problem:
         """A problem at the first of these settings that somebody has set."""
         name = next((name for name in names if name in settings.sources), names[-1])
-        return setting_problem(names[0], settings.place(name), message, remedy, severity=severity)
+        return setting_problem(name, settings.place(name), message, remedy, severity=severity)
 
     if settings.eval_max_resets == 1:
         yield problem(

@@ -21,7 +21,7 @@ from dotenv.parser import Binding, parse_stream
 from drcli.base.problems import Place, Problem, ProblemsError, one_of, shown
 from drcli.base.text_file import decode
 from drcli.config import activation
-from drcli.config.setting_problems import GENERAL_RULE, file_problem, setting_problem
+from drcli.config.setting_problems import GENERAL_RULE, file_problem, hidden, setting_problem
 from drcli.config.value_types import FOLDER_NAME
 
 EXPERIMENT = activation.EXPERIMENT
@@ -122,7 +122,9 @@ def parse_env(data: bytes, name: str) -> EnvFile:
 
 
 def _line_problem(binding: Binding, place: Place) -> Problem | None:
-    line = shown(binding.original.string.strip())
+    text = binding.original.string.strip()
+    name = re.split(r"[=\s]", text.removeprefix("export "), maxsplit=1)[0]
+    line = shown(name if hidden(name, text) != text else text)
     if binding.error:
         remedy = (
             "Write NAME=value, close every quote at the end of the value, "

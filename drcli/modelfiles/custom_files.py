@@ -49,10 +49,9 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
     """
     found: dict[str, InputFile] = {}
     for name, key in places(config).items():
-        path = config.folder / name
-        data = _content(path)
-        if data is not None:
-            found[name] = InputFile(name, data, str(path))
+        local = local_file(config.folder, name)
+        if local is not None:
+            found[name] = local
         elif bucket is not None:
             with suppress(ObjectMissing):
                 found[name] = InputFile(name, bucket.get(key), f"{bucket.name}/{key}")
@@ -60,6 +59,16 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
         return found
     shipped = {name: model_file(name) for name in places(config)}
     return {name: InputFile(name, path.read_bytes(), str(path)) for name, path in shipped.items()}
+
+
+def local_file(folder: Path, name: str) -> InputFile | None:
+    """One of the files in `custom_files/`; None if it does not exist.
+
+    Raises:
+        ProblemsError: It cannot be read.
+    """
+    data = _content(folder / name)
+    return None if data is None else InputFile(name, data, str(folder / name))
 
 
 def places(config: CustomFilesConfig) -> dict[str, str]:

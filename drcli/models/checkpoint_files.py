@@ -1,7 +1,6 @@
 """Chooses a checkpoint of a model, and reads it with all files that belong to it."""
 
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from drcli.base import notices
@@ -128,7 +127,7 @@ def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
         items.append(Item(f"{start}.safetensors", found.tensors))
         if found.optimizer is not None:
             items.append(Item(f"{start}.optimizer.safetensors", found.optimizer))
-        items.append(Item(f"{start}.json", json.dumps(asdict(record)).encode()))
+        items.append(Item(f"{start}.json", record.encode()))
     theirs = [part for part in keys.TENSORFLOW_PARTS if part in chosen.parts]
     items += [_filled(bucket, prefix, start + part) for part in theirs]
     graph = keys.checkpoint_graph(prefix, chosen.number)

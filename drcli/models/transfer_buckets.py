@@ -50,7 +50,10 @@ def target_bucket(
 
 
 def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
-    """Open the upload bucket or our own for reading; does not start the server of our own."""
+    """Open the upload bucket or our own for reading.
+
+    Our own server is started only if its bucket cannot be read without it.
+    """
     if not upload:
         found = open_running_bucket(ends.own)
         if found is not None:

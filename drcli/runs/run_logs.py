@@ -51,10 +51,12 @@ def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
     """Start new logs for a new training, and keep those of the last few trainings."""
     folders = [_folder(directory, prefix, kind) for kind in _FOLDERS]
     try:
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
         log_files.set_aside(folders, max_mb << 20)
     except OSError as e:
         raise SettingsError(
-            f"{e.filename}: the log of the last training cannot be renamed ({e.strerror or e}).",
+            f"{e.filename}: logs cannot be written there ({e.strerror or e}).",
             remedy=f"Check that you can write to {directory / 'data' / 'logs'}, or move it.",
         ) from e
 

@@ -87,7 +87,7 @@ class RunReport:
     @property
     def dead(self) -> list[str]:
         """Workers that should run but do not."""
-        if self.state not in ("running", "starting"):
+        if self.state not in LIVE_STATES:
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
 
@@ -237,8 +237,10 @@ def speed_of(process: Process, config: RunConfig) -> SpeedReport:
     """Measure how fast a simulation worker of a training drives."""
     unknown = SpeedReport(process.name, process.pid)
     record = RunRecord.read(run_folder(config.directory, config.run_id))
-    bucket = open_running_bucket(config.storage)
-    if record is None or bucket is None:
+    if record is None:
+        return unknown
+    bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
+    if bucket is None:
         return unknown
     history = read_history(bucket, record.prefix)
     if not history:

@@ -146,3 +146,9 @@ def test_no_example_waits_for_a_step_that_never_comes():
 
     assert len(files) == 4
     assert [idle for file in files for idle in idle_conditions(file.read_text("utf-8"))] == []
+
+
+def test_a_set_that_python_cannot_make_is_not_a_condition():
+    assert (
+        idle_conditions("def reward_function(params):\n    return params['steps'] in {[1]}\n") == []
+    )

@@ -1,6 +1,7 @@
 """A racer with two buckets in memory: one of the working folder, one for uploads."""
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from drcli.store import keys
 from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from evaluations import evaluated
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 RUN_ENV = (
@@ -94,7 +96,9 @@ def put_model(
     store = CheckpointStore(bucket, prefix)
     for number in numbers:
         weights = f"weights {number} of design {design}".encode()
-        record = store.save(number, 100 * number, weights, counters=Counters(episodes=number))
+        learned = iteration_record(number, kl=math.nan)  # as SAC has it
+        counters = Counters(episodes=number, learned=learned)
+        record = store.save(number, 100 * number, weights, counters=counters)
         store.record_evaluation(
             evaluated(record.name, 90.0 if number == numbers[0] else 50.0), "progress"
         )

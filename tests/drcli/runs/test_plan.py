@@ -134,7 +134,6 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):
     settings, folder = trained.settings(), trained.folder
     log = log_file(folder, settings.model_prefix, "sim-0")
-    log.parent.mkdir(parents=True)
     log.write_text("first\n")
     trained.bucket.delete([keys.lease("model-1")])
 
@@ -159,7 +158,7 @@ def test_logs_that_cannot_be_renamed_are_named_and_the_model_is_free_again(racer
 
     monkeypatch.setattr(Path, "rename", refuse)
 
-    with pytest.raises(SettingsError, match=r"trainer\.log: the log of .* cannot be renamed"):
+    with pytest.raises(SettingsError, match=r"trainer\.log: logs cannot be written there"):
         racer.start()
 
     assert lease.holder(racer.bucket, "model-1") is None
