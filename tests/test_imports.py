@@ -70,6 +70,18 @@ PROGRAMS = {"drcli.store.server.moto_server"}
 """Modules that are only run, as processes of their own."""
 
 
+UNIMPORTED = {
+    "drcli.cli.program",
+    "drcli.checks.sandbox.sandbox_process",
+    "drcli.store.server.moto_server",
+    "drcli.workers.sim",
+    "drcli.workers.trainer",
+    "drcli.workers.evaluator",
+    "drsim.replay",
+}
+"""Modules that are started by name, as programs or processes."""
+
+
 @cache
 def modules() -> dict[str, Path]:
     """Every module of ours by its dotted name; a package by its own."""
@@ -124,6 +136,21 @@ def test_no_modules_import_each_other_in_a_circle():
         waiting = {name: needs - free for name, needs in waiting.items() if name not in free}
 
     assert not waiting, f"In or above circles: {sorted(waiting)}"
+
+
+def test_every_module_is_imported_or_started_by_name():
+    """But for the files in cli/commands, which the table of commands names."""
+    imported = set().union(*(ours(name) - {name} for name in modules()))
+
+    unused = {
+        name
+        for name, path in modules().items()
+        if name not in imported
+        and path.name != "__init__.py"
+        and not name.startswith("drcli.cli.commands.")
+    }
+
+    assert unused == UNIMPORTED
 
 
 def test_every_package_stands_on_a_floor():

@@ -5,11 +5,17 @@ import json
 import os
 import shutil
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.base.errors import SettingsError
-from drcli.base.json_record import RecordError, parse_json
+from drcli.base.json_record import RecordError, from_json, parse_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T")
 
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -27,7 +33,7 @@ def rewrite(path: Path, data: bytes) -> None:
                 raise OSError(0, "it is not an ordinary file")
             if not os.access(target, os.W_OK):
                 raise PermissionError(0, "it is write-protected")
-        _replace(target, data)
+        _replace(target, data, keep_owner=True)
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
@@ -36,17 +42,17 @@ def rewrite(path: Path, data: bytes) -> None:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write one of our records, and create its folder if needed.
+    """Write JSON for ourselves, and create its folder if needed; the old file may be anybody's.
 
     Raises:
         OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    _replace(path, json.dumps(value, indent=2).encode())
+    _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False)
 
 
 def read_json(path: Path) -> Any:
-    """Read one of our records; None if the file does not exist or is damaged.
+    """Read JSON of ours; None if the file does not exist or is damaged.
 
     A full disk or a power failure may damage any file.
     """
@@ -56,11 +62,27 @@ def read_json(path: Path) -> Any:
         return None
 
 
-def _replace(target: Path, data: bytes) -> None:
-    """Write a second file, then rename it: a reader sees the old content or the new one."""
+def save_record(path: Path, record: "DataclassInstance") -> None:
+    """Write a record as with `write_json`."""
+    write_json(path, asdict(record))
+
+
+def load_record(kind: type[T], path: Path) -> T | None:
+    """Read a record; None if the file does not exist or is damaged."""
+    try:
+        return from_json(kind, read_json(path))
+    except RecordError:
+        return None
+
+
+def _replace(target: Path, data: bytes, *, keep_owner: bool) -> None:
+    """Write a second file, then rename it: a reader sees the old content or the new one.
+
+    With `keep_owner` it has the mode and, if possible, the owner of the old file.
+    """
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        if target.exists():
+        if keep_owner and target.exists():
             shutil.copy2(target, scratch)
             with suppress(PermissionError):  # only root can change the owner
                 shutil.chown(scratch, target.stat().st_uid, target.stat().st_gid)

@@ -47,6 +47,10 @@ class RecordError(ValueError):
     """A record in JSON is damaged; the sentence says where."""
 
 
+class NewerFormat(RecordError):
+    """A newer version of drcli has written the record, so it may be in order."""
+
+
 class JsonRecord:
     """A frozen dataclass that one process writes as a JSON object and another reads."""
 
@@ -59,7 +63,7 @@ class JsonRecord:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Read a record; RecordError if it is damaged or a newer version wrote it."""
+        """Read a record; RecordError if it is damaged, NewerFormat if it is a newer one."""
         return cls.from_json(parse_json(data))
 
     def to_json(self) -> dict[str, Any]:
@@ -72,8 +76,10 @@ class JsonRecord:
     def from_json(cls, value: Any) -> Self:
         """The record in a JSON object; RecordError as for `decode`."""
         version = value.get("format", 1) if isinstance(value, dict) else 1
-        if version != cls.VERSION:
-            raise RecordError(f"its format is {json.dumps(version)[:20]}, not {cls.VERSION}")
+        if type(version) is not int or version != cls.VERSION:
+            newer = type(version) is int and version > cls.VERSION
+            error = NewerFormat if newer else RecordError
+            raise error(f"its format is {_short(version)}, not {cls.VERSION}")
         return from_json(cls, value)
 
 
@@ -191,9 +197,12 @@ def _plain(name: str, hint: Any, value: Any) -> Any:
 
 
 def _refuse(name: str, value: Any) -> NoReturn:
+    raise RecordError(f"'{name}' cannot be {_short(value)}")
+
+
+def _short(value: Any) -> str:
     text = json.dumps(value) if not isinstance(value, int) or abs(value) < 1e18 else "a huge number"
-    shown = text if len(text) <= 40 else f"{text[:37]}..."
-    raise RecordError(f"'{name}' cannot be {shown}")
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _refuse_constant(word: str) -> NoReturn:

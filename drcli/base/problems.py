@@ -1,6 +1,7 @@
 """Problems in the racer's files, as records that commands print."""
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
@@ -68,7 +69,9 @@ class Problem:
 
     def __str__(self) -> str:
         """The message with its place, unless it names that itself."""
-        return self.message if self.where in self.message else f"{self.where}: {self.message}"
+        if not self.where or _names(self.message, self.where):
+            return self.message
+        return f"{self.where}: {self.message}"
 
     def as_json(self) -> dict[str, str]:
         """The values of `JSON_KEYS`."""
@@ -144,6 +147,11 @@ def one_of(words: Sequence[str], written: str) -> str:
     likely = closest(written, words)
     start = f"Did you mean {likely}? " if likely is not None else ""
     return f"{start}Write one of {', '.join(words)}."
+
+
+def _names(message: str, place: str) -> bool:
+    """Whether a message contains a place in whole words; `run.env line 12` is not line 1."""
+    return bool(re.search(rf"(?<![\w./-]){re.escape(place)}(?![\w/-]|\.\w)", message))
 
 
 def _on_one_line(text: str) -> str:

@@ -10,11 +10,12 @@ def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str
         ProblemsError: It breaks the rule: it has more than `largest_bytes`, or is not UTF-8.
     """
     if len(data) > largest_bytes:
-        what = f"is {len(data):,} bytes long; {largest_bytes:,} are allowed."
+        size = f"{len(data):,} bytes long; at most {largest_bytes:,} are allowed."
+        what = f"The file is {size}"
         raise ProblemsError([Problem(rule, "error", name, None, what, remedy)])
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as e:
         line = data[: e.start].count(b"\n") + 1
-        what = f"byte 0x{data[e.start]:02x} is not UTF-8 text."
+        what = f"Byte 0x{data[e.start]:02x} is not UTF-8 text."
         raise ProblemsError([Problem(rule, "error", name, line, what, remedy)]) from e

@@ -6,6 +6,7 @@ from pathlib import Path
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report
 from drcli.config.settings_report import check_settings
+from drcli.config.track_names import track_problems
 from drcli.config.unused_names import WithoutEffect
 
 
@@ -63,17 +64,21 @@ def check_alone(directory: Path) -> FullCheck:
 
 def with_rules(check: FullCheck) -> FullCheck:
     """Check all rules on a folder whose settings are correct."""
-    from drcli.checks.validate import validate  # settings are checked without what it loads
+    # Settings are checked without what these load.
+    from drcli.checks.settings_rules import review_settings
+    from drcli.checks.validate import validate
 
     directory = Path(check.directory)
-    known = check_settings(directory).problems
+    reviewed = review_settings(directory)
+    settings = reviewed.settings
+    known = () if settings is None else (*settings.problems, *track_problems(settings.races))
     idle = {name for group in check.without_effect for name in group.names}
 
     def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
         """Those that the check of the settings has not reported."""
         return tuple(each for each in problems if each not in known and each.key not in idle)
 
-    rules = validate(directory)
+    rules = validate(directory, reviewed=reviewed)
     rules = replace(
         rules, errors=new(rules.errors), warnings=new(rules.warnings), notes=new(rules.notes)
     )

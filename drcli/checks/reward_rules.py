@@ -5,6 +5,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from drcli.base.problems import Problem, ProblemsError, Severity
 from drcli.base.text_file import decode
@@ -38,6 +39,22 @@ class Source:
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
+    @cached_property
+    def flakes(self) -> tuple[tuple[int, str, bool], ...]:
+        """The messages of pyflakes: line, text, and whether a name is undefined."""
+        from pyflakes.checker import Checker
+        from pyflakes.messages import UndefinedName
+
+        try:
+            messages = Checker(self.tree, filename=self.name).messages
+        except RecursionError:  # pyflakes needs more depth than Python itself
+            return ()
+        return tuple(
+            (each.lineno, each.message % each.message_args, isinstance(each, UndefinedName))
+            for each in messages
+            if not self.is_silenced(each.lineno)
+        )
+
 
 def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
     """Compile a reward function: rules V-02 and, for `else if`, V-24."""
@@ -66,21 +83,6 @@ def review_source(source: Source) -> list[Problem]:
     ]
 
 
-def flakes(source: Source) -> Iterator[tuple[int, str, bool]]:
-    """The messages of pyflakes: line, text, and whether a name is undefined."""
-    from pyflakes.checker import Checker
-    from pyflakes.messages import UndefinedName
-
-    try:
-        messages = Checker(source.tree, filename=source.name).messages
-    except RecursionError:  # pyflakes needs more depth than Python itself
-        return
-    for message in messages:
-        if not source.is_silenced(message.lineno):
-            text = message.message % message.message_args
-            yield message.lineno, text, isinstance(message, UndefinedName)
-
-
 def _uncompilable(error: Exception, name: str, text: str) -> Problem:
     line = error.lineno if isinstance(error, SyntaxError) else None
     what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
@@ -97,7 +99,7 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
 def _undefined_names(source: Source) -> Iterator[Problem]:
     """V-22: an undefined name fails when its line is reached, maybe after hours."""
     reported: set[str] = set()
-    for line, text, undefined in flakes(source):
+    for line, text, undefined in source.flakes:
         if undefined and text not in reported:
             reported.add(text)
             yield source.problem("V-22", line, f"{text}.", REMEDIES["undefined"])
@@ -117,7 +119,7 @@ def _progress_of_one(source: Source) -> Iterator[Problem]:
 
 def _first_steps(source: Source) -> Iterator[Problem]:
     """V-24: a step before the first call."""
-    for idle in idle_conditions(source.text):
+    for idle in idle_conditions(source.tree):
         if not source.is_silenced(idle.line):
             yield source.problem("V-24", idle.line, idle.message, idle.remedy, "warning")
 

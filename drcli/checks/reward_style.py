@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity
-from drcli.checks.reward_rules import Source, flakes
+from drcli.checks.reward_rules import Source
 
 FUNCTION = "reward_function"
 
@@ -58,7 +58,7 @@ def _signature(source: Source, severity: Severity) -> Iterator[Problem]:
 
 def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
     """V-22, class F, without undefined names, which are errors everywhere."""
-    for line, text, undefined in flakes(source):
+    for line, text, undefined in source.flakes:
         if not undefined:
             yield source.problem("V-22", line, f"{text}.", "Correct or remove it.", severity)
 

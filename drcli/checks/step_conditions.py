@@ -62,7 +62,7 @@ def parsed(text: str | bytes) -> ast.Module:
         return ast.Module([], [])
 
 
-def idle_conditions(text: str | bytes) -> list[Idle]:
+def idle_conditions(tree: ast.Module) -> list[Idle]:
     """The comparisons of `steps` with a number that have the same result in every call, by line.
 
     Guards against a division by zero, such as `steps > 0`, are fine. `steps` is recognised where it
@@ -72,7 +72,7 @@ def idle_conditions(text: str | bytes) -> list[Idle]:
     try:
         found = {
             Idle(node.lineno, ast.unparse(node), outcome)
-            for scope in _scopes(parsed(text))
+            for scope in _scopes(tree)
             for names in [_names_of_steps(scope)]
             for node in scope
             if isinstance(node, ast.expr)

@@ -16,7 +16,7 @@ from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
 from drcli.checks.reward_style import review_style
-from drcli.checks.settings_rules import review_settings
+from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
@@ -25,10 +25,7 @@ from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
-
-PATIENCE_S = 5.0
-"""Longest wait for a bucket that does not answer."""
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
 
@@ -38,6 +35,7 @@ def validate(
     *,
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
+    reviewed: SettingsReview | None = None,
 ) -> Report:
     """Check all rules and report all problems; nothing in the folder changes.
 
@@ -46,10 +44,11 @@ def validate(
         console_compatible: Whether the model is also meant for training on a DeepRacer console;
             anything that a console refuses is then an error.
         environ: Process environment; `os.environ` when None.
+        reviewed: The settings, if they have been read already.
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
-    reviewed = review_settings(directory, environ)
+    reviewed = reviewed or review_settings(directory, environ)
     validation = _Validation(directory, console_compatible, list(reviewed.problems))
     if reviewed.settings is None:
         validation.try_files_alone()
@@ -143,7 +142,7 @@ class _Validation:
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
         """The bucket, if it can be used."""
         try:
-            bucket = open_bucket(settings.storage, patience_s=PATIENCE_S)
+            bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
             bucket.probe()
             wrong = probe(bucket)
             if not trains:

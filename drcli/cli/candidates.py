@@ -31,14 +31,16 @@ def worlds() -> list[str]:
 
 def model_prefixes() -> list[str]:
     """The configured model, and all models in the bucket of this machine."""
-    bucket, configured = _bucket(), _settings().get("DR_LOCAL_S3_MODEL_PREFIX")
+    settings = _settings()
+    bucket, configured = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     models = [configured] if configured else []
     return list(dict.fromkeys(models if bucket is None else [*models, *_models_in(bucket)]))
 
 
 def checkpoints() -> list[str]:
     """Numbers of the configured model's checkpoints, the newest first."""
-    bucket, prefix = _bucket(), _settings().get("DR_LOCAL_S3_MODEL_PREFIX")
+    settings = _settings()
+    bucket, prefix = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     if bucket is None or not prefix:
         return []
     names = _names(bucket / prefix / "model")
@@ -108,9 +110,8 @@ def _settings() -> Mapping[str, str]:
     return {**activation.chosen(os.environ), **change.export}
 
 
-def _bucket() -> Path | None:
+def _bucket(settings: Mapping[str, str]) -> Path | None:
     """Folder of the local server's objects; None for any other server."""
-    settings = _settings()
     if settings.get("DR_CLOUD", "local") != "local":
         return None
     data = working_folder() / settings.get("DR_S3_DATA_DIR", "data/s3")

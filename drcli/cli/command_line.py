@@ -4,17 +4,20 @@ import inspect
 import os
 import shutil
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from functools import wraps
 from importlib import import_module
 from itertools import groupby
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drcli import __version__
+from drcli.base.problems import shown
 from drcli.cli import completion, console
 from drcli.cli.command_table import COMMANDS, Command
+from drcli.cli.console import NARROWEST
 
 EPILOG = """Every command is also a program: dr-status is dr status. Begin with `dr init`.
 `dr completion install` makes the Tab key complete commands.
@@ -24,7 +27,7 @@ Exit codes:
     0  done
     1  answered no, not running, no log yet, or an internal error
     2  wrong command line
-    3  wrong setting, parameter file or reward function
+    3  wrong setting or file, already running, or model exists or missing
     4  the bucket cannot be reached, read or written
     5  a worker died
     6  the training failed and cannot continue
@@ -34,8 +37,11 @@ Exit codes:
   143  stopped (SIGTERM)
 """
 
-NARROWEST, HELP_COLUMNS = 40, 80
-"""Help is folded at the edge of terminals of these widths; Typer's own minimum is 50 columns."""
+HELP_COLUMNS = 80
+"""Help is folded at the edge of narrower terminals; Typer's own minimum is 50 columns."""
+
+LONGEST_COMPARED = 80
+"""Letters of a wrong command that are compared with the names; comparing many takes long."""
 
 TAKES_ANY = {
     "ignore_unknown_options": True,
@@ -97,25 +103,87 @@ def load(command: Command) -> Any:
     return target
 
 
-def _with_default(option: Any) -> Any:
-    """The option --help, False when it is not given. For None, Typer would load pydantic."""
-    if option is not None:
-        option.default = False
-    return option
+class _Reading:
+    """Reads the value of one parameter.
+
+    Takes a value that already has its type as it is. For all others, Typer loads pydantic, which
+    takes longer than most commands.
+    """
+
+    def __init__(self, typers: Callable[[], Any]) -> None:
+        self._typers = typers
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """The value as the command gets it.
+
+        Raises:
+            BadParameter: It is wrong.
+        """
+        wanted = param.type_descriptor.annotation
+        several = param.multiple or param.nargs != 1
+        if value is None and not several:
+            return None
+        if wanted == list[str] and several and not isinstance(value, str):
+            return list(value or ())
+        if isinstance(wanted, type) and isinstance(value, wanted):
+            return value
+        if get_origin(wanted) is Literal and value in get_args(wanted):
+            return value
+        try:
+            return self._typers().coerce(value, param=param, ctx=ctx)
+        except typer.BadParameter as bad:
+            bad.message = _in_plain_words(bad, str(value))
+            raise
+
+
+def _in_plain_words(bad: Any, value: str) -> str:
+    """What is wrong with a value, without the words of pydantic."""
+    for fault in getattr(bad.__cause__, "errors", list)():
+        context = fault.get("ctx", {})
+        kind = fault["type"]
+        if kind.startswith("int_"):
+            return f"'{shown(value)}' is not a whole number."
+        if kind == "float_parsing":
+            return f"'{shown(value)}' is not a number."
+        if kind == "greater_than_equal":
+            return f"'{shown(value)}' must be at least {context['ge']}."
+        if kind == "less_than_equal":
+            return f"'{shown(value)}' must be at most {context['le']}."
+        if kind == "value_error":
+            return str(context["error"])
+    return str(bad.message)
+
+
+def _read(parameter: Any) -> Any:
+    """The parameter, which now reads its value as above."""
+    # Older versions of Typer do without pydantic.
+    if hasattr(parameter, "get_runtime_param") and "get_runtime_param" not in vars(parameter):
+        reading = _Reading(parameter.get_runtime_param)
+        parameter.get_runtime_param = lambda: reading
+    return parameter
 
 
 class _Command(TyperCommand):
-    def get_help_option(self, ctx: Any) -> Any:
-        return _with_default(super().get_help_option(ctx))
+    def get_params(self, ctx: Any) -> Any:
+        return [_read(parameter) for parameter in super().get_params(ctx)]
 
 
 class _Group(TyperGroup):
-    def get_help_option(self, ctx: Any) -> Any:
-        return _with_default(super().get_help_option(ctx))
+    def get_params(self, ctx: Any) -> Any:
+        return [_read(parameter) for parameter in super().get_params(ctx)]
 
 
 class _Sections(_Group):
-    """The group of all commands, whose help lists them by section."""
+    """The group of all commands: lists them by section, and suggests them after a wrong name."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that the first word names."""
+        word = args[0]
+        if word not in self.commands and not word.startswith("-"):
+            likely = ", ".join(f"'{name}'" for name in _likely(word))
+            hint = f" Did you mean {likely}?" if likely else ""
+            ctx.fail(f"No such command '{shown(word)}'.{hint}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands for `dr --help`."""
@@ -123,6 +191,16 @@ class _Sections(_Group):
         for section, commands in groupby(listed, lambda command: command.section):
             with formatter.section(section):
                 formatter.write_dl([(command.name, command.help) for command in commands])
+
+
+def _likely(word: str) -> list[str]:
+    """Commands that somebody may have meant, the most similar first."""
+    names = [command.name for command in COMMANDS if not command.hidden]
+    typed = word[:LONGEST_COMPARED].casefold().removeprefix("dr-")
+    if typed in names:
+        return [typed]
+    close = get_close_matches(typed, names)
+    return close or [name for name in names if len(typed) > 2 and typed in name][:4]
 
 
 def _show_version(wanted: bool) -> None:

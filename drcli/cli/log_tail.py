@@ -25,8 +25,10 @@ def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> 
         for piece in older(path) if last_lines is None else ():
             console.write(piece)
         while follow():
-            console.write(tail.read(), followed=True)
-            time.sleep(POLL_S)
+            text = tail.read()
+            console.write(text, followed=True)
+            if not text:
+                time.sleep(POLL_S)
         while text := tail.read(unfinished=True):
             console.write(text)
     except KeyboardInterrupt:  # the usual way to end it

@@ -1,9 +1,12 @@
 """Options that several commands share."""
 
+import re
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any
 
 import typer
 
+from drcli.base.problems import ProblemsError
 from drcli.cli import candidates
 
 
@@ -41,3 +44,24 @@ def prefix_option(text: str, *names: str) -> Any:
     names = names or ("-p", "--prefix")
     complete = candidates.model_prefixes
     return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)
+
+
+def in_options(
+    error: ProblemsError, options: Mapping[str, str], given: Collection[str]
+) -> Exception:
+    """The error with options instead of settings, if a setting that was given caused it.
+
+    Args:
+        error: What is wrong with settings.
+        options: The option for each DR_ name.
+        given: DR_ names whose values came from the command line.
+    """
+
+    def option(match: "re.Match[str]") -> str:
+        if match[1] is None:  # a command
+            return match[0]
+        return options[match[1]] + (" " if match[2] else "")
+
+    ours = [f"{item.message} {item.remedy}" for item in error.errors if item.key in given]
+    pattern = rf"`[^`]*`|\b({'|'.join(options)})\b(=?)"
+    return typer.BadParameter(re.sub(pattern, option, "\n".join(ours))) if ours else error

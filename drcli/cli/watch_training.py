@@ -65,7 +65,7 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
             yield
         finally:
             stop.set()
-            watcher.join(timeout=2.0)
+            watcher.join(timeout=5.0)
 
 
 @contextmanager

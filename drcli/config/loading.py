@@ -15,8 +15,9 @@ from drcli.config import activation
 from drcli.config.cross_checks import contradictions
 from drcli.config.fields import Setting
 from drcli.config.setting_problems import file_problem, hidden, setting_problem
-from drcli.config.settings import Override, Settings, catalogue
+from drcli.config.settings import Override, RaceConfig, Settings, catalogue
 from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
+from drcli.config.track_names import track_problem
 from drcli.config.unused_names import effect_warnings, old_names, rename_old, unknown_names
 
 WORKER_NAMES = (
@@ -124,7 +125,6 @@ class _Loader:
         layers, values = self._resolve(entries)
         others, problems = unknown_names(layers, entries)
         self._problems += problems
-        self._refuse_errors()
 
         sources = {
             name: entry.place
@@ -140,21 +140,28 @@ class _Loader:
             problems=(),
             overrides=(),
         )
+        self._refuse_errors(settings.race)
         self._problems += contradictions(settings)
-        self._refuse_errors()
+        self._refuse_errors(settings.race)
         overrides: tuple[Override, ...] = ()
         if worker is not None:
             overrides = (_override(layers, own, values),)
         else:
             if settings.train_multi_config:
                 overrides = self._overrides(settings, outside)
-                self._refuse_errors()
+                self._refuse_errors(settings.race)
             self._problems += effect_warnings(settings)
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
-    def _refuse_errors(self) -> None:
-        """Raise what was found so far, in the order of reading, if there is an error."""
+    def _refuse_errors(self, race: RaceConfig | None = None) -> None:
+        """Raise what was found so far, in the order of reading, if there is an error.
+
+        An unknown track of the race is then told too; alone, it keeps no settings from loading.
+        """
         if any(problem.severity == "error" for problem in self._problems):
+            track = track_problem(race) if race is not None else None
+            if track is not None and track.severity == "error":
+                self._add([track])
             raise ProblemsError(sorted(self._problems, key=lambda p: (p.file, p.line or 0)))
 
     def _system(self) -> dict[str, Entry]:

@@ -15,7 +15,7 @@ from drcli.config.loading import load_settings
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
-from drcli.config.track_names import ROUTE_FILES, built_in, is_installed, own
+from drcli.config.track_names import to_fetch, track_problem
 from drcli.config.value_types import FOLDER_NAME
 from drcli.config.write_folder import FolderPlan, NewFile
 
@@ -199,16 +199,11 @@ def _gitignore(path: Path) -> bytes:
 
 
 def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
-    """The track if it has to be fetched first, and a sentence about that."""
-    world = settings.world_name
-    if is_installed(settings.race) or world.endswith(ROUTE_FILES):
+    """The track if it has to be fetched first, and what to do about one that is not installed."""
+    problem = track_problem(settings.race)
+    if problem is None:
         return None, ()
-    known = sorted({*built_in(), *own(settings.tracks_folder)})
-    warning = (
-        f"The track {world} is not installed; fetch it with `dr-tracks fetch {world}`, or choose "
-        f"one of {', '.join(known)}."
-    )
-    return world, (warning,)
+    return next(iter(to_fetch([settings.race])), None), (f"{problem.message} {problem.remedy}",)
 
 
 def _free_run_id(folder: Path) -> int:

@@ -79,7 +79,7 @@ class Values:
 
 
 @dataclass(frozen=True)
-class Check:
+class SettingsCheck:
     """What `dr config check` found; `summary` is the warning that `without_effect` replaces."""
 
     directory: str
@@ -143,14 +143,16 @@ def check_settings(
     directory: Path,
     environ: Mapping[str, str] | None = None,
     contents: Mapping[str, bytes] | None = None,
-) -> Check:
+) -> SettingsCheck:
     """Report everything that is wrong or odd; the arguments are those of `load_settings`."""
     try:
         settings = load_settings(directory, environ=environ, contents=contents)
     except ProblemsError as error:
-        return Check(str(directory), error.problems)
+        return SettingsCheck(str(directory), error.problems)
     problems = (*settings.problems, *track_problems(settings.races))
-    return Check(str(directory), problems, without_effect(settings), harmless_summary(settings))
+    return SettingsCheck(
+        str(directory), problems, without_effect(settings), harmless_summary(settings)
+    )
 
 
 def warnings_of(problems: Iterable[Problem]) -> list[str]:

@@ -22,6 +22,8 @@ REPORT_FILE = "evaluation.json"
 class EpisodeMetrics(JsonRecord):
     """One episode in `TrainingMetrics.json`. Times are milliseconds of the simulation clock.
 
+    We write whole numbers, but read fractions too: other tools write them.
+
     Attributes:
         episode: Number of the (last) training episode, from 1.
         trial: Number of the (last) training episode within the iteration, from 1.
@@ -29,14 +31,14 @@ class EpisodeMetrics(JsonRecord):
         iteration: None in files of version 0.1.0.
     """
 
-    reward_score: int
-    metric_time: int
-    start_time: int
-    elapsed_time_in_milliseconds: int
+    reward_score: float
+    metric_time: float
+    start_time: float
+    elapsed_time_in_milliseconds: float
     episode: int
     trial: int
     phase: Phase
-    completion_percentage: int
+    completion_percentage: float
     episode_status: str
     iteration: int | None = None
 
@@ -62,10 +64,18 @@ class EpisodeMetrics(JsonRecord):
 
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object, without an unknown iteration."""
-        fields = super().to_json()
+        fields = _whole_as_int(super().to_json())
         if self.iteration is None:
             del fields["iteration"]
         return fields
+
+
+def _whole_as_int(fields: dict[str, Any]) -> dict[str, Any]:
+    """Numbers as metrics files have them: 12, not 12.0 as Python reads it into a float."""
+    return {
+        name: int(value) if isinstance(value, float) and value.is_integer() else value
+        for name, value in fields.items()
+    }
 
 
 def completion_percentage(progress: float) -> int:
@@ -81,12 +91,10 @@ def encode_metrics(records: Sequence[EpisodeMetrics], best_model_metric: str) ->
 
 
 def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
-    """The records in `TrainingMetrics.json`; RecordError if it is damaged."""
+    """The records in `TrainingMetrics.json` of any version; RecordError if one cannot be read."""
     file = parse_json(data)
     if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
         raise RecordError("it has no list of 'metrics'")
-    if file.get("version", FILE_VERSION) != FILE_VERSION:
-        raise RecordError(f"its version is {str(file['version'])[:20]}, not {FILE_VERSION}")
     return [EpisodeMetrics.from_json(record) for record in file["metrics"]]
 
 
@@ -104,10 +112,10 @@ class TrialMetrics(JsonRecord):
     The counts are violations, and `reset_count` says how many of them put the car back.
     """
 
-    completion_percentage: int
-    metric_time: int
-    start_time: int
-    elapsed_time_in_milliseconds: int
+    completion_percentage: float
+    metric_time: float
+    start_time: float
+    elapsed_time_in_milliseconds: float
     episode_status: str
     crash_count: int
     immobilized_count: int
@@ -140,6 +148,10 @@ class TrialMetrics(JsonRecord):
             reset_count=crashes + immobilized + off_track + reversed_ - ended_by_violation,
             trial=episode.number + 1,
         )
+
+    def to_json(self) -> dict[str, Any]:
+        """The record as a JSON object."""
+        return _whole_as_int(super().to_json())
 
 
 def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:

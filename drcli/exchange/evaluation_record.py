@@ -1,11 +1,10 @@
 """Records of running evaluations on this machine, so that another shell can stop them."""
 
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.atomic_file import read_json, write_json
-from drcli.base.json_record import RecordError, from_json
+from drcli.base.atomic_file import load_record, save_record
 from drcli.base.process_identity import is_alive
 from drcli.exchange.run_record import run_folder
 
@@ -41,15 +40,12 @@ class EvaluationRecord:
 
     def write(self, folder: Path) -> None:
         """Write the record in one step."""
-        write_json(folder / _FILE, asdict(self))
+        save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
         """The record in the folder of an evaluation; None if there is none or it is damaged."""
-        try:
-            return from_json(EvaluationRecord, read_json(folder / _FILE))
-        except RecordError:
-            return None
+        return load_record(EvaluationRecord, folder / _FILE)
 
 
 def claim(directory: Path, run_id: int, stamp: str) -> Path | None:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from drcli.base.atomic_file import read_json, write_json
+from drcli.base.atomic_file import load_record, save_record
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
@@ -79,18 +79,22 @@ class Job:
             command: Program and arguments.
             with_secrets: Whether the process uses the bucket, and so needs the keys to it.
             options: Of `subprocess.Popen`; `env` adds to the environment.
+
+        Raises:
+            ValueError: The job has a number that the process could not read; nothing is started.
         """
         plain, _ = secret_environment.split(os.environ)
         secrets = secret_environment.all_secrets()
         if secrets:
             secret_environment.hide_process()
         options["env"] = {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})}
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
         secrets = secrets if with_secrets else {}
         sent = {"version": VERSION, "job": asdict(self), "secrets": secrets}
+        data = json.dumps(sent, default=json_default, allow_nan=False).encode()
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
         assert process.stdin is not None
         with suppress(BrokenPipeError), process.stdin as pipe:  # it may have ended already
-            pipe.write(json.dumps(sent, default=json_default).encode())
+            pipe.write(data)
         process.stdin = None
         return process
 
@@ -116,6 +120,15 @@ class Job:
                 remedy="Stop the run and start it again; drcli may have been updated in the "
                 "meantime.",
             ) from error
+
+    @staticmethod
+    def received_or_exit() -> "Job":
+        """Read the job of this process, or explain on standard error, its log, why it ends."""
+        try:
+            return Job.received()
+        except SettingsError as error:
+            sys.stderr.write(f"{error} {error.remedy}\n")
+            raise SystemExit(error.code) from None
 
 
 @dataclass(frozen=True)
@@ -143,15 +156,12 @@ class WorkerExit:
     def write(self, folder: Path, name: str) -> None:
         """Write it for the worker of this name, unless the disk is full: the log says it too."""
         with suppress(OSError):
-            write_json(_exit_file(folder, name), asdict(self))
+            save_record(_exit_file(folder, name), self)
 
     @staticmethod
     def read(folder: Path, name: str) -> "WorkerExit | None":
         """The record of the worker of this name; None if it does not exist or is damaged."""
-        try:
-            return from_json(WorkerExit, read_json(_exit_file(folder, name)))
-        except RecordError:
-            return None
+        return load_record(WorkerExit, _exit_file(folder, name))
 
     @staticmethod
     def delete(folder: Path, name: str) -> None:

@@ -130,7 +130,7 @@ def encode_episodes(episodes: Episodes) -> bytes:
     tensors = {"frames": np.frombuffer(packed, np.uint8)}
     for name, (key, _) in (_STEP | _EPISODE).items():
         tensors[key] = np.ascontiguousarray(episodes.column(name))
-    header = {"schema": SCHEMA, "frames_shape": json.dumps(frames.shape), "notes": "{}"}
+    header = {"schema": SCHEMA, "frames_shape": json.dumps(frames.shape)}
     return bytes(save(tensors, metadata=header))
 
 

@@ -1,11 +1,10 @@
 """The record of a run on this machine: its supervisor, its workers and its state."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from drcli.base.atomic_file import read_json, write_json
-from drcli.base.json_record import RecordError, from_json
+from drcli.base.atomic_file import load_record, save_record
 from drcli.base.process_identity import is_alive
 from drcli.config.settings import Cloud, Engine, StorageConfig
 
@@ -109,15 +108,12 @@ class RunRecord:
 
     def write(self, folder: Path) -> None:
         """Replace the record in one step."""
-        write_json(folder / _FILE, asdict(self))
+        save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
         """The record of the last start; None if there is none or it is damaged."""
-        try:
-            return from_json(RunRecord, read_json(folder / _FILE))
-        except RecordError:
-            return None
+        return load_record(RunRecord, folder / _FILE)
 
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float

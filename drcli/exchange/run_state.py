@@ -40,6 +40,8 @@ class Lease(JsonRecord):
         released: Whether the owner has ended. The record stays, so that an earlier owner that was
             suspended for so long still learns that there was another one.
         age_s: How long ago it was written; not in the file.
+        newer: Whether a newer version of drcli wrote it; not in the file. Only then nothing else
+            about the owner is known.
     """
 
     session: str
@@ -51,13 +53,26 @@ class Lease(JsonRecord):
     term: int = 0
     released: bool = False
     age_s: float = 0.0
+    newer: bool = False
+
+    @staticmethod
+    def of_newer() -> "Lease":
+        """A lease that only a newer version of drcli can read."""
+        return Lease(session="of a newer drcli", host="a newer drcli", pid=0, renewed=0, newer=True)
 
     def to_json(self) -> dict[str, Any]:
-        """The record without its age."""
+        """The record without its age, and without `newer`."""
         fields = super().to_json()
-        del fields["age_s"]
+        del fields["age_s"], fields["newer"]
         return fields
+
+    @property
+    def owner(self) -> str:
+        """The process that wrote it, for people."""
+        return "a newer version of drcli" if self.newer else f"process {self.pid} on {self.host}"
 
     def outranks(self, session: str, term: int) -> bool:
         """Whether the start that owned the prefix in this term has lost it to the lease's owner."""
+        if self.newer:
+            return True
         return self.session != session and self.term >= term

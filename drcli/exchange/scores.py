@@ -7,8 +7,6 @@ from typing import Any
 from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
 from drcli.exchange.checkpoint import checkpoint_name
 
-_TIE_BREAK = "best_tie_break"
-
 
 @dataclass(frozen=True)
 class EvaluationResult(JsonRecord):
@@ -106,5 +104,5 @@ def _entry(score: Score) -> dict[str, Any]:
 
 
 def _file(entries: dict[str, Any], best: Score) -> bytes:
-    own = {} if best.tie_break is None else {_TIE_BREAK: best.tie_break}
+    own = {} if best.tie_break is None else asdict(_OwnKeys(best.tie_break))
     return json.dumps({**entries, **own}, allow_nan=False).encode()

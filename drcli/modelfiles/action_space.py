@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drcli.base.problems import BadValue, Problem
-from drcli.modelfiles.json_file import JsonFile, Number, Path, as_written, dotted
+from drcli.modelfiles.json_file import JsonFile, KeyPath, Number, as_written, dotted
 
 MANY_ACTIONS = 30
 """More discrete actions than this learn slowly; the DeepRacer console allows no more."""
@@ -90,7 +90,7 @@ def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
     yield from _wrong_indices(file, [action.index for action in actions])
     first: dict[Pair, int] = {}
     for number, action in enumerate(actions):
-        path: Path = ("action_space", number)
+        path: KeyPath = ("action_space", number)
         pair = (action.steering_angle, action.speed)
         if first.setdefault(pair, number) != number:
             what = f"action {number} repeats action {first[pair]}."
@@ -112,7 +112,7 @@ def range_problems(file: JsonFile, ranges: Ranges) -> Iterator[Problem]:
             yield from _beyond_the_car(file, ("action_space", key, end), value, key)
 
 
-def _beyond_the_car(file: JsonFile, path: Path, value: float, key: str) -> Iterator[Problem]:
+def _beyond_the_car(file: JsonFile, path: KeyPath, value: float, key: str) -> Iterator[Problem]:
     low, high = USUAL[key]
     if not low <= value <= high:
         what = f"{dotted(path)}={value:g} is more than the car can do ({low:g} to {high:g})."
@@ -133,7 +133,7 @@ def _wrong_indices(file: JsonFile, written: list[Any]) -> Iterator[Problem]:
         return
     for number, index in enumerate(written):
         if index is not None and (isinstance(index, bool) or index != number):
-            path: Path = ("action_space", number, "index")
+            path: KeyPath = ("action_space", number, "index")
             what = f"{dotted(path)}={as_written(index)} is at position {number}."
             remedy = f'Write "index": {number} there, counting from 0, or remove all indices.'
             yield file.problem("V-30", path, what, remedy)

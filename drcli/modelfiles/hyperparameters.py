@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drcli.base.problems import Problem, closest, refuse, shown
 from drcli.modelfiles.json_file import (
     JsonFile,
+    KeyPath,
     Number,
-    Path,
     Whole,
     as_written,
     choice,
@@ -177,7 +177,7 @@ def _read(file: JsonFile) -> Hyperparameters:
     return read.model_copy(update={"problems": tuple(problems)})
 
 
-def _rule_of(path: Path) -> str:
+def _rule_of(path: KeyPath) -> str:
     return RULES.get(str(path[0]), "V-46")
 
 

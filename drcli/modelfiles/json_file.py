@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 from drcli.base.problems import BadValue, Problem, ProblemsError, Severity, closest, one_of, shown
 from drcli.base.text_file import decode
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Keys and indices that lead from the whole file to a value."""
 
 LARGEST_BYTES = 1024 * 1024
@@ -43,10 +43,10 @@ class JsonFile:
 
     name: str
     values: dict[str, Any]
-    lines: Mapping[Path, int]
+    lines: Mapping[KeyPath, int]
 
     def problem(
-        self, rule: str, path: Path, message: str, remedy: str, severity: Severity = "error"
+        self, rule: str, path: KeyPath, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
         """A problem in the line of a value, or of the closest thing around it that exists."""
         key = dotted(path)
@@ -68,31 +68,32 @@ def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
 
     text = decode(data, name, rule, largest_bytes=LARGEST_BYTES, remedy=_REMEDY)
     if not text.strip():
-        raise problem(None, "is empty.")
+        raise problem(None, "The file is empty.")
     correct = f"Correct that line. {_REMEDY}"
     try:
         values = json.loads(text)
     except json.JSONDecodeError as e:
         what = _SYNTAX.get(e.msg, e.msg)
-        message = f"is not valid JSON at column {e.colno}: {what}."
+        message = f"The file is not valid JSON at column {e.colno}: {what}."
         raise problem(e.lineno, message, correct) from e
     except RecursionError as e:
-        raise problem(None, "is nested too deeply.") from e
+        raise problem(None, "The file is nested too deeply.") from e
     except ValueError as e:  # Python does not convert a number of 5,000 digits
-        raise problem(None, "is not valid JSON: a number has too many digits.") from e
+        message = "The file is not valid JSON: a number has too many digits."
+        raise problem(None, message) from e
     if not isinstance(values, dict):
-        message = f"contains {shown(text.strip())} instead of a JSON object."
+        message = f"The file contains {shown(text.strip())} instead of a JSON object."
         raise problem(1, message, "Put the values between { and }.")
     lines, faults = _lines(text)
     for line, fault in faults:
-        raise problem(line, f"is not valid JSON: {fault}.", correct)
+        raise problem(line, f"The file is not valid JSON: {fault}.", correct)
     return JsonFile(name, values, lines)
 
 
 def problems_of(
     error: ValidationError,
     file: JsonFile,
-    rule_of: Callable[[Path], str],
+    rule_of: Callable[[KeyPath], str],
     examples: Mapping[str, Any],
 ) -> list[Problem]:
     """The errors that pydantic found in a file's values, as problems with the rules of their paths.
@@ -178,19 +179,19 @@ def as_written(value: Any) -> str:
     return shown(json.dumps(value, ensure_ascii=False))
 
 
-def dotted(path: Path) -> str:
+def dotted(path: KeyPath) -> str:
     """A path as a racer would write it: `action_space[2].speed`."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in path)
     return "".join(parts).removeprefix(".")
 
 
-def _lines(text: str) -> tuple[dict[Path, int], list[tuple[int, str]]]:
+def _lines(text: str) -> tuple[dict[KeyPath, int], list[tuple[int, str]]]:
     """The line of each value in a JSON text, by its path.
 
     Returns:
         The lines, and the faults that Python's JSON reader accepts, each with its line.
     """
-    lines: dict[Path, int] = {}
+    lines: dict[KeyPath, int] = {}
     faults: list[tuple[int, str]] = []
     path: list[str | int | None] = []  # None where a key of an object comes next
     line, counted = 1, 0

@@ -19,8 +19,8 @@ from drcli.modelfiles.action_space import (
 )
 from drcli.modelfiles.json_file import (
     JsonFile,
+    KeyPath,
     Number,
-    Path,
     Whole,
     as_written,
     choice,
@@ -178,7 +178,7 @@ def _read(file: JsonFile) -> ModelMetadata:
     continuous = isinstance(values.get("action_space"), dict)
     problems = [*_unknown_keys(file), *_other_type(file)]
 
-    def rule_of(path: Path) -> str:
+    def rule_of(path: KeyPath) -> str:
         return "V-31" if path[0] == "action_space" and continuous else RULES[str(path[0])]
 
     read: _Discrete | _Continuous
@@ -249,7 +249,7 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
             yield file.problem("V-03", (key,), what, f"Did you mean {meant}?")
 
 
-def _unused_keys(file: JsonFile, value: Any, path: Path) -> Iterator[Problem]:
+def _unused_keys(file: JsonFile, value: Any, path: KeyPath) -> Iterator[Problem]:
     """Warnings about keys inside of values that nothing reads."""
     if isinstance(value, list):
         for number, item in enumerate(value):

@@ -12,9 +12,8 @@ from typing import NoReturn
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.config.settings import CustomFilesConfig, StorageConfig
-from drcli.models.transfer_buckets import PLAN_PATIENCE_S
 from drcli.store import keys
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
@@ -52,7 +51,7 @@ def upload_custom_files(
     Raises:
         SettingsError: There is no such folder, or a file in it cannot be read.
     """
-    folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
+    folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
     if not folder.is_dir():
         raise SettingsError(
@@ -83,7 +82,7 @@ def download_custom_files(
     config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
     """Copy everything back; a file that was different is kept as `NAME.bak`."""
-    folder, bucket = config.folder, open_bucket(storage, patience_s=PLAN_PATIENCE_S)
+    folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
     say(f"Downloading files from {place}")
     start = keys.folder(config.prefix)

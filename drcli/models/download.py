@@ -25,7 +25,6 @@ from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
-    PLAN_PATIENCE_S,
     checked_prefix,
     parse_url,
     refuse_nesting,
@@ -36,7 +35,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing, Watch
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.reconstruct import readable_records, reconstruct_scores
 from drcli.store.repair import Model, readable_scores
@@ -109,9 +108,9 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
         DrError: The first thing that is wrong.
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
-    source = _source(settings, options, patience_s=PLAN_PATIENCE_S)
+    source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
     _list_whole(source)
-    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
     refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")

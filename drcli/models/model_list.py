@@ -103,7 +103,6 @@ def _fits(prefix: str, pattern: str) -> bool:
 def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry:
     names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
     scores, damaged = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
-    held = lease.holder(bucket, prefix)
     return ModelEntry(
         prefix=prefix,
         checkpoints=len(names),
@@ -112,6 +111,6 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
-        training=held is not None and lease.is_owner_alive(held),
+        training=lease.live_holder(bucket, prefix) is not None,
         damaged=damaged,
     )

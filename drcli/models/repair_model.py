@@ -33,12 +33,9 @@ def repair_or_warn(
 
     With `missing`, a pointer to a checkpoint that does not exist counts as damaged.
     """
-    held = lease.holder(bucket, prefix)
-    trained = held is not None and lease.is_owner_alive(held)
     model = Model.of(config, bucket, prefix)
-    sentences = (
-        repair_all(model, missing=missing) if may_write and not trained else find_damage(model)
-    )
+    may_repair = may_write and lease.live_holder(bucket, prefix) is None
+    sentences = repair_all(model, missing=missing) if may_repair else find_damage(model)
     for sentence in sentences:
         notices.warn(sentence)
 

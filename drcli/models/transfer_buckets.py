@@ -9,17 +9,19 @@ from drcli.base.problems import shown
 from drcli.config.settings import TransferConfig
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket, open_running_bucket, open_upload_bucket
+from drcli.store.connect import (
+    COMMAND_PATIENCE_S,
+    open_bucket,
+    open_running_bucket,
+    open_upload_bucket,
+)
 from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.model_prefix import contains
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
-PLAN_PATIENCE_S = 5.0
-"""How long a command waits for a server that does not answer before it copies anything."""
-
 COPY_PATIENCE_S = 120.0
-"""The same while it copies a model, which gives a bad network time to recover."""
+"""How long it waits while it copies a model, which gives a bad network time to recover."""
 
 UNDEFINED = "not-defined"
 """Value of DR_UPLOAD_S3_BUCKET for no bucket, as in the reference's template."""
@@ -61,7 +63,7 @@ def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
     return target_bucket(
         ends,
         local=not upload,
-        patience_s=PLAN_PATIENCE_S,
+        patience_s=COMMAND_PATIENCE_S,
         otherwise="or list the local bucket with `dr-list-models`",
     )
 
@@ -166,10 +168,10 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
     Raises:
         SettingsError: A training is running there.
     """
-    held = lease.holder(bucket, prefix)
-    if held is not None and lease.is_owner_alive(held):
+    held = lease.live_holder(bucket, prefix)
+    if held is not None:
         raise SettingsError(
-            f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on {held.host}.",
+            f"s3://{bucket.name}/{prefix} is being trained by {held.owner}.",
             remedy="Choose another prefix, or stop that training first.",
         )
 

@@ -20,7 +20,6 @@ from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
-    PLAN_PATIENCE_S,
     checked_prefix,
     refuse_nesting,
     refuse_overlap,
@@ -29,7 +28,7 @@ from drcli.models.transfer_buckets import (
 )
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 _PICKS = 5
 """How often another checkpoint is chosen because a running training has deleted the last one."""
@@ -89,10 +88,10 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     there = target_bucket(
         settings.transfer,
         local=options.local,
-        patience_s=PLAN_PATIENCE_S,
+        patience_s=COMMAND_PATIENCE_S,
         otherwise="or upload into the local bucket with -L",
     )
-    here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
+    here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings.model, here, source)
     chosen = choose(here, source, options.choice)

@@ -8,13 +8,12 @@ from drcli.config.run_env import RunEnvEdit, plan_edit, raised, written
 from drcli.config.settings import Settings, catalogue
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
-    PLAN_PATIENCE_S,
     refuse_overlap,
     refuse_training,
     target_bucket,
 )
 from drcli.store import keys
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import contains
 
 PREFIX = "DR_UPLOAD_S3_PREFIX"
@@ -96,10 +95,10 @@ def make_upload_increment(planned: PlannedUploadIncrement) -> None:
 
 def _count(settings: Settings) -> int:
     """Count the objects at the next prefix; none of them may belong to our own model."""
-    there = target_bucket(settings.transfer, local=False, patience_s=PLAN_PATIENCE_S)
+    there = target_bucket(settings.transfer, local=False, patience_s=COMMAND_PATIENCE_S)
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
-        here = open_bucket(settings.storage, patience_s=PLAN_PATIENCE_S)
+        here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
         refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
     return len(there.list(keys.folder(prefix)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.problems import Problem
-from drcli.checks.sandbox.sandbox_records import Place
+from drcli.checks.sandbox.sandbox_records import CallIndex
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, try_rewards
 from drcli.rewards.lint import SIMULATION_STEP_S, named_parameters, problems_of
@@ -237,7 +237,7 @@ def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extrem
     if found is None:
         return None
     reward, sequence, index = found
-    return Extreme(reward, tried.course.describe(Place(sequence=sequence, index=index)))
+    return Extreme(reward, tried.course.describe(CallIndex(sequence=sequence, index=index)))
 
 
 def _time(tried: TriedReward) -> TimeReport | None:

@@ -74,7 +74,8 @@ class ComparisonReport:
         correlation: Correlation of the rewards of all steps, -1 to 1; None if one is constant.
         rank_correlation: Correlation of their ranks.
         drivers: The rewards of each driver.
-        places: Where they differ most, each scaled to its range on the drive.
+        places: Where they differ most, each scaled to its range on the drive; empty if one is
+            constant.
         first_prefers_fast: Whether the first one gives more reward for a fast lap than for a slow
             one; None if a lap was not completed.
         second_prefers_fast: The same for the second one.
@@ -125,15 +126,16 @@ def compare(
 def _report(first: TriedReward, second: TriedReward, *, picture: str | None) -> ComparisonReport:
     a, b = first.drive_values, second.drive_values
     both = ~np.isnan(a) & ~np.isnan(b)
+    correlation = _correlation(a[both], b[both])
     return ComparisonReport(
         first=first.name,
         second=second.name,
         world=first.course.drive.world,
         race_type=first.course.drive.race_type,
-        correlation=_correlation(a[both], b[both]),
+        correlation=correlation,
         rank_correlation=_correlation(_ranks(a[both]), _ranks(b[both])),
         drivers=_drivers(first, second),
-        places=_places(first, a, b),
+        places=[] if correlation is None else _places(first, a, b),
         first_prefers_fast=first.prefers_fast,
         second_prefers_fast=second.prefers_fast,
         picture=picture,

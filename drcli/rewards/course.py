@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem
 from drcli.checks.sandbox.run_sandbox import Sandbox
-from drcli.checks.sandbox.sandbox_records import REMEDIES, Place, SandboxRequest, SandboxResult
+from drcli.checks.sandbox.sandbox_records import REMEDIES, CallIndex, SandboxRequest, SandboxResult
 from drcli.rewards.drivers import FAST, STEADY, ScriptedDriver
 from drcli.rewards.scripted_drive import Drive, Trip
 from drcli.rewards.source import display_name
@@ -52,7 +52,7 @@ class Course:
         """How many calls there are."""
         return sum(map(len, self.sequences))
 
-    def describe(self, place: Place) -> str:
+    def describe(self, place: CallIndex) -> str:
         """A call in words."""
         trips = self.drive.trips
         if place.sequence > len(trips):

@@ -183,7 +183,7 @@ def _prints(tried: TriedReward) -> Iterator[Problem]:
 
 def _names(tried: TriedReward) -> Iterator[Problem]:
     """Conditions on steps that never come, and names that are not parameters."""
-    for idle in idle_conditions(tried.text):
+    for idle in idle_conditions(parsed(tried.text)):
         yield tried.warning("first-step", idle.message, idle.remedy, idle.line)
     known = {*tried.course.drive.trips[0].calls[0], "waypoints"}
     for name, line in unknown_parameters(tried.text, known).items():

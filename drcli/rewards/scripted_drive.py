@@ -42,14 +42,12 @@ class Trip:
         calls: The reward parameters of each step, without the waypoints.
         end: How it ended, in the words of traces.
         progress: Percent of the lap, at its end.
-        mishaps: How often the car was put back on the road.
     """
 
     driver: ScriptedDriver
     calls: list[RewardParams]
     end: str
     progress: float
-    mishaps: int
 
     @property
     def whole(self) -> bool:
@@ -163,7 +161,7 @@ def _trips(
                 enough = len(calls[car]) >= driver.steps
                 if car not in trips and (result.done[car] or mishap or enough):
                     end, progress = Status(result.status[car]).label, float(result.progress[car])
-                    trips[car] = Trip(driver, calls[car].copy(), end, progress, resets)
+                    trips[car] = Trip(driver, calls[car].copy(), end, progress)
     finally:
         simulation.close()
     return [trips[car] for car in range(len(drivers))]

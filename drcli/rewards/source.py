@@ -6,6 +6,7 @@ from pathlib import Path
 from drcli.base.problems import Problem, refuse
 from drcli.config.example_files import model_file
 from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import FILE_RULES
 from drcli.store import keys
 
 
@@ -13,12 +14,20 @@ def file_of(settings: Settings, file: Path | None) -> Path:
     """The given file, else the racer's own, else the shipped example.
 
     Raises:
-        ProblemsError: The given file does not exist.
+        ProblemsError: The given file does not exist, or the racer has only other files.
     """
     if file is not None:
         return files_of([file])[0]
     own = settings.custom_files_dir / keys.REWARD_FUNCTION_FILE
-    return own if own.is_file() else model_file(keys.REWARD_FUNCTION_FILE)
+    if own.is_file():
+        return own
+    example = model_file(own.name)
+    others = [name for name in FILE_RULES if (own.parent / name).is_file()]
+    if others:  # a single missing file is a mistake, as before a start
+        what = f"{own.name} is missing in {own.parent}, which has {' and '.join(others)}."
+        remedy = f"Put your {own.name} there; an example is {example}."
+        refuse([Problem(FILE_RULES[own.name], "error", str(own.parent), None, what, remedy)])
+    return example
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:

@@ -36,14 +36,12 @@ class Grid:
     """Places on and off the road, with a car at each that points along the track.
 
     Attributes:
-        along_m: Distances from waypoint 0. Shape (n,).
         xy: Places. Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
         objects: Corners of the objects. Shape (objects, 4, 2).
         calls: The reward parameters, offset by offset, without the waypoints.
     """
 
-    along_m: Floats
     xy: Floats
     off: NDArray[np.bool_]
     objects: Floats
@@ -85,7 +83,7 @@ def track_grid(drive: Drive) -> Grid:
     for call in calls:
         del call["waypoints"]
     shape = (len(OFFSETS), count)
-    return Grid(along_m, xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
+    return Grid(xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
 
 
 def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:

@@ -13,7 +13,7 @@ PlaceName = Literal["bucket", "model", "custom-files", "metrics"]
 
 
 @dataclass(frozen=True)
-class Place:
+class AddressedPlace:
     """A folder in the bucket.
 
     Attributes:
@@ -45,7 +45,7 @@ class Addresses:
     endpoint: str | None
     running: bool | None
     region: str
-    places: list[Place]
+    places: list[AddressedPlace]
 
 
 def addresses(
@@ -66,7 +66,7 @@ def addresses(
         running=lives if storage.cloud == "local" else None,
         region=storage.region,
         places=[
-            Place(
+            AddressedPlace(
                 name,
                 f"s3://{storage.bucket}/{prefixes[name]}",
                 None if endpoint is None else _http(endpoint, storage.bucket, prefixes[name]),

@@ -13,6 +13,7 @@ from types import FrameType
 from typing import ClassVar
 
 from drcli.base import log_files
+from drcli.base.backoff import wait_until
 from drcli.base.errors import (
     DrError,
     NotAvailable,
@@ -175,12 +176,16 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     process = start_process(
         plan.job, "evaluation", "drcli.runs.evaluation", plan.stamp, *plan.checkpoints
     )
-    deadline = time.monotonic() + READY_TIMEOUT_S
-    while process.poll() is None and time.monotonic() < deadline:
+    record: EvaluationRecord | None = None
+
+    def is_decided() -> bool:
+        nonlocal record
         record = EvaluationRecord.read(plan.job.folder)
-        if record is not None:
-            return record
-        time.sleep(0.02)
+        return record is not None or process.poll() is not None
+
+    wait_until(is_decided, patience_s=READY_TIMEOUT_S, last_s=0.05)
+    if record is not None:
+        return record
     end_process(process, LAUNCHED_EXIT_S)  # or it could drive later, and nobody would know
     shutil.rmtree(plan.job.folder, ignore_errors=True)
     path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
@@ -310,7 +315,7 @@ def _wait_in_background() -> None:
 
     Started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
     """
-    job, (_, stamp, *checkpoints) = Job.received(), sys.argv
+    job, (_, stamp, *checkpoints) = Job.received_or_exit(), sys.argv
     try:
         with _until_sigterm():
             here = replace(job, launcher_pid=os.getpid())

@@ -5,19 +5,20 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.base.problems import ProblemsError
 from drcli.config.settings import Settings
+from drcli.config.track_names import track_problem
 from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.models.repair_model import repair_or_warn
-from drcli.runs.plan import COMMAND_PATIENCE_S
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.repair import Model, readable_scores
 
 CLONE_SUFFIX = "-E"
@@ -56,8 +57,15 @@ def prepare_evaluation(
     seed: int | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
 ) -> EvaluationPlan:
-    """Find the checkpoints and describe the evaluation in the bucket, before a process starts."""
+    """Find the checkpoints and describe the evaluation in the bucket, before a process starts.
+
+    Raises:
+        SettingsError: The track, the model or the checkpoint does not exist.
+    """
     directory = settings.directory
+    track = track_problem(settings.race)
+    if track is not None:  # also one that could be fetched: an evaluation needs it now
+        raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
     _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")

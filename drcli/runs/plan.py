@@ -26,13 +26,10 @@ from drcli.runs.run_logs import begin_logs
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
 from drcli.workers.goals import ending
-
-COMMAND_PATIENCE_S = 5.0
-"""How long a command waits for a bucket that does not answer."""
 
 NOT_SHOWN = ("V-20",)
 """Rules whose warnings only `dr validate` shows."""

@@ -8,11 +8,11 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base import log_files
-from drcli.base.atomic_file import read_json, write_json
+from drcli.base.atomic_file import load_record, save_record
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.log import get_logger
 from drcli.store import keys
@@ -124,7 +124,7 @@ class LogCopy:
                     self._newest = newest
                 return
             with suppress(OSError):  # a full disk: the next start uploads this part again
-                write_json(self._position_file, asdict(self._position))
+                save_record(self._position_file, self._position)
 
     def left_bytes(self) -> int:
         """Size of the part of the log that is not uploaded yet."""
@@ -261,13 +261,15 @@ def _folder(directory: Path, prefix: str, kind: str) -> Path:
 
 def _read_position(path: Path, log: Path) -> _Position:
     """The position where an earlier start stopped, or the beginning if it fits no file."""
+    position = load_record(_Position, path)
+    if position is None:
+        return _Position()
     try:
-        position = _Position(**read_json(path))
         current = log_files.current_number(log)
         size = log.stat().st_size if position.number == current else math.inf
         if 1 <= position.number <= current and 0 <= position.offset <= size:
             return position
-    except (TypeError, OSError):
+    except OSError:
         pass
     return _Position()
 

@@ -13,6 +13,7 @@ from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.trace import STEP_S
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
+from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
@@ -174,7 +175,7 @@ def inspect(config: RunConfig) -> RunReport:
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
-            activities = {"trainer": f"the bucket does not answer: {error}"}
+            activities = {TRAINER: f"the bucket does not answer: {error}"}
     if record.state in LIVE_STATES and not alive:
         record = replace(
             record,
@@ -217,7 +218,7 @@ def inspect(config: RunConfig) -> RunReport:
 
 def trainers(directory: Path, run_id: int) -> list[Process]:
     """The trainer of this DR_RUN_ID; empty if no training runs."""
-    return _workers(directory, run_id, "trainer")
+    return _workers(directory, run_id, TRAINER)
 
 
 def simulations(directory: Path, run_id: int) -> list[Process]:

@@ -65,8 +65,8 @@ def running_trainings(directory: Path) -> list[RunRecord]:
 
 def stop(config: RunConfig) -> RunReport:
     """Stop a training and wait for its end; a second call meanwhile kills its workers."""
-    record = RunRecord.read(run_folder(config.directory, config.run_id))
-    if record is not None and record.alive:
+    record = _alive(config)
+    if record is not None:
         _terminate([record])
         _wait([record], TRAINING_PATIENCE_S)
     return inspect(config)
@@ -74,8 +74,13 @@ def stop(config: RunConfig) -> RunReport:
 
 def is_running(config: RunConfig) -> bool:
     """Whether a training of this DR_RUN_ID runs on this machine."""
+    return _alive(config) is not None
+
+
+def _alive(config: RunConfig) -> RunRecord | None:
+    """The training of this DR_RUN_ID, if it runs on this machine."""
     record = RunRecord.read(run_folder(config.directory, config.run_id))
-    return record is not None and record.alive
+    return record if record is not None and record.alive else None
 
 
 def stop_the_only_training(directory: Path) -> Stopped | None:

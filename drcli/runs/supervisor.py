@@ -16,7 +16,7 @@ from drcli.exchange.run_record import RunRecord, State, WorkerRecord
 from drcli.runs.lease_renewal import LOOK_S, Renewal
 from drcli.runs.periodic import Periodic, within
 from drcli.runs.run_logs import LogUpload, log_file
-from drcli.runs.worker_processes import Child, start_process, stop_workers
+from drcli.runs.worker_processes import TRAINER, Child, start_process, stop_workers
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint
@@ -117,7 +117,7 @@ class Supervisor:
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
         self._lease = Periodic("lease", renewal.step, LOOK_S)
         gpus = job.config.train.sagemaker_cuda_devices
-        self._children = [Child("trainer", "drcli.workers.trainer", [], gpus)]
+        self._children = [Child(TRAINER, "drcli.workers.trainer", [], gpus)]
         for k in range(job.config.train.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
@@ -188,7 +188,7 @@ class Supervisor:
             remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
             "or start over with `-w`.",
         )
-        if code == 0 and child.name == "trainer":
+        if code == 0 and child.name == TRAINER:
             return Outcome(0, words.message if words else "Training is complete.")
         if words is not None and words.final and code != 0:
             return Outcome(words.code, words.message, words.remedy)
@@ -224,7 +224,7 @@ class Supervisor:
         if outcome.state == "stopped":
             outcome = replace(outcome, remedy=self._how_to_continue())
         level = logging.ERROR if outcome.state == "failed" else logging.INFO
-        _logger.log(level, "%s %s", outcome.message, outcome.remedy)
+        _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
         if not lost:
             self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, lambda: self._hurried)
             if not self._silent:

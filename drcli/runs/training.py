@@ -132,6 +132,6 @@ if __name__ == "__main__":  # run as the supervisor process
     logger = get_logger(__name__)
     notices.show, notices.warn = logger.info, logger.warning
     try:
-        raise SystemExit(supervise_job(Job.received()))
+        raise SystemExit(supervise_job(Job.received_or_exit()))
     except DrError as error:  # it is in the log, and the command shows it
         raise SystemExit(error.code) from None

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Protocol, TypeVar
 
 from drcli.base.errors import StorageError
-from drcli.base.json_record import RecordError
+from drcli.base.json_record import NewerFormat, RecordError
 
 
 class ObjectMissing(StorageError):
@@ -15,6 +15,12 @@ class ObjectMissing(StorageError):
 
 class ObjectDamaged(StorageError):
     """The object exists, but is damaged."""
+
+
+class ObjectNewer(StorageError):
+    """A newer version of drcli has written the object; this one leaves it alone."""
+
+    final = True
 
 
 @dataclass(frozen=True)
@@ -69,11 +75,17 @@ def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: 
 
     Raises:
         ObjectMissing: It does not exist.
-        ObjectDamaged: `decode` has raised RecordError; the remedy is that of the error.
+        ObjectNewer: `decode` has raised NewerFormat.
+        ObjectDamaged: `decode` has raised another RecordError; the remedy is that of the error.
     """
     data = bucket.get(key)
     try:
         return decode(data)
+    except NewerFormat as e:
+        raise ObjectNewer(
+            f"{bucket.name}/{key} was written by a newer version of drcli: {e}.",
+            remedy="Update drcli on this machine.",
+        ) from e
     except RecordError as e:
         raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
 

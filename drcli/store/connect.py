@@ -12,6 +12,9 @@ from drcli.store.profiles import read_profile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
+COMMAND_PATIENCE_S = 5.0
+"""How long a command waits for a bucket that does not answer, before it starts or copies."""
+
 _READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
 """How long an answer may stall before the request is repeated. The local server has no network."""
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost, SettingsError
-from drcli.base.json_record import RecordError
+from drcli.base.json_record import NewerFormat, RecordError
 from drcli.base.process_identity import is_alive, started_s, this_machine
 from drcli.exchange.run_state import Lease
 from drcli.store import keys
@@ -31,10 +31,15 @@ OTHERS_TRUSTED_S = 1.0
 
 
 def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease, however old; None if it does not exist or is damaged."""
+    """The lease, however old; None if it does not exist or is damaged.
+
+    Of the lease of a newer drcli, only `newer` is known.
+    """
     try:
         data, age_s = bucket.get_with_age(keys.lease(prefix))
         lease = Lease.decode(data)
+    except NewerFormat:
+        return Lease.of_newer()
     except (ObjectMissing, RecordError):
         return None
     return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
@@ -46,34 +51,61 @@ def write_lease(bucket: Bucket, prefix: str, lease: Lease) -> None:
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on the prefix; None if there is none, or it has expired."""
+    """The lease of the training on the prefix; None if there is none, or it has expired.
+
+    The lease of a newer drcli never expires: its owner would not recognise a lease of ours.
+    """
     lease = read_lease(bucket, prefix)
+    if lease is not None and lease.newer:
+        return lease
     if lease is None or lease.released or lease.age_s >= STALE_S:
         return None
     return lease
 
 
+def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
+    """The lease of the training on the prefix; None if there is none, or its owner has ended."""
+    held = holder(bucket, prefix)
+    return held if held is not None and is_owner_alive(held) else None
+
+
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
     """Raise SettingsError if a start other than this session trains on the prefix."""
-    held = holder(bucket, prefix)
-    if held is None or held.session == session or not is_owner_alive(held):
+    held = live_holder(bucket, prefix)
+    if held is None or held.session == session:
         return
+    if held.newer:
+        raise _owned_by_newer(bucket, prefix)
     raise SettingsError(
-        f"s3://{bucket.name}/{prefix} is being trained by process {held.pid} on "
-        f"{held.host} (last heard from {held.age_s:.0f} s ago).",
+        f"s3://{bucket.name}/{prefix} is being trained by {held.owner} "
+        f"(last heard from {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
 
 
+def _owned_by_newer(bucket: Bucket, prefix: str) -> SettingsError:
+    return SettingsError(
+        f"s3://{bucket.name}/{prefix} is or was trained by a newer version of drcli, whose lock "
+        "this version cannot read.",
+        remedy="Update drcli on this machine, or choose another DR_LOCAL_S3_MODEL_PREFIX.",
+    )
+
+
 def is_owner_alive(lease: Lease) -> bool:
     """Whether the owner may still run; on another machine, this is assumed."""
-    return lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
+    return lease.newer or lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:
-    """Make this process the owner of the prefix; the lease must then be renewed."""
+    """Make this process the owner of the prefix; the lease must then be renewed.
+
+    Raises:
+        SettingsError: The prefix belongs to a newer version of drcli.
+    """
     before = read_lease(bucket, prefix)
+    if before is not None and before.newer:
+        raise _owned_by_newer(bucket, prefix)
     term = 1 if before is None else before.term + (before.session != session)
     lease = Lease(
         session=session,
@@ -106,7 +138,7 @@ def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
     """The error of a start that has lost the prefix to another one."""
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
-        f"s3://{bucket.name}/{prefix} {is_or_was} trained by process {lease.pid} on {lease.host}, "
+        f"s3://{bucket.name}/{prefix} {is_or_was} trained by {lease.owner}, "
         "which took over because this training had not renewed its lock for a minute. Everything "
         "this training did after that is discarded.",
         remedy="The model is safe; the other training continues. To continue here, stop the other "

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
-from drcli.base.json_record import RecordError
+from drcli.base.json_record import NewerFormat, RecordError
 from drcli.config.settings import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
@@ -62,7 +62,7 @@ class Model:
 def find_damage(model: Model) -> list[str]:
     """A sentence for each damaged object; nothing is changed."""
     found = (_damage(model.bucket, item) for item in _objects(model, missing=False))
-    return [sentence for sentence in found if sentence is not None]
+    return [damage.sentence for damage in found if damage is not None]
 
 
 def repair(model: Model, *, missing: bool = True) -> list[str]:
@@ -74,6 +74,10 @@ def repair(model: Model, *, missing: bool = True) -> list[str]:
 
     Returns:
         A text for each damaged object: what was wrong, and what was done.
+
+    Raises:
+        ObjectNewer: Something is damaged, but other records are newer than this version of drcli
+            can read. Nothing is changed.
     """
     return _repaired(model, _objects(model, missing=missing))
 
@@ -106,11 +110,15 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     return read_record(bucket, key, decode_metrics, remedy)
 
 
-def set_aside(bucket: Bucket, prefix: str, key: str) -> str:
-    """Move a damaged object out of the model; returns its new key."""
+def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
+    """Move a damaged object, or its bytes if they are given, out of the model.
+
+    Returns:
+        Its new key.
+    """
     kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
-        bucket.put(kept, bucket.get(key))
+        bucket.put(kept, bucket.get(key) if data is None else data)
     bucket.delete([key])
     return kept
 
@@ -129,25 +137,49 @@ class _Object:
     reconstruct: Callable[[bytes], str]
 
 
-def _damage(bucket: Bucket, item: _Object) -> str | None:
+@dataclass(frozen=True)
+class _Damage:
+    """What is wrong with an object, and its bytes."""
+
+    sentence: str
+    data: bytes
+
+
+def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
+    """The damage of an object; a record of a newer format is not damaged."""
     try:
-        read_record(bucket, item.key, item.decode, remedy="")
+        data = bucket.get(item.key)
     except ObjectMissing:
         return None
-    except ObjectDamaged as error:
-        return str(error)
+    try:
+        item.decode(data)
+    except NewerFormat:
+        return None
+    except RecordError as error:
+        return _Damage(f"{bucket.name}/{item.key} is damaged: {error}.", data)
     return None
 
 
+def _refuse_newer(model: Model) -> None:
+    """Raise ObjectNewer if a record cannot be read that others would be reconstructed from."""
+    for item in _objects(model, missing=False):
+        with suppress(ObjectMissing, ObjectDamaged):
+            read_record(model.bucket, item.key, item.decode, remedy="")
+
+
 def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
-    bucket, done = model.bucket, []
+    bucket = model.bucket
+    done: list[str] = []
     for item in objects:  # the next one is listed after this one is repaired
-        reason = _damage(bucket, item)
-        if reason is not None:
-            data = bucket.get(item.key)
-            kept = set_aside(bucket, model.prefix, item.key)
-            result = item.reconstruct(data)
-            done.append(f"{reason} {result} The damaged one is kept as {bucket.name}/{kept}.")
+        damage = _damage(bucket, item)
+        if damage is not None:
+            if not done:
+                _refuse_newer(model)
+            kept = set_aside(bucket, model.prefix, item.key, damage.data)
+            result = item.reconstruct(damage.data)
+            done.append(
+                f"{damage.sentence} {result} The damaged one is kept as {bucket.name}/{kept}."
+            )
     return done
 
 

@@ -18,6 +18,10 @@ FIRST_LOOK_S = 0.1
 """First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
 
 
+REPORT_EVERY_S = 10.0
+"""Seconds between two reports about missing workers."""
+
+
 def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
     """The manifest of a worker; None if it does not exist yet or is damaged."""
     key = keys.rollout_manifest(prefix, iteration, worker)
@@ -62,7 +66,6 @@ class RolloutReader:
         enough: int | None = None,
         arrived: Mapping[int, Manifest] | None = None,
         on_wait: Callable[[str], None] = lambda sentence: None,
-        report_every_s: float = 10.0,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> dict[int, Manifest]:
         """Wait until the workers have delivered their rollouts, and fetch parts that have come.
@@ -75,9 +78,8 @@ class RolloutReader:
             patience_s: After this time, go on with the rollouts that have come.
             enough: How many manifests to wait for; all if left out.
             arrived: Manifests that have already come.
-            on_wait: Takes a sentence with the missing workers, every `report_every_s` and at the
+            on_wait: Takes a sentence with the missing workers, every `REPORT_EVERY_S` and at the
                 end of the patience.
-            report_every_s: Seconds between two reports.
             should_stop: Asked at every look; ends the wait early.
 
         Returns:
@@ -101,7 +103,7 @@ class RolloutReader:
             if waited_s >= patience_s:
                 on_wait(f"{waiting}; going on without.")
                 break
-            if now_s - reported_s >= report_every_s:
+            if now_s - reported_s >= REPORT_EVERY_S:
                 on_wait(f"{waiting}.")
                 reported_s = now_s
             self._pause(min(delay_s, patience_s - waited_s))

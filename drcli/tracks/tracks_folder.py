@@ -96,7 +96,7 @@ def add_track(
     try:
         track = read_route(file, name=wanted, width_m=width_m, length_m=length_m)
     except TrackError as error:
-        raise _refused(error, {"width_m": "--width", "length_m": "--length"}) from None
+        raise _refused(error, file, {"width_m": "--width", "length_m": "--length"}) from None
     unfinished = target.with_name(f".{wanted}.{os.getpid()}.npy")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -155,13 +155,19 @@ def _facts(info: WorldInfo) -> TrackFacts:
     )
 
 
-def _refused(error: TrackError, options: dict[str, str] | None = None) -> SettingsError:
+def _refused(
+    error: TrackError, file: Path | None = None, options: dict[str, str] | None = None
+) -> SettingsError:
     """An error of the simulation, whose last sentence is the remedy.
 
-    `options` gives the option of the command for each parameter of the simulation.
+    `options` gives the option of the command for each parameter of the simulation; the name of
+    `file`, with which the error begins, stays as it is.
     """
     text = str(error).strip()
+    start = f"{file}: " if file is not None and text.startswith(f"{file}: ") else ""
+    text = text.removeprefix(start)
     for parameter, option in (options or {}).items():
-        text = text.replace(parameter, option)
+        text = re.sub(rf"\b{parameter}\b", option, text)
+    text = start + text
     message, _, remedy = text.rpartition(". ")
     return SettingsError(f"{message}." if message else remedy, remedy=remedy if message else "")

@@ -80,9 +80,10 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """Run a worker's loop as the main function of a process.
 
     Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure, or
-    with 1 for a bug, whose traceback goes to the log.
+    with 1 for a bug, whose traceback goes to the log. Without a job that it can read, it only
+    explains that in the log: the job says where its `WorkerExit` belongs.
     """
-    job = Job.received()
+    job = Job.received_or_exit()
     lifeline = Lifeline(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
     print_limit.install()

@@ -9,3 +9,5 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Seeds = NDArray[np.uint64]
+Cuboids = NDArray[np.void]
+"""Arrays of `drsim.race.solids.CUBOID`."""

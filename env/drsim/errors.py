@@ -18,19 +18,19 @@ class RewardError(RuntimeError):
 
     `file` and `line` (from 1) say where, if known, `source` is the text of that line, and `params`
     are the parameters of the failing call in short form. `kind` says what is wrong, `reason` what
-    went wrong, without the place: in a call such as "KeyError: 'sped'", else a whole sentence.
+    went wrong, without the place: with `params` such as "KeyError: 'sped'", else a whole sentence.
     """
 
     def __init__(
         self,
         message: str,
         *,
+        kind: RewardErrorKind,
+        reason: str,
         file: Path | None = None,
         line: int | None = None,
         source: str = "",
         params: Mapping[str, Any] | None = None,
-        kind: RewardErrorKind = "load",
-        reason: str = "",
     ) -> None:
         """Keep the details beside the message, which is complete without them."""
         super().__init__(message)

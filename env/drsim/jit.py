@@ -22,10 +22,11 @@ def kernel(function: F) -> F:
     of them can be written, every process compiles.
 
     A cached kernel is compiled again when its own file changes, not when a kernel in another file
-    does. So kernels that call each other are in one file.
+    does. So a kernel uses kernels, records and constants of its own file only; numbers of other
+    files are arguments.
 
-    A named tuple costs a call about a microsecond more than a plain one. So Python hands records to
-    kernels as plain tuples, which name their parts themselves, and gets plain tuples back.
+    A named tuple costs a call about a microsecond more than a plain one. So Python mostly hands
+    over plain tuples, whose parts the kernel names, and gets plain tuples back.
     """
     try:
         if not _numba_config.CACHE_DIR and _home_is_unknown():

@@ -39,8 +39,9 @@ import numpy as np
 from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl, shrunk
 
+from drsim.arrays import Cuboids
 from drsim.car.camera_mount import FRONT
-from drsim.race.solids import SHAPES, Cuboids, Solids
+from drsim.race.solids import SHAPES, Solids
 from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.track import Track

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from drsim.arrays import Cuboids
 from drsim.car.camera_mount import FRONT, CameraModel
-from drsim.race.solids import Cuboids
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 

@@ -28,7 +28,13 @@ PAGES: Mapping[str, Callable[[], str]] = {
 }
 """Name of each page, and the function that returns its text."""
 
-DRAWINGS = ("pictures", "knobs", "terminal", "lap")
+DRAWINGS: Mapping[str, str] = {
+    "pictures": "pictures",
+    "knobs": "knobs",
+    "terminal": "terminal",
+    "lap": "lap_picture",
+}
+"""Name of each drawing, and its module; scripts/bench has a module `lap` on the same path."""
 
 
 def stale(folder: Path) -> list[str]:
@@ -67,8 +73,8 @@ def main() -> int:
 
 if __name__ == "__main__":
     if sys.argv[1:2] and sys.argv[1] in DRAWINGS:
-        drawing = sys.argv.pop(1)
+        module = DRAWINGS[sys.argv.pop(1)]
         sys.path.append(str(FOLDER.parent / "bench"))  # some draw what a benchmark measures
-        runpy.run_path(str(FOLDER / f"{drawing}.py"), run_name="__main__")
+        runpy.run_path(str(FOLDER / f"{module}.py"), run_name="__main__")
     else:
         sys.exit(main())

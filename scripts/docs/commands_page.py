@@ -6,7 +6,7 @@ from typing import Any
 
 import typer.main
 from commands_texts import EXIT_CODES, HEAD, KEYS_HEAD, REFERENCE_HEAD, TOPICS
-from reference import REFERENCE, Row
+from drfc_commands import REFERENCE, Row
 from report_keys import REPORTS, keys_of
 
 from drcli.cli.command_line import application

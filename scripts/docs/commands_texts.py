@@ -16,7 +16,8 @@ EXIT_CODES = {
     1: "a question was answered with no; `dr-logs*`, `dr-find-*` and `dr-get-robomaker-stats`: not "
     "running, or no log yet; or an internal error, whose traceback is in `data/logs/`",
     2: "wrong command line",
-    3: "a setting, parameter file or reward function is wrong",
+    3: "a setting, parameter file or reward function is wrong; a training is already running; the "
+    "model exists already or is missing",
     4: "the bucket cannot be reached, read or written; `dr-tracks fetch` cannot download its file",
     5: "a worker died and could not be restarted",
     6: "the training failed and cannot continue (NaN); the last good checkpoint is kept",

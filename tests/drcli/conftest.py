@@ -14,6 +14,8 @@ from drcli.models.model_list import CheckpointEntry
 from drcli.runs.evaluation import EvaluationReport, TrialReport
 from drcli.runs.status import RunReport, WorkerReport
 from drcli.store.server import server
+from evaluations import evaluated
+from racer import ProbedBucket, Racer
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -153,3 +155,26 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     said: list[str] = []
     monkeypatch.setattr("drcli.base.notices.warn", said.append)
     return said
+
+
+@pytest.fixture
+def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
+    """A racer in an empty folder, the current one."""
+    bucket = ProbedBucket()
+    for module in ("plan", "increment"):
+        monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
+    return Racer(working_folder, bucket)
+
+
+@pytest.fixture
+def trained(racer: Racer) -> Racer:
+    """The same with a trained model-1: its best checkpoint is 3, its last one 5."""
+    racer.start()
+    store = racer.store("model-1")
+    for number in range(6):
+        store.save(number, 100 * number, b"weights %d" % number, optimizer=b"moments")
+        store.record_evaluation(
+            evaluated(f"{number}_Step-{number}00.ckpt", 90.0 if number == 3 else 50.0), "progress"
+        )
+    return racer

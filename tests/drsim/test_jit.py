@@ -1,11 +1,15 @@
-"""Where compiled loops are kept, on machines where little can be written."""
+"""Where compiled loops are kept where little can be written, and what they may use."""
 
+import ast
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import drsim
 
 MODULE = """
 from drsim.jit import kernel
@@ -74,3 +78,101 @@ def test_a_named_folder_that_cannot_be_written_stops_nobody(run, kept):
     run(NUMBA_CACHE_DIR="/dev/null/cache")
 
     assert list(kept.rglob("*.nbi"))
+
+
+def files_with_kernels() -> list[Path]:
+    files = Path(drsim.__file__).parent.rglob("*.py")
+    return sorted(file for file in files if "@kernel" in file.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("file", files_with_kernels(), ids=lambda file: file.stem)
+def test_a_kernel_uses_nothing_of_another_file(file):
+    foreign = foreign_names(ast.parse(file.read_text(encoding="utf-8")))
+
+    assert not foreign, "the cache would not notice a change there; hand them over as arguments"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "def f(x): return x + FAR",
+        "def f(x): return x + TWICE",
+        "def f(x): return x + FOUR_TIMES",
+        "def f(x: Record): return x",
+        "def f(x: 'Record'): return x",
+        "def f(x): return track.width(x)",
+        "def f(x): return Own(x)",
+    ],
+)
+def test_what_a_kernel_uses_of_another_file_is_found(line):
+    module = f"""
+from drsim.jit import kernel
+from drsim.arrays import Floats
+from drsim.car import FAR, Record
+import drsim.track as track
+TWICE = 2 * FAR
+FOUR_TIMES: float = 2 * TWICE
+OWN = 3.0
+class Own(NamedTuple):
+    record: Record
+@kernel
+def fine(FAR: Floats):
+    return FAR + OWN
+@kernel
+{line}
+"""
+    assert [kernel for kernel, _ in foreign_names(ast.parse(module))] == ["f"]
+
+
+def foreign_names(module: ast.Module) -> list[tuple[str, str]]:
+    """Each kernel with a name in it that comes from another file of drsim, directly or not."""
+    foreign = set()
+    for node in ast.walk(module):
+        if isinstance(node, ast.ImportFrom) and (node.level or is_foreign(node.module or "")):
+            foreign |= {alias.asname or alias.name for alias in node.names}
+        if isinstance(node, ast.Import):
+            names = [alias for alias in node.names if is_foreign(alias.name)]
+            foreign |= {alias.asname or alias.name.partition(".")[0] for alias in names}
+    defined = [(names_bound(node), names_used(node)) for node in module.body]
+    while more := {name for bound, used in defined if used & foreign for name in bound - foreign}:
+        foreign |= more
+    # A kernel that calls one with a foreign name is named by that one.
+    return [
+        (node.name, name)
+        for node in module.body
+        if isinstance(node, ast.FunctionDef) and is_kernel(node)
+        for name in sorted(names_used(node) & foreign)
+    ]
+
+
+def is_foreign(module: str) -> bool:
+    return module.partition(".")[0] == "drsim" and module not in ("drsim.jit", "drsim.arrays")
+
+
+def is_kernel(node: ast.FunctionDef) -> bool:
+    return any(isinstance(d, ast.Name) and d.id == "kernel" for d in node.decorator_list)
+
+
+def names_bound(node: ast.stmt) -> set[str]:
+    """Names that a statement of a module gives a value, kernels aside."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        kernel = isinstance(node, ast.FunctionDef) and is_kernel(node)
+        return set() if kernel else {node.name}
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and is_stored(n)}
+
+
+def names_used(node: ast.stmt) -> set[str]:
+    """Names of the module that a statement uses, in annotations, too."""
+    used, own = set(), set()
+    for part in ast.walk(node):
+        if isinstance(part, ast.Name):
+            (own if is_stored(part) else used).add(part.id)
+        elif isinstance(part, ast.arg):
+            own.add(part.arg)
+            if isinstance(part.annotation, ast.Constant):
+                used |= set(re.findall(r"\w+", str(part.annotation.value)))
+    return used - own
+
+
+def is_stored(name: ast.Name) -> bool:
+    return isinstance(name.ctx, ast.Store)

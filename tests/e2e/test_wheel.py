@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -43,23 +42,6 @@ def test_the_wheel_holds_the_simulation_its_data_and_the_examples(wheel):
         "drcli/_defaults/activate.sh",
     } <= names
     assert not [name for name in names if name.startswith(("env/", "tests/", "scripts/"))]
-
-
-def test_no_module_of_ours_is_there_for_tests_and_docs_alone():
-    texts = {path: path.read_text("utf-8") for path in (ROOT / "drcli").rglob("*.py")}
-
-    unused = [
-        path
-        for path in texts
-        # Programs and the table of commands start these by name.
-        if path.stem not in ("__init__", "__main__", "program", "memory_bucket")
-        and path.parent.name != "commands"
-        and not any(
-            re.search(rf"\b{path.stem}\b", text) for other, text in texts.items() if other != path
-        )
-    ]
-
-    assert unused == []
 
 
 def test_an_installed_wheel_trains_an_iteration_in_an_empty_folder(wheel, tmp_path):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from commands_page import document
 from commands_texts import EXIT_CODES
-from reference import REFERENCE, SCRIPTS, missing
+from drfc_commands import REFERENCE, SCRIPTS, missing
 
 from drcli.cli.command_line import EPILOG
 from drcli.cli.command_table import program_names

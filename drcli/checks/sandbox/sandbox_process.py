@@ -28,10 +28,10 @@ from drcli.base.problems import Problem
 from drcli.checks.sandbox.sample_calls import sample_races
 from drcli.checks.sandbox.sandbox_records import (
     FAULTS_FILE,
+    CallIndex,
     Difference,
     Failure,
     FailureKind,
-    Place,
     SandboxRequest,
     SandboxResult,
     Timing,
@@ -55,7 +55,7 @@ _PARENT_S = 0.5
 """How often to check whether the parent is alive."""
 
 Calls = Sequence[Sequence[RewardParams]]
-Values = dict[Place, float | None]
+Values = dict[CallIndex, float | None]
 
 
 def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
@@ -92,13 +92,15 @@ class _Passes:
         self._originals = Originals()
         self._failures: dict[tuple[FailureKind, str, int | None], Failure] = {}
         self._returned: Counter[str] = Counter()
-        self._took_s: dict[Place, float] = {}
+        self._took_s: dict[CallIndex, float] = {}
         self._watched_until_s = 0.0
         self._hangs = False
 
     def run(self) -> SandboxResult:
         function = self._load(first=True)
-        everything = [Place(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))]
+        everything = [
+            CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
+        ]
         values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
         printed = self.printed.noted()
         random = memory = None
@@ -113,7 +115,7 @@ class _Passes:
             self._failures["replaces", "", None] = Failure("replaces", what)
         return SandboxResult(
             values=[
-                [values.get(Place(k, i)) for i in range(len(calls))]
+                [values.get(CallIndex(k, i)) for i in range(len(calls))]
                 for k, calls in enumerate(self._calls)
             ],
             failures=list(self._failures.values()),
@@ -143,7 +145,7 @@ class _Passes:
     def _play(
         self,
         function: RewardFunction,
-        places: Sequence[Place],
+        places: Sequence[CallIndex],
         budget_s: float,
         *,
         first: bool = False,
@@ -195,7 +197,7 @@ class _Passes:
         self._originals.restore()
         self._effects.listening = False
 
-    def _difference(self, values: Values, places: Sequence[Place]) -> Difference | None:
+    def _difference(self, values: Values, places: Sequence[CallIndex]) -> Difference | None:
         """The first place where a fresh copy, called in this order, returns something else."""
         function = self._load()
         if function is None:
@@ -211,7 +213,7 @@ class _Passes:
         first = unlike[0]
         return Difference(first, values[first], others[first], len(unlike), len(both))
 
-    def _record(self, error: RewardError, where: Place | None, returned: str = "") -> None:
+    def _record(self, error: RewardError, where: CallIndex | None, returned: str = "") -> None:
         """Record a failure; of those that differ in numbers only, the first is enough."""
         cause = error.__cause__
         kind: FailureKind = "undefined" if type(cause) is NameError else error.kind
@@ -267,7 +269,7 @@ def _copied(value: Any) -> Any:
     return [_copied(item) for item in value] if isinstance(value, list) else value
 
 
-def _timing(took_s: Mapping[Place, float]) -> Timing | None:
+def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
     if not took_s:
         return None
     worst = max(took_s, key=lambda where: took_s[where])

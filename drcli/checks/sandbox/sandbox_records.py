@@ -79,7 +79,7 @@ class SandboxRequest:
 
 
 @dataclass(frozen=True)
-class Place:
+class CallIndex:
     """One call: the number of its sequence and its number in that, both from 0."""
 
     sequence: int
@@ -107,7 +107,7 @@ class Failure:
     source: str = ""
     params: str = ""
     missing: str = ""
-    first: Place | None = None
+    first: CallIndex | None = None
     times: int = 1
 
     def sentence(self, state: str = "") -> str:
@@ -136,7 +136,7 @@ class Difference:
     A value is None if the call failed.
     """
 
-    place: Place
+    place: CallIndex
     value: float | None
     other: float | None
     times: int
@@ -159,7 +159,7 @@ class Timing:
     median_s: float
     mean_s: float
     worst_s: float
-    worst: Place
+    worst: CallIndex
 
 
 @dataclass(frozen=True)

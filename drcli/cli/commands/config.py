@@ -71,7 +71,7 @@ def check(
         more = len(report.errors) - 1
         raise SettingsError(
             f"{report.errors[0]}" + (f" And {more} more." if more else ""),
-            remedy="Correct it, for example with `dr config set NAME=VALUE`, and check again.",
+            remedy=report.errors[0].remedy,
         )
     if not report.valid:
         raise typer.Exit(SettingsError.code)

@@ -15,11 +15,9 @@ STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
 
 
-AFTERWARDS = [
-    ("dr-logs evaluation -a", "show its whole log"),
-    ("dr-start-training --resume", "continue training"),
-    ("dr-status", "show how the training went"),
-]
+LOG = ("dr-logs evaluation -a", "show its whole log")
+RESUME = ("dr-start-training --resume", "continue training")
+STATUS = ("dr-status", "show how the training went")
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ def evaluate(
 
     Example: dr-evaluate --json
     """
-    from drcli.runs import evaluation
+    from drcli.runs import evaluation, stopping
     from drcli.runs.evaluation_plan import prepare_evaluation
 
     loaded = settings()
@@ -81,4 +79,5 @@ def evaluate(
     report = evaluation.evaluate(loaded, clone=clone, on_progress=say)
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
-        console.suggest(AFTERWARDS)
+        resume = [] if stopping.is_running(loaded.run) else [RESUME]
+        console.suggest([LOG, *resume, STATUS])

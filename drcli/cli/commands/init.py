@@ -1,9 +1,8 @@
 """`dr init`: writes a working folder."""
 
 import os
-import re
 import shlex
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,8 @@ import typer
 
 from drcli.base.problems import BadValue, ProblemsError, shown
 from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, in_options
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 OPTIONS = {
@@ -121,7 +121,7 @@ def init(
                 values = with_answers(values, prompts.ask, console.warn)
             plan = plan_folder(Path(folder or current_folder()), values)
     except ProblemsError as error:
-        raise _in_options(error, {*values, "DR_EXPERIMENT_NAME"}) from None
+        raise in_options(error, OPTIONS, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
         there = f"{plan.folder} already has {', '.join(plan.clashes)}."
         if not prompts.may_ask():
@@ -132,7 +132,8 @@ def init(
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
     console.emit(report, None, as_json=as_json)
-    console.say(f"{len(report.written)} files written to {report.folder}.")
+    kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
+    console.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = has_activate_script(plan.folder)
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     console.suggest(steps, elsewhere=True)
@@ -176,19 +177,6 @@ def with_answers(
         ask_for("DR_LOCAL_S3_BUCKET", "Name of the bucket", "bucket")
         ask_for("DR_LOCAL_S3_PROFILE", "AWS profile that holds the keys", "default")
     return values
-
-
-def _in_options(error: ProblemsError, names: Collection[str]) -> Exception:
-    """The error with options instead of settings, if one of these settings caused it."""
-
-    def option(match: "re.Match[str]") -> str:
-        if match[1] is None:  # a command
-            return match[0]
-        return OPTIONS[match[1]] + (" " if match[2] else "")
-
-    ours = [f"{item.message} {item.remedy}" for item in error.errors if item.key in names]
-    pattern = rf"`[^`]*`|\b({'|'.join(OPTIONS)})\b(=?)"
-    return typer.BadParameter(re.sub(pattern, option, "\n".join(ours))) if ours else error
 
 
 def _next(

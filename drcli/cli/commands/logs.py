@@ -65,5 +65,6 @@ def _remedy(name: str, workers: int) -> str:
         return "Start an evaluation with `dr-evaluate`, or add -f to wait for one."
     kind, _, number = name.partition("-")
     if kind == "sim" and int(number) >= workers:
-        return f"Choose a worker from 0 to {workers - 1}: DR_WORKERS is {workers}."
+        there = "is only worker 0" if workers == 1 else f"are workers 0 to {workers - 1}"
+        return f"There {there}: DR_WORKERS is {workers}."
     return "Start a training with `dr-start-training`, or add -f to wait for one."

@@ -1,14 +1,18 @@
 """`dr reward`: checks, plots and compares reward functions."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.base.problems import ProblemsError
 from drcli.cli import candidates, console
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, in_options
 from drcli.cli.views import reward_view
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
 
 if TYPE_CHECKING:
@@ -43,14 +47,14 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
     """
     from drcli.rewards import check as checking
 
-    with console.waiting("Trying the reward function ..."):
-        report = checking.check(_settings(world), file, working_folder())
+    with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
+        report = checking.check(settings, file, working_folder())
     console.emit(report, reward_view.check(report), as_json=as_json)
     if not report.works:
-        count = len(report.errors)
+        first, *more = report.errors
         raise SettingsError(
-            f"{report.file} has {count} error{'s' * (count > 1)}.",
-            remedy=report.errors[0].remedy if count == 1 else "Start with the first one.",
+            f"{report.file} has {counted(len(report.errors), 'error')}.",
+            remedy="Start with the first one." if more else first.remedy,
         )
 
 
@@ -69,8 +73,8 @@ def plot(
     """
     from drcli.rewards import plot as plotting
 
-    with console.waiting("Trying the reward function ..."):
-        report = plotting.plot(_settings(world), file, out, working_folder())
+    with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
+        report = plotting.plot(settings, file, out, working_folder())
     console.emit(report, reward_view.plot(report), as_json=as_json)
 
 
@@ -90,13 +94,18 @@ def compare(
     """
     from drcli.rewards import compare as comparing
 
-    with console.waiting("Trying both reward functions ..."):
-        report = comparing.compare(_settings(world), first, second, out, working_folder())
+    with _on_track(world) as settings, console.waiting("Trying both reward functions ..."):
+        report = comparing.compare(settings, first, second, out, working_folder())
     console.emit(report, reward_view.comparison(report), as_json=as_json)
 
 
-def _settings(world: str | None) -> "Settings":
+@contextmanager
+def _on_track(world: str | None) -> "Iterator[Settings]":
+    """The settings with this track. An error about it names the option."""
     from drcli.config.loading import load_settings
 
     flags = {"DR_WORLD_NAME": world} if world is not None else {}
-    return load_settings(working_folder(), flags=flags)
+    try:
+        yield load_settings(working_folder(), flags=flags)
+    except ProblemsError as error:
+        raise in_options(error, {"DR_WORLD_NAME": "--world"}, flags) from None

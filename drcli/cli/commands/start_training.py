@@ -1,5 +1,6 @@
 """`dr start-training`."""
 
+import math
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +15,17 @@ from drcli.cli.working_folder import settings, working_folder
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.runs.status import RunReport
+
+
+_LONGEST_MINUTES = 10_000_000
+"""19 years: a finite number, for the workers' JSON."""
+
+
+def _a_number(minutes: float | None) -> float | None:
+    """Refuse NaN, which is neither below the least value nor above the largest."""
+    if minutes is not None and math.isnan(minutes):
+        raise typer.BadParameter("nan is not a number of minutes.")
+    return minutes
 
 
 def start_training(
@@ -40,7 +52,14 @@ def start_training(
     ] = False,
     max_minutes: Annotated[
         float | None,
-        typer.Option("--max-minutes", min=0.01, help="Stop after M minutes.", metavar="M"),
+        typer.Option(
+            "--max-minutes",
+            min=0.01,
+            max=_LONGEST_MINUTES,
+            callback=_a_number,
+            metavar="M",
+            help="Stop after M minutes.",
+        ),
     ] = None,
     until_laps: Annotated[
         int | None,
@@ -53,7 +72,13 @@ def start_training(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, metavar="S", help="Seed, to repeat a training exactly."),
+        typer.Option(
+            "--seed",
+            min=0,
+            max=2**32 - 1,
+            metavar="S",
+            help="Seed, to repeat a training exactly.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

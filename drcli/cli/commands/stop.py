@@ -79,6 +79,9 @@ def stop_all(as_json: AsJson = False) -> None:
     """
     from drcli.runs import stopping
 
+    folder = working_folder()
+    if not (folder / "data").exists():  # nothing was ever started here
+        settings()  # raises an error in a folder that is no working folder
     with console.waiting("Stopping everything that was started in this folder ..."):
-        report = stopping.stop_all(working_folder(), lambda: settings().storage)
+        report = stopping.stop_all(folder, lambda: settings().storage)
     console.emit(report, summary_view.stopped(report), as_json=as_json)

@@ -67,7 +67,7 @@ def update(
     Example: dr-update
     """
     loaded = settings()
-    names = {place.file for place in loaded.sources.values()} - {"environment", "flag"}
+    names = {place.file for place in loaded.sources.values() if place.line is not None}
     report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
     if not quiet:
         console.warn(*report.warnings)

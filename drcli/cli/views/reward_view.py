@@ -7,16 +7,14 @@ from rich.table import Table
 from rich.text import Text
 
 from drcli.cli.views import sparkline
-from drcli.cli.views.layout import Fitted, Rows, indented
+from drcli.cli.views.iterations import CURVE_COLUMNS
+from drcli.cli.views.layout import Fitted, Rows, counted, indented
 
 if TYPE_CHECKING:
     from drcli.base.problems import Problem
     from drcli.rewards.check import OtherRace, RewardReport
     from drcli.rewards.compare import ComparisonReport
     from drcli.rewards.plot import PlotReport
-
-_CURVE_COLUMNS = 54
-"""Most columns of the curve of a lap."""
 
 _CURVE_NAME = "steady lap "
 
@@ -103,7 +101,7 @@ def comparison(report: "ComparisonReport") -> RenderableType:
 
 def _race(report: "RewardReport | OtherRace") -> str:
     direction = ", reversed" if report.reversed else ""
-    calls = f"{report.calls:,} call{'s' * (report.calls != 1)}"
+    calls = counted(report.calls, "call")
     return f"{report.world}, {report.race_type}{direction}, {calls}"
 
 
@@ -151,7 +149,7 @@ def _drivers(report: "RewardReport") -> Rows:
 
 def _curve(rewards: list[float], columns: int) -> Text:
     """The rewards of the steps of a lap."""
-    width = min(_CURVE_COLUMNS, columns - len(_CURVE_NAME))
+    width = min(CURVE_COLUMNS, columns - len(_CURVE_NAME))
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 
 

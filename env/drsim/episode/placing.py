@@ -5,20 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from drsim.arrays import Floats, Ints
-from drsim.track.track import Lane, Track
-
-LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
-"""Lanes by their index."""
+from drsim.track.track import INNER, LANES, OUTER, Lane, Track
 
 _PARKED_BESIDE_M = 0.3
 """How far outside the rectangle around the road a racer is parked that has finished. Right beside
 the border it could stand on a neighbouring stretch of the track."""
 
-
 JUMP_M = 1.0
 """No car drives this far in one step (the fastest drives 0.24 m)."""
 
 _SAMPLES = 81
+"""Places that are tried, from `JUMP_M` behind to as far ahead: one every 2.5 cm."""
 
 
 class Placing:
@@ -66,7 +63,7 @@ class Placing:
         to_inner_m, to_outer_m = (
             np.hypot(*(self.on(cars, fraction, lane)[:, :2] - xy).T) for lane in LANES[1:]
         )
-        return np.where(to_inner_m <= to_outer_m, 1, 2)
+        return np.where(to_inner_m <= to_outer_m, INNER, OUTER)
 
     def aside(self, cars: Ints, fraction: Floats) -> Floats:
         """Poses outside the rectangle around the road, where nobody drives. Shape (k, 3)."""

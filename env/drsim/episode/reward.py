@@ -162,9 +162,8 @@ def _read(path: Path) -> str:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise RewardError(
-            f"The reward function cannot be read: {path} ({error.strerror}).", file=path
-        ) from error
+        what = f"The reward function cannot be read: {path} ({error.strerror})."
+        raise _refused(what, path, None) from error
     try:
         return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
     except UnicodeDecodeError as error:
@@ -176,7 +175,7 @@ def _read(path: Path) -> str:
 def _run_module(path: Path, code: CodeType) -> ModuleType:
     spec = importlib.util.spec_from_loader(_MODULE_NAME, loader=None, origin=str(path))
     if spec is None:  # never for a spec without a loader, but the signature allows it
-        raise RewardError(f"{path} cannot become a module.", file=path)
+        raise _refused(f"{path} cannot become a module.", path, None)
     module = importlib.util.module_from_spec(spec)
     module.__file__ = str(path)
     # Dataclasses and pickling look their module up by name.
@@ -278,6 +277,8 @@ def _end_for(what: str, frame: FrameType | None) -> NoReturn:
         file=path,
         line=line,
         source=source(path, line),
+        kind="endless",
+        reason=f"The reward function failed: {what} {why}",
     )
     try:
         sys.excepthook(RewardError, error, None)

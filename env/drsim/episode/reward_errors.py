@@ -39,7 +39,7 @@ def line_in(filename: str, trace: TracebackType | None) -> int | None:
 
 
 def place(path: Path | None, line: int | None) -> str:
-    """In FILE, line N," to put into a sentence; empty where the file is not known."""
+    """The part " in FILE, line N," of a sentence; empty where the file is not known."""
     if path is None:
         return ""
     return f" in {path}, line {line}," if line else f" in {path}"

@@ -15,15 +15,13 @@ from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
+from drsim.gym.returned import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 from drsim.viewing.rendering import RENDER_MODES, VIEWS, Frame, Viewer, Window
-
-Perceived = Any
-"""An array, or a dict of arrays by sensor name."""
 
 
 class RacerEnv(gym.Env[Perceived, Any]):
@@ -230,22 +228,3 @@ def _info_of_one(result: StepResult) -> dict[str, Any]:
     info = {name: values[0].item() for name, values in info_of(result).items()}
     info["status"] = Status(info["status"]).label
     return info
-
-
-def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
-    """What cars perceive, as their observation space has it: copies, eyes last."""
-    frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
-    if sensors.lidar is None:
-        return frames
-    return {sensors.camera: frames, sensors.lidar: simulation.scans[cars].copy()}
-
-
-_INFO = (
-    *("progress", "status", "steps", "laps", "lap_time_s", "x", "y", "yaw_deg"),
-    *("closest_waypoint", "all_wheels_on_track", "crashes", "driven"),
-)
-
-
-def info_of(result: StepResult) -> dict[str, Any]:
-    """The `info` of all cars; arrays of shape (n,)."""
-    return {name: getattr(result, name) for name in _INFO}

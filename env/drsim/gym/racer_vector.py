@@ -18,7 +18,7 @@ from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
 from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
-from drsim.gym.racer import Perceived, info_of, perceived
+from drsim.gym.returned import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors, sensors_of

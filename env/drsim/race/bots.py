@@ -45,7 +45,7 @@ class Bots:
         self._random: list[np.random.Generator | None] = [None] * num_cars
 
     @property
-    def changes_lanes(self) -> bool:
+    def _changes_lanes(self) -> bool:
         """Whether any bot ever leaves its lane: one that stands still cannot."""
         return self._rules.lane_change and self._rules.speed_mps > 0
 
@@ -61,7 +61,7 @@ class Bots:
         self._changes.changed_m[car] = 0.0
         self._halt_s[car] = 0.0
         self._random[car] = random
-        if self.changes_lanes:
+        if self._changes_lanes:
             self._changes.wait_s[car] = random.uniform(*self._rules.lane_change_time_s, len(lanes))
 
     def advance(self, moving: Bools) -> None:
@@ -74,7 +74,7 @@ class Bots:
         going = moving & ~halted
         step_m = self._rules.speed_mps * step_s
         self.places.distance_m[going] += step_m
-        if self.changes_lanes:
+        if self._changes_lanes:
             self._change_lanes(going, step_s, step_m)
 
     def halt(self, cars: Bools) -> None:
@@ -83,7 +83,8 @@ class Bots:
 
     def _change_lanes(self, going: Bools, step_s: float, step_m: float) -> None:
         change_m = max(self._rules.lane_change_distance_m, _SHORTEST_CHANGE_M)
-        arrived = _drift(going, step_s, step_m, change_m, self._changes, self.places)
+        across = self.places.share, self.places.drift
+        arrived = _drift(going, step_s, step_m, change_m, self._changes, *across)
         for car, bot in np.argwhere(arrived):
             random = self._random[car]
             assert random is not None, "a bot that drives has begun"
@@ -97,16 +98,19 @@ def _drift(
     step_m: float,
     change_m: float,
     changes: _LaneChanges,
-    places: LanePlaces,
+    share: Floats,
+    drift: Floats,
 ) -> Bools:
-    """Let the bots of some cars wait or change lanes for one step; both records are written.
+    """Let the bots of some cars wait or change lanes for one step.
+
+    Written are `changes`, and `share` and `drift` as in `LanePlaces`.
 
     Across the lanes a change follows 3 p^2 - 2 p^3: it begins and ends along the lane.
 
     Returns:
         Whether a bot has completed its change. Shape (n, k).
     """
-    arrived: Bools = np.zeros(places.share.shape, np.bool_)
+    arrived: Bools = np.zeros(share.shape, np.bool_)
     for i in np.flatnonzero(going):
         for k in range(arrived.shape[1]):
             changes.wait_s[i, k] -= step_s
@@ -117,8 +121,8 @@ def _drift(
             across = part * part * (3.0 - 2.0 * part)
             steep = 6.0 * part * (1.0 - part) / change_m
             outwards = changes.lane[i, k] == 0
-            places.share[i, k] = across if outwards else 1.0 - across
-            places.drift[i, k] = steep if outwards else -steep
+            share[i, k] = across if outwards else 1.0 - across
+            drift[i, k] = steep if outwards else -steep
             if part >= 1.0:
                 changes.lane[i, k] = 1 - changes.lane[i, k]
                 changes.changed_m[i, k] = 0.0

@@ -13,11 +13,17 @@ from drsim.jit import kernel
 _NEAR_M = 0.2
 """Least depth at which an object counts as seen. Source: the reference simulator."""
 
-_LENS_AHEAD_M = FRONT.mount_m[0] - REFERENCE_POINT_AHEAD_M
-_LENS_HIGH_M = FRONT.mount_m[2]
-_PITCH_COS, _PITCH_SIN = math.cos(FRONT.pitch_rad), math.sin(FRONT.pitch_rad)
 _WIDE = math.tan(FRONT.field_of_view_rad / 2)
-_HIGH = _WIDE * FRONT.rows / FRONT.columns
+_CAMERA = (
+    FRONT.mount_m[0] - REFERENCE_POINT_AHEAD_M,
+    FRONT.mount_m[2],
+    math.cos(FRONT.pitch_rad),
+    math.sin(FRONT.pitch_rad),
+    _WIDE,
+    _WIDE * FRONT.rows / FRONT.columns,
+)
+"""The lens: how far ahead of the car's reference point and how high it is, metres; cosine and sine
+of its pitch; half the width and half the height of the picture at a depth of 1."""
 
 
 class Objects(NamedTuple):
@@ -70,7 +76,6 @@ def closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints
     return previous, following
 
 
-@kernel
 def in_camera(
     objects: tuple[Floats, Floats, Floats],
     cars: Ints,
@@ -84,13 +89,27 @@ def in_camera(
     `front_xy` the car's point 0.14 m ahead of its origin. The camera is taken at its nominal place,
     as the reference does.
     """
+    return _in_camera(objects, cars, which, front_xy, heading_rad, _CAMERA)
+
+
+@kernel
+def _in_camera(
+    objects: tuple[Floats, Floats, Floats],
+    cars: Ints,
+    which: Ints,
+    front_xy: Floats,
+    heading_rad: Floats,
+    camera: tuple[float, float, float, float, float, float],
+) -> Bools:
+    """Like `in_camera`, for a `camera` as `_CAMERA`."""
     xy, yaw_rad, footprint_m = objects
+    lens_ahead_m, lens_high_m, pitch_cos, pitch_sin, wide, high = camera
     seen = np.zeros(len(cars), np.bool_)
     for i in range(len(cars)):
         k = which[i]
         cos, sin = math.cos(heading_rad[i]), math.sin(heading_rad[i])
-        x = xy[cars[i], k, 0] - front_xy[i, 0] - _LENS_AHEAD_M * cos
-        y = xy[cars[i], k, 1] - front_xy[i, 1] - _LENS_AHEAD_M * sin
+        x = xy[cars[i], k, 0] - front_xy[i, 0] - lens_ahead_m * cos
+        y = xy[cars[i], k, 1] - front_xy[i, 1] - lens_ahead_m * sin
         turn = yaw_rad[cars[i], k] - heading_rad[i]
         turn_cos, turn_sin = math.cos(turn), math.sin(turn)
         half_m, across_m = 0.5 * footprint_m[k, 0], 0.5 * footprint_m[k, 1]
@@ -98,8 +117,8 @@ def in_camera(
             u, v = along * half_m, aside * across_m
             ahead_m = cos * x + sin * y + turn_cos * u - turn_sin * v
             left_m = cos * y - sin * x + turn_sin * u + turn_cos * v
-            depth_m = _PITCH_COS * ahead_m + _PITCH_SIN * _LENS_HIGH_M
-            up_m = _PITCH_SIN * ahead_m - _PITCH_COS * _LENS_HIGH_M
-            if depth_m > _NEAR_M and abs(left_m) < _WIDE * depth_m and abs(up_m) < _HIGH * depth_m:
+            depth_m = pitch_cos * ahead_m + pitch_sin * lens_high_m
+            up_m = pitch_sin * ahead_m - pitch_cos * lens_high_m
+            if depth_m > _NEAR_M and abs(left_m) < wide * depth_m and abs(up_m) < high * depth_m:
                 seen[i] = True
     return seen

@@ -20,8 +20,8 @@ class ObstacleRules:
         positions: Fixed places: fraction of the lap, 0 .. 1, and lane, -1 for the outer one,
             anything else for the inner one.
         reset_behind_m: How far behind an obstacle a car goes on after it was put back near it.
-        mercy: Every so many times that a car is put back at one obstacle, it goes on as far ahead
-            of it instead; 0 never.
+        mercy: Every `mercy`-th time that a car is put back near the same obstacle, it goes on as
+            far ahead of it instead; with 0, never.
     """
 
     count: int = 6

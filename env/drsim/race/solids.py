@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Ints
+from drsim.arrays import Cuboids, Floats, Ints
 from drsim.jit import kernel
 
 RGB = tuple[float, float, float]
@@ -26,9 +25,6 @@ CUBOID = np.dtype(
 )
 """A cuboid in the world: its middle, cosine and sine of its yaw, half its size on the floor, its
 lowest and highest z, all in metres, and the red, green and blue of its texture, 0 to 255."""
-
-Cuboids = NDArray[np.void]
-"""Arrays of `CUBOID`."""
 
 
 @dataclass(frozen=True)

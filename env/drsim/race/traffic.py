@@ -13,10 +13,7 @@ from drsim.race.rectangles import overlaps
 from drsim.race.solids import SHAPES, Shape
 from drsim.race.spacing import check_room, drawn_places, even_places
 from drsim.track.lanes import LanePaths
-from drsim.track.track import Track
-
-CENTER, INNER, OUTER = 0, 1, 2
-"""Lanes as numbers."""
+from drsim.track.track import CENTER, INNER, OUTER, Track
 
 NEAR_M = 1.0
 """An object this near along the lap changes where a car starts or is put back. Source: the
@@ -205,7 +202,7 @@ class Traffic:
     def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
         """Where cars go on that are put back: not in an obstacle.
 
-        Near an obstacle they go on behind it on the other lane; every `mercy` times ahead of it.
+        Near an obstacle they go on behind it on the other lane; every `mercy`-th time ahead of it.
         Otherwise at the `fraction` of the lap, 0 .. 1, and the lane given. All of shape (k,).
         """
         rules = self._race.obstacles

@@ -1,4 +1,4 @@
-"""The computed camera: the position of a car's lens, and the grey frames of what it sees.
+"""The computed camera: grey frames of what lenses see, and where a lens is in a car in any pose.
 
 No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the
 sky, then `drsim.sensing.cuboids` draws what stands on the ground.
@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Singles
+from drsim.arrays import Cuboids, Floats, Singles
 from drsim.car.camera_mount import FRONT, CameraModel
-from drsim.race.solids import Cuboids
 from drsim.sensing import cuboids, raycast
 from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
@@ -25,6 +24,7 @@ def lens_pose(
 ) -> tuple[Floats, Floats]:
     """Where the lenses of cars are and where they look, given the same of their base frames.
 
+    For cars in poses that nobody drives to; those of a `CarBatch` know where their lenses are.
     Positions are in metres, shape (n, 3), axes are columns forward, left, up, shape (n, 3, 3).
     """
     cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)

@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Ints, Singles
+from drsim.arrays import Cuboids, Floats, Ints, Singles
 from drsim.jit import kernel
-from drsim.race.solids import Cuboids
-from drsim.sensing.raycast import Lens, Lenses, Vector
 
 Pixels = NDArray[np.uint8]
 Single = np.float32
+Vector = tuple[float, float, float]
 
 TO_SUN = (0.48337, -0.09667, 0.87006)
 """Direction to the sun. Source: the reference simulator's worlds, 121 of which share one sun, which
@@ -36,6 +35,16 @@ _TOUCH_M = 1e-4
 
 _SIDES = 5
 """Front, back, left, right and top: nobody sees the bottom."""
+
+
+class _Lens(NamedTuple):
+    """A lens: its position in metres, the directions of its axes, and its focal length."""
+
+    pos: Vector
+    forward: Vector
+    left: Vector
+    up: Vector
+    focal_px: float
 
 
 class _Images(NamedTuple):
@@ -58,10 +67,13 @@ class _Images(NamedTuple):
 def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
     """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
 
+    `lens_parts` are, in this order: positions, shape (n, 3), axes, shape (n, 3, 3), focal length in
+    pixels, and what is added to a grey before its fraction is cut off.
+
     `light` holds the weights of red, green and blue in a grey, first on every side, then on one
     that faces the sun. Shape (n, 6).
     """
-    lenses = Lenses(*lens_parts)
+    lens_pos, lens_mat, focal_px, bias = lens_parts
     cars, rows, columns = out.shape
     count = boxes.shape[1]
     images = _Images(
@@ -73,15 +85,15 @@ def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixel
     order = np.empty(count, np.int64)
     steps = np.zeros((2, columns), np.float32)
     for car in range(cars):
-        pos, mat = lenses.pos[car], lenses.mat[car]
+        pos, mat = lens_pos[car], lens_mat[car]
         if not math.isfinite(pos.sum() + mat.sum()):
             continue
-        lens = Lens(
+        lens = _Lens(
             (pos[0], pos[1], pos[2]),
             (mat[0, 0], mat[1, 0], mat[2, 0]),
             (mat[0, 1], mat[1, 1], mat[2, 1]),
             (mat[0, 2], mat[1, 2], mat[2, 2]),
-            lenses.focal_px,
+            focal_px,
         )
         seen = 0
         for k in range(count):
@@ -101,11 +113,11 @@ def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixel
         if seen > 1:
             _sort(boxes[car], images.windows, lens.pos, order[:seen])
         for k in order[:seen]:
-            _paint(images, k, lenses.bias, steps, out[car])
+            _paint(images, k, bias, steps, out[car])
 
 
 @kernel
-def _reaches_before(box: Any, lens: Lens) -> bool:
+def _reaches_before(box: Any, lens: _Lens) -> bool:
     """Whether any of a cuboid lies before the lens: the depth of its nearest or farthest corner."""
     pos = lens.pos
     ahead_x, ahead_y, ahead_z = lens.forward
@@ -122,7 +134,7 @@ def _reaches_before(box: Any, lens: Lens) -> bool:
 
 @kernel
 def _side(
-    box: Any, side: int, light: Singles, lens: Lens, size_px: tuple[int, int], outline: Floats
+    box: Any, side: int, light: Singles, lens: _Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
     """The image of one side, columns and rows in pixels, cut off at the near plane of the lens.
 
@@ -182,7 +194,7 @@ def _side(
 
 
 @kernel
-def _in_lens(lens: Lens, vector: Vector) -> Vector:
+def _in_lens(lens: _Lens, vector: Vector) -> Vector:
     """Depth, left and up of a vector of the world."""
     x, y, z = vector
     ahead, left, up = lens.forward, lens.left, lens.up

@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drsim.arrays import Floats, Singles
+from drsim.arrays import Cuboids, Floats, Singles
 from drsim.jit import kernel
-from drsim.race.solids import Cuboids
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
+from drsim.track.world_names import split_direction
+
 RGB = tuple[float, float, float]
 
 LUMA: RGB = (0.2989, 0.5870, 0.1140)
@@ -165,7 +167,7 @@ def look_of(world: str) -> Look:
     worlds get plain walls. Assumed, as no frame shows them: every world has a start line, its dark
     fields are nearly black, and the sky is as grey in all worlds as in the measured one.
     """
-    name = world.removesuffix("_ccw").removesuffix("_cw")
+    name, _ = split_direction(world)
     look = _COMMON
     if world in _WITHOUT_WALLS:
         look = replace(look, walls=_OPEN_FIELD)

@@ -7,9 +7,8 @@ import numpy as np
 
 from drsim.arrays import Floats, Ints
 from drsim.jit import kernel
-from drsim.track.track import Lane, Track
+from drsim.track.track import LANES, Lane, Track
 
-_LANES: tuple[Lane, Lane] = ("inner", "outer")
 _TABLE_STEP_M = 0.02
 _LOOK_AHEAD_M = 0.05
 """A bot looks towards where it will be after this distance."""
@@ -54,7 +53,7 @@ class LanePaths:
         beyond = int(np.ceil(_LOOK_AHEAD_M / self._step_m)) + 1
         at_m = self._step_m * np.arange(steps + beyond + 1, dtype=np.float64)
         self._xy = np.array(
-            [[_spline(*_knots(track, lane), at_m) for lane in _LANES] for track in tracks]
+            [[_spline(*_knots(track, lane), at_m) for lane in LANES[1:]] for track in tracks]
         )
 
     def poses(self, backward: Ints, places: LanePlaces) -> tuple[Floats, Floats]:

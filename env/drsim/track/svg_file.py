@@ -59,11 +59,7 @@ def read_line(text: str, chords: int) -> Floats:
     """
     shape, matrix = _first_shape(_parsed(text))
     curves = _curves(shape) @ matrix[:, :2].T + matrix[:, 2]
-    if not (np.abs(curves) <= _FURTHEST).all():
-        raise TrackError(
-            f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
-            "origin. Make the drawing smaller."
-        )
+    _check_reach(curves)
     points = _flattened(curves, chords)
     return points * [1.0, -1.0]  # SVG counts y downwards
 
@@ -103,14 +99,19 @@ def _combined(outside: Floats, transform: str) -> Floats:
         inner = _matrix(match[1], list(_numbers(match[2])))
         shift = matrix[:, :2] @ inner[:, 2] + matrix[:, 2]
         matrix = np.column_stack([matrix[:, :2] @ inner[:, :2], shift])
-        if not (np.abs(matrix) <= _FURTHEST).all():
-            raise TrackError(
-                f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
-                "origin. Make the drawing smaller."
-            )
+        _check_reach(matrix)
     if transform[place:].strip(" \t\r\n,"):
         raise TrackError(f"transform '{transform[place:][:40]}' is not supported. Remove it.")
     return matrix
+
+
+def _check_reach(numbers: Floats) -> None:
+    """Raise TrackError for numbers that a transform made too large, or not a number."""
+    if not (np.abs(numbers) <= _FURTHEST).all():
+        raise TrackError(
+            f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
+            "origin. Make the drawing smaller."
+        )
 
 
 def _matrix(name: str, values: list[float]) -> Floats:

@@ -12,6 +12,12 @@ from drsim.track.polyline import END_M, END_X, START_M, START_X, YAW_RAD, Locati
 
 Lane = Literal["center", "inner", "outer"]
 
+LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
+"""Lanes by their number."""
+
+CENTER, INNER, OUTER = 0, 1, 2
+"""Numbers of lanes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Track:

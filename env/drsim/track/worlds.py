@@ -14,6 +14,7 @@ from drsim.track.polyline import vertices
 from drsim.track.route_files import read_route
 from drsim.track.spline import ClosedSpline
 from drsim.track.track import Track
+from drsim.track.world_names import split_direction
 
 Direction = Literal["clockwise", "counterclockwise", "open"]
 
@@ -24,9 +25,6 @@ _LONGEST_NAME = 1_000
 
 _ROUTE_FILES = (".npy", ".csv")
 """Route files that need nothing but their name, in the order in which they win."""
-
-_CLOCKWISE = {"_cw": True, "_ccw": False}
-"""Endings of a world name that choose the driving direction. Source: the reference simulator."""
 
 
 class Width(NamedTuple):
@@ -90,14 +88,13 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
         TrackError: There is no track of this name, or its numbers are not a track. The message says
             what to do.
     """
-    return _found(world, tracks_dir)[0]
+    return _found(world, tracks_dir).track
 
 
 def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
     """Facts about a world; raises what `load_track` raises."""
-    track, file = _found(world, tracks_dir)
+    track, file, definition = _found(world, tracks_dir)
     own = file.parent == _DEFINITIONS
-    definition = json.loads(file.read_text(encoding="utf-8")) if own else {}
     width_m = track.locate(track.center).track_width_m
     first, _ = vertices(track.center)
     return WorldInfo(
@@ -153,8 +150,18 @@ def _direction(track: Track) -> Direction:
     return "counterclockwise" if track.is_ccw else "clockwise"
 
 
-def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
-    """The track of a world, and the file that defines it."""
+class _Found(NamedTuple):
+    """The track of a world, the file with its route, and what we say about it.
+
+    For a world that shares the route of another one, its own words win over those of the other.
+    """
+
+    track: Track
+    file: Path
+    definition: dict[str, Any]
+
+
+def _found(world: str, tracks_dir: Path | None) -> _Found:
     if len(world) > _LONGEST_NAME:
         raise TrackError(
             f"The name of a track has at most {_LONGEST_NAME:,} characters, not {len(world):,} "
@@ -166,30 +173,23 @@ def _found(world: str, tracks_dir: Path | None) -> tuple[Track, Path]:
         # Look it up in the listing: a name such as ../x must not lead out of the folder.
         if tracks_dir is not None and world in _listed(tracks_dir):
             file = tracks_dir / world
-        if _base(file.stem) not in files or str(file) != file.name or file.exists():
-            return read_route(file), file
+        if split_direction(file.stem)[0] not in files or str(file) != file.name or file.exists():
+            return _Found(read_route(file), file, {})
         world = file.stem  # people write reinvent_base.npy and mean reinvent_base
     if world in files:
         file = files[world]
         if file.suffix != ".json":
-            return read_route(file), file
+            return _Found(read_route(file), file, {})
         definition: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if "same_route_as" not in definition:
-            return _build(world, definition), file
-        track, file = _found(definition["same_route_as"], tracks_dir)
-        return replace(track, name=world), file
-    base = _base(world)
-    if base == world or base not in files:
+            return _Found(_build(world, definition), file, definition)
+        track, file, other = _found(definition["same_route_as"], tracks_dir)
+        return _Found(replace(track, name=world), file, other | definition)
+    base, clockwise = split_direction(world)
+    if clockwise is None or base not in files:
         raise TrackError(_unknown(world, tracks_dir))
-    track, file = _found(base, tracks_dir)
-    clockwise = _CLOCKWISE[world.removeprefix(base)]
-    return replace(directed(track, clockwise=clockwise), name=world), file
-
-
-def _base(world: str) -> str:
-    """Name of a world without the ending that chooses its driving direction."""
-    base, underscore, ending = world.rpartition("_")
-    return base if underscore + ending in _CLOCKWISE else world
+    track, file, definition = _found(base, tracks_dir)
+    return _Found(replace(directed(track, clockwise=clockwise), name=world), file, definition)
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:

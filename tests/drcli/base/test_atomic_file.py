@@ -2,12 +2,22 @@
 
 import errno
 import os
+import shutil
 import stat
+from dataclasses import dataclass
 
 import pytest
 
-from drcli.base.atomic_file import read_json, rewrite, write_json
+from drcli.base.atomic_file import load_record, read_json, rewrite, save_record, write_json
 from drcli.base.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A record."""
+
+    name: str
+    row: int
 
 
 def test_a_file_keeps_its_mode(tmp_path):
@@ -104,3 +114,30 @@ def test_a_note_is_on_the_disk_before_it_takes_the_place_of_the_old_one(tmp_path
 
     assert read_json(path) == {"a": 1}
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_note_takes_the_place_of_one_that_belongs_to_somebody_else(tmp_path, monkeypatch):
+    path = tmp_path / "note.json"
+    write_json(path, {"a": 1})
+    path.chmod(0o400)
+
+    def foreign(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(shutil, "copy2", foreign)  # root may read everything
+    monkeypatch.setattr(shutil, "chown", foreign)
+    write_json(path, {"a": 2})
+
+    assert read_json(path) == {"a": 2}
+    assert stat.S_IMODE(path.stat().st_mode) & stat.S_IWUSR
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_record_comes_back_and_a_damaged_one_is_none(tmp_path):
+    path = tmp_path / "folder" / "place.json"
+    save_record(path, Spot("hall", 3))
+
+    assert load_record(Spot, path) == Spot("hall", 3)
+    path.write_text('{"name": "hall", "row": "three"}')
+    assert load_record(Spot, path) is None
+    assert load_record(Spot, tmp_path / "gone.json") is None

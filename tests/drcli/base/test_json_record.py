@@ -1,12 +1,20 @@
 """JSON that was damaged is refused with a reason, and never becomes a value of another type."""
 
+import json
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import pytest
 
-from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, from_json, parse_json
+from drcli.base.json_record import (
+    JsonRecord,
+    MaybeNan,
+    NewerFormat,
+    RecordError,
+    from_json,
+    parse_json,
+)
 
 
 class Pair(NamedTuple):
@@ -88,8 +96,18 @@ def test_a_record_comes_back_from_its_bytes_and_one_of_a_newer_version_is_refuse
 
     assert Measured.decode(record.encode()) == record
     assert record.encode() == b'{"loss": 0.5}'
-    with pytest.raises(RecordError, match="its format is 2, not 1"):
+    with pytest.raises(NewerFormat, match="its format is 2, not 1"):
         Measured.decode(b'{"loss": 0.5, "format": 2}')
+
+
+@pytest.mark.parametrize("version", [0, -1, True, 2.0, "2", None, [2]])
+def test_a_format_that_no_version_writes_is_damage(version):
+    data = json.dumps({"loss": 0.5, "format": version}).encode()
+
+    with pytest.raises(RecordError, match=r"its format is .*, not 1") as caught:
+        Measured.decode(data)
+
+    assert not isinstance(caught.value, NewerFormat)
 
 
 def test_a_later_version_is_written_and_read():

@@ -23,6 +23,14 @@ def test_a_place_reads_as_file_and_line(place, text):
         (problem(), "a.json line 3: LR=2 is above 1."),
         (problem(file="", line=None), "LR=2 is above 1."),
         (problem("s3://b/m exists.", file="s3://b/m", line=None), "s3://b/m exists."),
+        (problem("LR is in a.json line 3, too."), "LR is in a.json line 3, too."),
+        (problem("See a.json line 3."), "See a.json line 3."),
+        (
+            problem("LR is set in a.json line 34, too."),
+            "a.json line 3: LR is set in a.json line 34, too.",
+        ),
+        (problem("See my-a.json line 3."), "a.json line 3: See my-a.json line 3."),
+        (problem("See a.json.bak.", line=None), "a.json: See a.json.bak."),
     ],
 )
 def test_a_problem_reads_as_its_place_and_its_message(given, sentence):

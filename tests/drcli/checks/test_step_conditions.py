@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.step_conditions import idle_conditions
+from drcli.checks.step_conditions import idle_conditions, parsed
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
@@ -12,7 +12,7 @@ DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 def told(*body: str) -> list[tuple[str, bool]]:
     """Conditions found in a function of these lines: each as written, and what it always is."""
     text = "def reward_function(params):\n" + "".join(f"    {line}\n" for line in body)
-    return [(idle.text, idle.holds) for idle in idle_conditions(text)]
+    return [(idle.text, idle.holds) for idle in idle_conditions(parsed(text))]
 
 
 @pytest.mark.parametrize(
@@ -112,11 +112,15 @@ class Racer:
 reward_function = Racer().reward_function
 """
 
-    assert [(idle.line, idle.text) for idle in idle_conditions(text)] == [(8, "self.steps == 1")]
+    assert [(idle.line, idle.text) for idle in idle_conditions(parsed(text))] == [
+        (8, "self.steps == 1")
+    ]
 
 
 def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():
-    (never,) = idle_conditions("def reward_function(params):\n    return params['steps'] == 0\n")
+    (never,) = idle_conditions(
+        parsed("def reward_function(params):\n    return params['steps'] == 0\n")
+    )
 
     assert never.line == 2
     assert never.message.startswith("`params['steps'] == 0` is never true: the first call")
@@ -127,7 +131,7 @@ def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():
     "text", ["def reward_function(params:\n", "x = " + "+ ".join("1" * 5_000), "\0", ""]
 )
 def test_what_is_no_python_or_too_deep_has_no_conditions(text):
-    assert idle_conditions(text) == []
+    assert idle_conditions(parsed(text)) == []
 
 
 @pytest.mark.parametrize(
@@ -136,7 +140,7 @@ def test_what_is_no_python_or_too_deep_has_no_conditions(text):
 def test_files_are_read_in_the_encoding_that_python_takes_them_for(mark, encoding):
     text = f"{mark}def reward_function(params):\n    return params['steps'] == 0\n"
 
-    assert [idle.text for idle in idle_conditions(text.encode(encoding))] == [
+    assert [idle.text for idle in idle_conditions(parsed(text.encode(encoding)))] == [
         "params['steps'] == 0"
     ]
 
@@ -145,10 +149,15 @@ def test_no_example_waits_for_a_step_that_never_comes():
     files = sorted(DEFAULTS.rglob("reward_function.py"))
 
     assert len(files) == 4
-    assert [idle for file in files for idle in idle_conditions(file.read_text("utf-8"))] == []
+    assert [
+        idle for file in files for idle in idle_conditions(parsed(file.read_text("utf-8")))
+    ] == []
 
 
 def test_a_set_that_python_cannot_make_is_not_a_condition():
     assert (
-        idle_conditions("def reward_function(params):\n    return params['steps'] in {[1]}\n") == []
+        idle_conditions(
+            parsed("def reward_function(params):\n    return params['steps'] in {[1]}\n")
+        )
+        == []
     )

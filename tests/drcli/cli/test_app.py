@@ -184,6 +184,8 @@ def test_help_loads_nothing_slow(command):
         (["statsu"], "No such command 'statsu'. Did you mean 'status'?"),
         (["dr-status"], "Did you mean 'status'?"),
         (["model"], "Did you mean 'list-models'?"),
+        (["STATUS"], "No such command 'STATUS'. Did you mean 'status'?"),
+        (["train"], "'start-training', 'stop-training', 'increment-training'?"),
         (["tracks", "lits"], "Did you mean 'list'?"),
         (["start-training", "--seed", "x"], "--seed"),
     ],
@@ -195,6 +197,35 @@ def test_a_wrong_command_line_exits_2_and_suggests_the_right_one(dr, capsys, arg
     assert code == 2
     assert printed.out == ""
     assert words in printed.err
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (
+            "config set DR_RUN_ID=0 --file foo",
+            "Invalid value for '--file': 'foo' is not one of 'run.env', 'system.env'.",
+        ),
+        ("url bla", "'bla' is not one of 'bucket', 'model', "),
+        ("completion show tcsh", "'tcsh' is not one of 'bash', 'zsh', 'fish'."),
+        ("start-training --seed x", "Invalid value for '--seed': 'x' is not a whole number."),
+        ("start-training --max-minutes x", "'x' is not a number."),
+        ("start-training --max-minutes 0", "'0' must be at least 0.01."),
+        ("start-training --seed 4294967296", "'4294967296' must be at most 4294967295."),
+        ("logs -n -1", "'-1' must be at least 0."),
+        ("logs -n 1.5", "'1.5' is not a whole number."),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_explained_in_plain_words(
+    dr, working_folder, capsys, line, words
+):
+    code = dr(*line.split())
+
+    said = capsys.readouterr().err
+    assert code == 2
+    assert words in said
+    assert "Value error" not in said
+    assert "Input should" not in said
 
 
 def test_a_word_like_no_command_gets_no_hint(dr, capsys):
@@ -229,7 +260,7 @@ def test_quiet_keeps_warnings_and_failures(dr, working_folder, capsys):
     dr("-q", "init", "made", "--cloud", "x")
 
     said = capsys.readouterr().err
-    assert "Warning: The track Oval_track" in said
+    assert "Warning: DR_WORLD_NAME=Oval_track" in said
     assert "Error: " in said
 
 

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from drcli.cli.completion import ASKS, LINE
+
 SIMULATION = {"torch", "mujoco", "numba", "numpy", "gymnasium", "drsim", "scipy", "shapely"}
 STORAGE = {"boto3", "botocore", "moto"}
 VALUES = {"pydantic"}
@@ -57,9 +59,31 @@ def test_looking_at_a_training_asks_no_server(working_folder):
     assert not loaded("status") & (SIMULATION | STORAGE)
 
 
-@pytest.mark.parametrize("line", ["status", "summary", "config check --settings", "stop-training"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "status",
+        "summary",
+        "config check --settings",
+        "config set DR_RUN_ID=0",
+        "stop-training",
+        "logs",
+        "completion show bash",
+    ],
+)
 def test_options_that_are_left_out_load_no_pydantic(working_folder, line):
     assert not loaded(*line.split())
+
+
+def test_listing_models_loads_no_pydantic(working_folder):
+    assert not loaded("list-models", "--upload") & VALUES
+
+
+def test_the_tab_key_loads_no_pydantic(working_folder, monkeypatch):
+    for name, value in {**ASKS, LINE: "dr config set DR_WORK"}.items():
+        monkeypatch.setenv(name, value)
+
+    assert not loaded()
 
 
 @pytest.mark.parametrize(

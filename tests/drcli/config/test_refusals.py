@@ -313,7 +313,7 @@ def test_a_file_that_is_no_text_is_all_that_is_reported(folder):
 
     refusal = folder.refusal("DR_CAR_NAME=$TEAM\n")
 
-    assert str(refusal) == "system.env line 2: byte 0xff is not UTF-8 text."
+    assert str(refusal) == "system.env line 2: Byte 0xff is not UTF-8 text."
 
 
 def test_a_password_in_a_wrong_address_is_not_repeated(folder):
@@ -362,3 +362,13 @@ def test_a_path_in_the_home_of_a_user_who_has_none_is_refused(folder, monkeypatc
 
 def _no_user(number):
     raise KeyError(number)
+
+
+def test_an_unknown_track_is_told_with_the_other_errors_and_not_alone(folder):
+    refusal = folder.refusal("DR_WORLD_NAME=nowhere\nDR_WORKERS=0\n")
+
+    assert str(refusal).splitlines() == [
+        "run.env line 1: DR_WORLD_NAME=nowhere is not a known track.",
+        "run.env line 2: DR_WORKERS=0 is below 1.",
+    ]
+    assert folder.load("DR_WORLD_NAME=nowhere\n").world_name == "nowhere"

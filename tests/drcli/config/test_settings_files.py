@@ -84,12 +84,15 @@ def test_a_broken_line_is_reported_and_the_others_are_read(line, sentence, remed
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
-        (b"A=1\nB=\xff\xfe\n", "run.env line 2: byte 0xff is not UTF-8 text."),
+        (b"A=1\nB=\xff\xfe\n", "run.env line 2: Byte 0xff is not UTF-8 text."),
         (
             "A=1\n".encode("utf-16-le"),
             "run.env line 1: contains a NUL byte, so it is not a text file.",
         ),
-        (b"#" * (LARGEST_BYTES + 1), "run.env: is 65,537 bytes long; 65,536 are allowed."),
+        (
+            b"#" * (LARGEST_BYTES + 1),
+            "run.env: The file is 65,537 bytes long; at most 65,536 are allowed.",
+        ),
     ],
 )
 def test_what_is_no_text_is_refused_with_the_place(data, sentence):

@@ -1,8 +1,10 @@
 """What a launcher gives its worker processes, and what they leave behind for it."""
 
+import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -56,6 +58,40 @@ def test_a_job_of_another_version_is_refused_with_a_reason(job, monkeypatch):
 
     assert "not written in version 1" in told
     assert "start it again" in told
+
+
+@pytest.mark.parametrize(
+    "waits",
+    [
+        "from drcli.workers.worker_process import run; run('trainer', lambda job, lifeline: None)",
+        "import runpy; runpy.run_module('drcli.runs.training', run_name='__main__')",
+        "import runpy; runpy.run_module('drcli.runs.evaluation', run_name='__main__')",
+    ],
+    ids=["worker", "supervisor", "evaluation"],
+)
+def test_a_process_without_a_job_that_fits_says_so_in_one_line(job, monkeypatch, waits):
+    monkeypatch.setattr(jobs, "VERSION", 2)
+    process = job.spawn(
+        [sys.executable, "-c", waits, "20260101000000", "c"], stderr=subprocess.PIPE
+    )
+
+    told = process.communicate(timeout=60)[1].decode()
+
+    assert process.returncode == 3
+    assert told == (
+        "This process cannot read its job: it is not written in version 1. Stop the run and start "
+        "it again; drcli may have been updated in the meantime.\n"
+    )
+
+
+@pytest.mark.parametrize("minutes", [math.inf, math.nan])
+def test_a_job_that_no_process_could_read_fails_where_it_is_launched(job, tmp_path, minutes):
+    touched = tmp_path / "touched"
+
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        replace(job, max_minutes=minutes).spawn(["touch", str(touched)])
+
+    assert not touched.exists()
 
 
 @pytest.mark.parametrize(

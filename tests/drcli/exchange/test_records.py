@@ -106,12 +106,40 @@ def test_files_that_list_something_else_are_refused(data):
             decode(data)
 
 
-def test_metrics_of_another_version_are_refused():
+@pytest.mark.parametrize("version", [3.0, "3", None])
+def test_metrics_of_another_version_are_read_if_their_records_fit(version):
     file = json.loads(encode_metrics([RECORDS[9]], "progress"))
+    later = {**file, "version": version}
 
     assert file["version"] == 2.0
-    with pytest.raises(RecordError, match=r"its version is 3\.0, not 2\.0"):
-        decode_metrics(json.dumps({**file, "version": 3.0}).encode())
+    assert decode_metrics(json.dumps(later).encode()) == [RECORDS[9]]
+    with pytest.raises(RecordError, match="'reward_score' is missing"):
+        decode_metrics(json.dumps({**later, "metrics": [{"episode": 1}]}).encode())
+
+
+def test_metrics_of_other_tools_are_read_with_fractions_and_unknown_keys():
+    file = json.loads(encode_metrics([RECORDS[9]], "progress"))
+    changed = {
+        "reward_score": 12.75,
+        "metric_time": 3000.5,
+        "start_time": 1000.25,
+        "elapsed_time_in_milliseconds": 2000.25,
+        "completion_percentage": 37.5,
+    }
+    [record] = file["metrics"]
+    data = {**file, "metrics": [{**record, **changed, "their own": [1]}]}
+
+    [read] = decode_metrics(json.dumps(data).encode())
+
+    assert {name: getattr(read, name) for name in changed} == changed
+
+
+def test_whole_numbers_are_written_as_such_again():
+    for record in (RECORDS[9], RECORDS[10]):
+        data = record.encode()
+
+        assert b"." not in data
+        assert type(record).decode(data).encode() == data
 
 
 def test_a_checkpoint_record_has_the_format_of_version_0_1_0():

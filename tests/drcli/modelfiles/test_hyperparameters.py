@@ -127,48 +127,53 @@ def test_a_bad_value_is_named_with_file_line_key_value_and_remedy(line, sentence
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "h.json: is empty."),
-        ("[1]", "h.json line 1: contains [1] instead of a JSON object."),
+        ("", "h.json: The file is empty."),
+        ("[1]", "h.json line 1: The file contains [1] instead of a JSON object."),
         (
             '{\n"lr": 0.001,\n}',
-            "h.json line 3: is not valid JSON at column 1: a key in double quotes is missing, "
+            "h.json line 3: The file is not valid JSON at column 1: "
+            "a key in double quotes is missing, "
             'as in "lr": 0.0003, or there is a comma too many.',
         ),
         (
             '{\n"lr": 0.001\n"stack_size": 1}',
-            "h.json line 3: is not valid JSON at column 1: a comma or a closing bracket is "
+            "h.json line 3: The file is not valid JSON at column 1: "
+            "a comma or a closing bracket is "
             "missing.",
         ),
         (
             '{"lr" 0.001}',
-            "h.json line 1: is not valid JSON at column 7: a : is missing after the key.",
+            "h.json line 1: The file is not valid JSON at column 7: a : is missing after the key.",
         ),
-        ('{"lr": }', "h.json line 1: is not valid JSON at column 8: a value is missing."),
+        ('{"lr": }', "h.json line 1: The file is not valid JSON at column 8: a value is missing."),
         (
             '{"lr": NaN}',
-            "h.json line 1: is not valid JSON: NaN is not a number in JSON.",
+            "h.json line 1: The file is not valid JSON: NaN is not a number in JSON.",
         ),
         (
             '{"lr": "x}',
-            "h.json line 1: is not valid JSON at column 8: a text in quotes is not complete.",
+            "h.json line 1: The file is not valid JSON at column 8: "
+            "a text in quotes is not complete.",
         ),
         (
             '{"lr": 0.001, "lr": 0.0001}',
-            "h.json line 1: is not valid JSON: the key lr occurs twice.",
+            "h.json line 1: The file is not valid JSON: the key lr occurs twice.",
         ),
         (
             "{} {}",
-            "h.json line 1: is not valid JSON at column 4: there is something after the end.",
+            "h.json line 1: The file is not valid JSON at column 4: "
+            "there is something after the end.",
         ),
         (
             "{'lr': 1}",
-            "h.json line 1: is not valid JSON at column 2: a key in double quotes is missing, "
+            "h.json line 1: The file is not valid JSON at column 2: "
+            "a key in double quotes is missing, "
             'as in "lr": 0.0003, or there is a comma too many.',
         ),
-        ('{"a":' * 5000, "h.json: is nested too deeply."),
+        ('{"a":' * 5000, "h.json: The file is nested too deeply."),
         (
             '{"lr": ' + "9" * 5000 + "}",
-            "h.json: is not valid JSON: a number has too many digits.",
+            "h.json: The file is not valid JSON: a number has too many digits.",
         ),
     ],
 )

@@ -36,6 +36,21 @@ def test_a_check_tells_scripts_all_and_takes_the_racers_own_file(racer, dr, caps
     assert told["errors"] == []
 
 
+@pytest.mark.parametrize("world", ["nope", "no pe"])
+@pytest.mark.parametrize("line", ["check", "plot", "compare a.py b.py"])
+def test_a_wrong_track_is_blamed_on_the_option(working_folder, dr, capsys, line, world):
+    for file in ("a.py", "b.py"):
+        (working_folder / file).write_text(GOOD)
+
+    code = dr("reward", *line.split(), "--world", world)
+
+    said = capsys.readouterr().err
+    assert code == 2
+    assert f"--world {world} " in said
+    assert "DR_WORLD_NAME" not in said
+    assert "flag" not in said
+
+
 def test_a_check_of_a_failing_file_names_the_line_and_exits_3(racer, dr, capsys):
     waits = "\n\ndef begins(params):\n    return params['steps'] == 1\n"
     (racer / "bad.py").write_text(BAD + waits)
@@ -141,10 +156,29 @@ def test_a_missing_file_is_refused_with_what_to_name_instead(racer, dr, capsys):
     assert "other.py: this file does not exist" in said
 
 
+@pytest.mark.parametrize("command", ["check", "plot"])
+def test_the_example_is_not_tried_in_place_of_a_missing_file(racer, dr, capsys, command):
+    (racer / "custom_files" / "reward_function.py").unlink()
+    (racer / "custom_files" / "model_metadata.json").write_text("{}")
+
+    code = dr("reward", command)
+
+    said = capsys.readouterr()
+    assert code == 3
+    assert "reward_function.py is missing in" in said.err
+    assert "which has model_metadata.json" in said.err
+
+
+def test_without_any_own_file_the_example_is_tried(racer, dr, capsys):
+    (racer / "custom_files" / "reward_function.py").unlink()
+
+    assert dr("reward", "check", "--json") == 0
+
+
 def test_a_world_that_is_not_there_is_refused(working_folder, dr, capsys):
     code = dr("reward", "check", "--world", "bena")
 
-    assert code == 3
+    assert code == 2
     err = capsys.readouterr().err
-    assert "flag: DR_WORLD_NAME=bena is not a known track" in err
+    assert "--world bena is not a known track" in err
     assert "bean" in err

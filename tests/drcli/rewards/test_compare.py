@@ -45,3 +45,4 @@ def test_a_constant_function_is_like_none(tried_of):
 
     assert report.correlation is None
     assert report.rank_correlation is None
+    assert report.places == []

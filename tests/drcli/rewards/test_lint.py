@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from drcli.checks.sandbox.sandbox_records import (
+    CallIndex,
     Difference,
     Effect,
     Failure,
-    Place,
     Printed,
     SandboxResult,
     Timing,
@@ -117,7 +117,7 @@ def test_a_module_that_cannot_be_imported_has_a_remedy(told, tmp_path, monkeypat
     assert remedy in told(failures=[failure])["loads"].remedy
 
 
-@pytest.mark.parametrize(("first", "rule"), [(None, "loads"), (Place(0, 1), "works")])
+@pytest.mark.parametrize(("first", "rule"), [(None, "loads"), (CallIndex(0, 1), "works")])
 def test_an_undefined_name_fails_the_import_or_a_call(told, first, rule):
     problem = told(failures=[Failure("undefined", "NameError", 1, first=first)])[rule]
 
@@ -180,7 +180,7 @@ def test_one_is_counted_as_one(told):
 def test_two_values_are_shown_with_enough_digits_to_tell_them_apart(
     told, rule, word, value, other, shown
 ):
-    place = Place(sequence=0, index=1)
+    place = CallIndex(sequence=0, index=1)
     found = Difference(place=place, value=value, other=other, times=1, of=9)
 
     assert f"{shown[0]} {word} {shown[1]} (" in told(**{rule: found})[rule].message
@@ -195,7 +195,9 @@ def test_effects_and_habits_are_put_into_words_errors_first(with_result, course,
             Effect(kind="writes", what="log.txt", line=9, times=500),
         ],
         printed=Printed(lines=course.size, characters=20 * course.size, line=7),
-        timing=Timing(median_s=1e-3, mean_s=1e-3, worst_s=2.0, worst=Place(sequence=0, index=1)),
+        timing=Timing(
+            median_s=1e-3, mean_s=1e-3, worst_s=2.0, worst=CallIndex(sequence=0, index=1)
+        ),
     )
 
     found = problems_of(with_result(result, name="custom_files/reward_function.py"))

@@ -1,6 +1,7 @@
 """What becomes of a run whose workers end, told by short processes in their places."""
 
 import errno
+import logging
 import os
 import signal
 import subprocess
@@ -115,6 +116,14 @@ def stage(tmp_path, monkeypatch):
 def test_the_run_ends_with_its_trainer(stage):
     assert stage.run() == 0
     assert stage.server_restarts == 0
+
+
+def test_an_end_without_a_remedy_is_logged_without_a_blank(stage, monkeypatch, caplog):
+    monkeypatch.setattr(supervisor, "_logger", logging.getLogger("supervisor"))
+    with caplog.at_level("INFO", "supervisor"):
+        stage.run()
+
+    assert "Training is complete." in [record.getMessage() for record in caplog.records]
 
 
 def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):

@@ -4,7 +4,7 @@ import pytest
 
 from drcli.base.errors import OwnershipLost, StorageError
 from drcli.exchange.run_state import TrainingEnd
-from drcli.store.bucket import ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 
 
 @pytest.mark.parametrize("data", [b"", b"x", bytes(range(256)) * 5_000])
@@ -74,7 +74,7 @@ def test_a_record_comes_back_as_it_went_on_one_line(bucket):
     [
         (b"{", "it is not JSON"),
         (b"{}", "'session' is missing"),
-        (b'{"session": "s", "reason": "r", "format": 2}', "its format is 2, not 1"),
+        (b'{"session": "s", "reason": "r", "format": 0}', "its format is 0, not 1"),
     ],
 )
 def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data, reason):
@@ -84,6 +84,13 @@ def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data,
         read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
 
     assert failure.value.remedy == "Delete it."
+
+
+def test_an_object_of_a_newer_version_is_not_called_damaged(bucket):
+    bucket.put("a.json", b'{"session": "s", "reason": "r", "format": 2}')
+
+    with pytest.raises(ObjectNewer, match=r"a\.json was written by a newer .* format is 2, not 1"):
+        read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
 
 
 def test_a_watcher_is_told_every_byte_that_travels(bucket):

@@ -174,7 +174,7 @@ def test_the_wait_says_who_is_missing_and_goes_on_without(memory, reader, clock)
     hand_in(memory, 1)
     said: list[str] = []
 
-    arrived = wait(reader, [0, 1, 2], patience_s=25.0, on_wait=said.append, report_every_s=10.0)
+    arrived = wait(reader, [0, 1, 2], patience_s=25.0, on_wait=said.append)
 
     assert list(arrived) == [1]
     assert [sentence.endswith("worker 0, 2.") for sentence in said] == [True, True, False]

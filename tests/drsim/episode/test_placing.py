@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from drsim.episode.placing import LANES, Placing
+from drsim.episode.placing import Placing
 from drsim.track.appearance import look_of
+from drsim.track.track import CENTER, INNER, LANES, OUTER
 from drsim.track.worlds import known_worlds, load_track
 
 TRACK = load_track("reinvent_base")
-CENTER, INNER, OUTER = range(3)
 
 
 def placing(track, backward) -> Placing:

@@ -304,6 +304,11 @@ def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
         "from pathlib import Path\n"
         "drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05\n"
         "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "told = sys.excepthook\n"
+        "def tell(kind, error, trace):\n"
+        "    print(error.kind, error.reason, flush=True)\n"
+        "    told(kind, error, trace)\n"
+        "sys.excepthook = tell\n"
         "function = drsim.episode.reward.load_reward_function(Path(sys.argv[1]))\n"
         "drsim.episode.reward.checked_reward(function, {}, 0.1)\n"
     )
@@ -328,6 +333,8 @@ def test_a_loop_that_swallows_its_deadline_ends_the_process_with_a_sentence(writ
     assert done.returncode == 1
     assert f"The reward function in {path}, line 5, failed: " in done.stderr
     assert what in done.stderr
+    assert done.stdout.startswith("endless The reward function failed: ")
+    assert what in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -393,8 +400,11 @@ def test_outside_the_main_thread_rewards_are_computed_without_a_deadline(write):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(RewardError, match=r"nowhere\.py"):
+    with pytest.raises(RewardError, match=r"nowhere\.py") as caught:
         load_reward_function(tmp_path / "nowhere.py")
+
+    assert caught.value.kind == "load"
+    assert "cannot be read" in caught.value.reason
 
 
 def test_a_file_that_is_no_text_is_refused_with_the_line(tmp_path):

@@ -16,8 +16,8 @@ from drsim.race.spacing import (
     even_places,
     most_that_fit,
 )
-from drsim.race.traffic import INNER, OUTER, Traffic
-from drsim.track.track import Track
+from drsim.race.traffic import Traffic
+from drsim.track.track import INNER, OUTER, Track
 from drsim.track.worlds import load_track
 
 REINVENT = load_track("reinvent_base")

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drsim.race.race import BotRules, ObstacleRules, Race
-from drsim.race.traffic import CENTER, INNER, NEAR_M, OPPONENT_GAP_M, OUTER, Traffic
-from drsim.track.track import Track
+from drsim.race.traffic import NEAR_M, OPPONENT_GAP_M, Traffic
+from drsim.track.track import CENTER, INNER, OUTER, Track
 from drsim.track.worlds import load_track
 
 NOSE_M = 0.14

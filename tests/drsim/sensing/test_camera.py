@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from drsim.car.camera_mount import FRONT, CameraModel
+from drsim.car.car import CarBatch
 from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import Look, Paint, Walls
@@ -54,8 +55,15 @@ def look_from(scene: Scene, lens_pos: np.ndarray, lens_mat: np.ndarray) -> np.nd
 
 def resting_lens(x_m: float, y_m: float, yaw_rad: float) -> tuple[np.ndarray, np.ndarray]:
     """Pose of a resting car's lens that stands above a point."""
-    pos, mat = lens_pose(np.array([[0.0, 0.0, -0.001]]), car_axes(yaw_rad))
+    pos, mat = lens_of_car_at(0.0, 0.0, yaw_rad)
     return np.array([[x_m, y_m, pos[0, 2]]]), mat
+
+
+def lens_of_car_at(x_m: float, y_m: float, yaw_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the lens of a resting car whose origin is above a point."""
+    car = CarBatch(1, 1)
+    car.place(np.array([0]), np.array([[x_m, y_m, yaw_rad]]))
+    return car.lens_pos, car.lens_mat
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +85,15 @@ def test_a_resting_lens_is_13_centimetres_up_and_looks_13_6_degrees_down():
 
     assert pos[0] == pytest.approx([1.142, 2.0, 0.1328], abs=1e-3)
     assert np.degrees(np.arcsin(-mat[0, 2, 0])) == pytest.approx(13.61, abs=0.01)
+
+
+def test_the_lens_of_a_car_that_drives_is_where_the_mount_says():
+    pos, mat = lens_pose(np.array([[1.0, 2.0, -0.001]]), car_axes(0.7))
+
+    driven_pos, driven_mat = lens_of_car_at(1.0, 2.0, 0.7)
+
+    np.testing.assert_allclose(driven_pos, pos, atol=1e-3)
+    np.testing.assert_allclose(driven_mat, mat, atol=1e-3)
 
 
 def test_the_lens_turns_with_the_car():

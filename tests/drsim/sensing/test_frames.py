@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from drsim.car.camera_mount import FRONT
+from drsim.car.car import CarBatch
 from drsim.race.solids import SHAPES, Solids
-from drsim.sensing.camera import lens_pose, render
+from drsim.sensing.camera import render
 from drsim.sensing.frames import FrameRenderer
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene, build_scene
@@ -31,10 +32,10 @@ def scene(track) -> Scene:
 @pytest.fixture(scope="module")
 def lenses(track) -> tuple[np.ndarray, np.ndarray]:
     """Lenses of cars along the lap."""
-    x, y, yaw = track.pose_at(np.linspace(0.0, track.length_m, CARS, endpoint=False)).T
-    cos, sin, none, one = np.cos(yaw), np.sin(yaw), np.zeros(CARS), np.ones(CARS)
-    mat = np.stack([cos, -sin, none, sin, cos, none, none, none, one], axis=1).reshape(-1, 3, 3)
-    return lens_pose(np.stack([x, y, none], axis=1), mat)
+    cars = CarBatch(CARS, 1)
+    along_m = np.linspace(0.0, track.length_m, CARS, endpoint=False)
+    cars.place(np.arange(CARS), track.pose_at(along_m))
+    return cars.lens_pos, cars.lens_mat
 
 
 def ahead_of(lens_pos: np.ndarray, lens_mat: np.ndarray, kind: str, depth_m: float) -> Solids:

@@ -181,8 +181,19 @@ def test_a_world_of_ours_is_described_in_words_too():
         "counterclockwise",
     )
     assert (info.difficulty, info.waypoints, info.line_family) == ("easy", 119, "in")
-    assert "lap" in info.about
+    assert info.about.startswith("the route of reinvent_base")
+    assert "lap" in describe("reinvent_base_ccw").about
     assert info.width_m.mean == pytest.approx(0.761, abs=0.002)
+
+
+@pytest.mark.parametrize("ground", ["carpet", "concrete", "wood"])
+def test_a_world_with_the_route_of_another_says_so(ground, tmp_path):
+    saved(tmp_path, square_rows(), "reinvent_base")
+
+    info, ours = describe(f"reinvent_{ground}", tmp_path), describe(f"reinvent_{ground}")
+
+    assert info.about == ours.about == "the route of reinvent_base on other ground"
+    assert (info.difficulty, info.source) == (None, str(tmp_path / "reinvent_base.npy"))
 
 
 def test_an_open_route_is_described_as_such(tmp_path):

@@ -139,6 +139,7 @@ def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
     assert printed.err.splitlines()[0] == (
         "Error: run.env line 1: DR_WORKERS=0 is below 1. And 1 more."
     )
+    assert "Set DR_WORKERS to a whole number from 1 to 10" in printed.err
 
 
 def test_a_check_for_scripts_is_one_object_also_when_it_fails(dr, working_folder, capsys):

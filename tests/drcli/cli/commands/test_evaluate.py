@@ -35,6 +35,17 @@ def test_an_evaluation_shows_its_trials_under_both_names(dr, asked, working_fold
     assert printed.err.startswith("Evaluating 8_Step-4000.ckpt ...\nNext:\n")
 
 
+@pytest.mark.parametrize("running", [False, True])
+def test_resuming_is_suggested_unless_the_training_runs(
+    dr, asked, run, make_report, capsys, running
+):
+    run.running = running
+
+    dr("evaluate")
+
+    assert ("dr-start-training --resume" in capsys.readouterr().err) is not running
+
+
 def test_json_is_all_there_is_on_stdout(dr, asked, capsys):
     dr("evaluate", "--json")
 

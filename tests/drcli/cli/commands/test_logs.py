@@ -81,6 +81,18 @@ def test_following_goes_on_until_ctrl_c_which_is_no_failure(dr, log, capsys, mea
     assert capsys.readouterr().out == "old\nnew\n"
 
 
+def test_a_long_log_is_followed_without_a_wait_between_its_pieces(
+    dr, log, capsys, meanwhile, monkeypatch
+):
+    monkeypatch.setattr(log_tail, "_MOST_BYTES", 30)
+    log("sim-0").write_text("".join(LINES))
+    meanwhile()  # Ctrl-C at the first wait
+
+    dr("logs", "-f", "-a")
+
+    assert capsys.readouterr().out == "".join(LINES)
+
+
 def test_following_waits_for_a_log_that_comes_late_and_says_so(dr, log, capsys, meanwhile):
     path = log("sim-0")
     meanwhile(lambda: None, lambda: path.write_text("".join(LINES)))
@@ -109,7 +121,16 @@ def test_the_log_of_a_worker_that_there_never_is_is_not_worth_waiting_for(
 
     said = capsys.readouterr().err
     assert code == 1
-    assert "Try: Choose a worker from 0 to 1: DR_WORKERS is 2." in said
+    assert "Try: There are workers 0 to 1: DR_WORKERS is 2." in said
+
+
+def test_a_single_worker_is_not_called_a_range(dr, working_folder, capsys):
+    dr("config", "set", "DR_WORKERS=1")
+    capsys.readouterr()
+
+    dr("logs", "-n", "7")
+
+    assert "Try: There is only worker 0: DR_WORKERS is 1." in capsys.readouterr().err
 
 
 def test_an_unknown_worker_exits_2_with_those_there_are(dr, working_folder, capsys):

@@ -263,7 +263,7 @@ def test_all_logs_are_told_apart_by_their_workers(dr, run, make_report, log, cap
     [
         (["1"], "needs -r"),
         (["-r", "2"], "DR_WORKERS is 2"),
-        (["--until-laps", "0"], "greater than or equal to 1"),
+        (["--until-laps", "0"], "must be at least 1."),
     ],
 )
 def test_wrong_numbers_on_the_command_line_exit_2(dr, run, capsys, arguments, words):
@@ -300,3 +300,29 @@ def test_a_wiped_model_is_named_as_the_reference_names_it(dr, run, make_report, 
         "Wiping path s3://bucket/model",
         "Training of model s3://bucket/model starting.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--seed", str(10**17)),
+        ("--seed", str(2**32)),
+        ("--seed", "-1"),
+        ("--max-minutes", "inf"),
+        ("--max-minutes", "nan"),
+        ("--max-minutes", "1e300"),
+        ("--max-minutes", "0"),
+    ],
+)
+def test_a_number_that_no_worker_could_read_is_refused_at_once(dr, run, capsys, option, value):
+    code = dr("start-training", option, value)
+
+    assert code == 2
+    assert option in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [("--seed", str(2**32 - 1)), ("--max-minutes", "0.5")])
+def test_numbers_at_the_limits_are_accepted(dr, run, make_report, options):
+    run.looks = [make_report("finished", 1)]
+
+    assert dr("start-training", *options) == 0

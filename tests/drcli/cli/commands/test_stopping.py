@@ -104,6 +104,17 @@ def test_stop_all_ends_every_run_of_this_folder_and_nothing_else(
     assert bystander.poll() is None
 
 
+def test_stop_all_in_a_wrong_folder_says_only_that(dr, tmp_path, monkeypatch, capsys):
+    wrong = tmp_path / "wrong"
+    wrong.mkdir()
+    monkeypatch.chdir(wrong)
+
+    code = dr("stop-all")
+
+    assert code == 3
+    assert capsys.readouterr().err.startswith("Error: run.env: ")
+
+
 def test_stop_all_says_what_it_ended(dr, training, capsys):
     child = training(3)
 

@@ -43,6 +43,16 @@ def test_everything_a_training_needs_is_written(dr, empty, capsys):
     assert "/data/" in (empty / ".gitignore").read_text().splitlines()
 
 
+def test_a_folder_that_is_complete_is_kept(dr, empty, capsys):
+    dr("init")
+    first = capsys.readouterr().err
+
+    dr("init")
+
+    assert f"7 files written to {empty}.\n" in first
+    assert f"0 files written to {empty}; 7 files kept.\n" in capsys.readouterr().err
+
+
 def test_a_folder_that_is_not_there_is_made(dr, empty):
     code = dr("init", "new/racer")
 
@@ -203,8 +213,16 @@ def test_a_world_that_is_not_here_is_named_with_the_way_to_get_it(dr, empty, cap
 
     said = capsys.readouterr().err
     assert code == 0
-    assert "Warning: The track Oval_track is not installed" in said
+    assert "Warning: DR_WORLD_NAME=Oval_track is a community track that is not installed" in said
     assert said.index("fetch the track:") < said.index("dr-validate")
+
+
+def test_a_world_that_nobody_knows_is_not_fetched(dr, empty, capsys):
+    dr("init", "--world", "reinvent_bas")
+
+    said = capsys.readouterr().err
+    assert "DR_WORLD_NAME=reinvent_bas is not a known track. Did you mean reinvent_base?" in said
+    assert "dr-tracks fetch reinvent_bas" not in said
 
 
 def test_files_that_are_there_are_listed_and_kept(dr, empty, capsys):

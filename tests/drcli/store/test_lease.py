@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.process_identity import started_s
 from drcli.store import keys, lease
 from drcli.store.lease import read_lease, write_lease
@@ -53,6 +53,16 @@ def test_a_lease_that_was_not_renewed_means_nothing(server):
     server.now_s += 61.0
 
     assert lease.holder(server.bucket, "model") is None
+
+
+def test_an_owner_that_has_ended_holds_nothing(bucket):
+    taken = lease.take(bucket, "model", "theirs")
+    assert lease.live_holder(bucket, "model") is not None
+
+    write_lease(bucket, "model", replace(taken, pid_started=1.0))
+
+    assert lease.holder(bucket, "model") is not None
+    assert lease.live_holder(bucket, "model") is None
 
 
 def test_the_clock_of_the_asking_machine_does_not_make_a_lease_stale(server, monkeypatch):
@@ -161,3 +171,24 @@ def test_a_lease_of_an_older_version_counts(bucket):
 
     with pytest.raises(SettingsError, match="trained by process 1 on elsewhere"):
         lease.refuse_other_owner(bucket, "model", "ours")
+
+
+@pytest.mark.parametrize("age_s", [0.0, 3600.0])
+@pytest.mark.parametrize("released", [False, True])
+def test_the_lease_of_a_newer_version_is_respected_whatever_it_says(server, age_s, released):
+    bucket = server.bucket
+    lease.take(bucket, "model", "ours")
+    theirs = {"format": 2, "owner": "theirs", "released": released}
+    bucket.put(keys.lease("model"), json.dumps(theirs).encode())
+    server.now_s += age_s
+
+    for session in ("", "ours"):
+        with pytest.raises(SettingsError, match="newer version of drcli") as caught:
+            lease.refuse_other_owner(bucket, "model", session)
+        assert "Update drcli" in caught.value.remedy
+    with pytest.raises(SettingsError, match="newer version of drcli"):
+        lease.take(bucket, "model", "ours")
+    with pytest.raises(OwnershipLost, match="is trained by a newer version of drcli"):
+        lease.Ownership(bucket, "model", "ours", 1).check("model/a")
+    lease.release(bucket, "model", "ours")
+    assert json.loads(bucket.get(keys.lease("model"))) == theirs

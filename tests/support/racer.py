@@ -4,14 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.runs.plan import RunPlan, StartOptions, prepare
 from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore
-from evaluations import evaluated
 from memory_bucket import MemoryBucket
 
 ACTIONS = [{"steering_angle": angle, "speed": 2.0} for angle in (-20.0, 0.0, 20.0)]
@@ -71,26 +68,3 @@ class ProbedBucket(MemoryBucket):
 
     def probe(self) -> None:
         """It always does."""
-
-
-@pytest.fixture
-def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
-    """A racer in an empty folder, the current one."""
-    bucket = ProbedBucket()
-    for module in ("plan", "increment"):
-        monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
-    monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
-    return Racer(working_folder, bucket)
-
-
-@pytest.fixture
-def trained(racer: Racer) -> Racer:
-    """The same with a trained model-1: its best checkpoint is 3, its last one 5."""
-    racer.start()
-    store = racer.store("model-1")
-    for number in range(6):
-        store.save(number, 100 * number, b"weights %d" % number, optimizer=b"moments")
-        store.record_evaluation(
-            evaluated(f"{number}_Step-{number}00.ckpt", 90.0 if number == 3 else 50.0), "progress"
-        )
-    return racer

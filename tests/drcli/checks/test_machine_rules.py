@@ -9,20 +9,11 @@ import psutil
 import pytest
 
 from drcli.checks.machine_rules import review_disk, review_gpu, review_memory
-from drcli.checks.storage_rules import probe
 from drcli.config.loading import load_settings
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from memory_bucket import MemoryBucket
 
 GB = 1_000_000_000
-
-
-class ForgetfulBucket(MemoryBucket):
-    """Takes everything and keeps nothing of it."""
-
-    def get(self, key: str) -> bytes:
-        return b""
 
 
 @pytest.fixture
@@ -142,17 +133,3 @@ def test_without_a_gpu_nothing_is_said_about_one(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
 
     assert list(review_gpu("", {})) == []
-
-
-def test_a_bucket_that_works_is_left_empty():
-    bucket = MemoryBucket()
-
-    assert probe(bucket) == []
-    assert bucket.list("") == []
-
-
-def test_a_bucket_that_gives_back_something_else_is_an_error():
-    [found] = probe(ForgetfulBucket())
-
-    assert (found.rule, found.severity) == ("V-50", "error")
-    assert "does not correctly return" in found.message

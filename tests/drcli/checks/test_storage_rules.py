@@ -1,0 +1,25 @@
+"""Rule V-50: a bucket that works, and one that does not."""
+
+from drcli.checks.storage_rules import probe
+from memory_bucket import MemoryBucket
+
+
+class ForgetfulBucket(MemoryBucket):
+    """Takes everything and keeps nothing of it."""
+
+    def get(self, key: str) -> bytes:
+        return b""
+
+
+def test_a_bucket_that_works_is_left_empty():
+    bucket = MemoryBucket()
+
+    assert probe(bucket) == []
+    assert bucket.list("") == []
+
+
+def test_a_bucket_that_gives_back_something_else_is_an_error():
+    [found] = probe(ForgetfulBucket())
+
+    assert (found.rule, found.severity) == ("V-50", "error")
+    assert "does not correctly return" in found.message

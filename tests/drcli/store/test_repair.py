@@ -1,0 +1,75 @@
+"""What repair does with records of a newer version, and with damaged ones beside them."""
+
+from collections import Counter
+
+import pytest
+
+from drcli.base.fingerprint import Fingerprint
+from drcli.exchange.checkpoint import CheckpointRecord
+from drcli.store import keys
+from drcli.store.bucket import ObjectNewer, Watch
+from drcli.store.repair import Model, find_damage, repair
+from memory_bucket import MemoryBucket
+
+NAME = "0_Step-0.ckpt"
+
+
+class CountingBucket(MemoryBucket):
+    """Counts how often each object is read."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reads: Counter[str] = Counter()
+
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
+        self.reads[key] += 1
+        return super().get(key, watch=watch)
+
+
+@pytest.fixture
+def bucket() -> CountingBucket:
+    """A model with a checkpoint whose record has a newer format."""
+    bucket = CountingBucket()
+    bucket.put(keys.checkpoint_tensors("model", NAME), b"weights")
+    record = CheckpointRecord(NAME, Fingerprint.of(b"weights")).encode()
+    bucket.put(keys.checkpoint_record("model", NAME), record[:-1] + b', "format": 2}')
+    bucket.put(keys.lease("model"), b'{"format": 2}')
+    bucket.put(keys.status("model", "trainer"), b'{"format": 2}')
+    return bucket
+
+
+def contents(bucket: MemoryBucket) -> dict[str, bytes]:
+    return {info.key: MemoryBucket.get(bucket, info.key) for info in bucket.list("")}
+
+
+def test_records_of_a_newer_version_are_no_damage_and_stay(bucket):
+    model, before = Model(bucket, "model", "metrics/model"), contents(bucket)
+
+    assert find_damage(model) == []
+    assert repair(model) == []
+    assert contents(bucket) == before
+
+
+def test_nothing_is_reconstructed_from_records_that_cannot_be_read(bucket):
+    bucket.put(keys.history("model"), b"{")
+    model, before = Model(bucket, "model", "metrics/model"), contents(bucket)
+
+    with pytest.raises(ObjectNewer, match="newer version of drcli"):
+        repair(model)
+
+    assert contents(bucket) == before
+
+
+def test_a_damaged_object_is_kept_as_it_was(bucket):
+    for key in (keys.checkpoint_record("model", NAME), keys.lease("model")):
+        bucket.delete([key])
+    status = keys.status("model", "trainer")
+    bucket.put(status, b"{")
+    bucket.reads.clear()
+
+    [told] = repair(Model(bucket, "model", "metrics/model"))
+
+    assert f"{status} is damaged: it is not JSON" in told
+    kept = [data for key, data in contents(bucket).items() if "/damaged/" in key]
+    assert kept == [b"{"]
+    assert bucket.reads[status] == 2  # to see what is wrong, and whether anything is newer
