@@ -29,7 +29,7 @@ FLOORS = {
         {"store"},
         {"modelfiles"},
         {"models", "workers"},
-        {"checks"},
+        {"checks", "remote"},
         {"rewards"},
         {"runs"},
         {"cli"},
@@ -56,6 +56,7 @@ FORBIDDEN = {
     "drcli.modelfiles": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.models": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.workers": {*STORAGE, *SCREEN},
+    "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
@@ -63,7 +64,10 @@ FORBIDDEN = {
 }
 """Packages from outside, and drsim, that a package must not import."""
 
-LAZY = {"drcli.store": STORAGE | {"mypy_boto3_s3"}}
+LAZY = {
+    "drcli.store": STORAGE | {"mypy_boto3_s3"},
+    "drcli.remote": STORAGE | {"requests", "urllib3", "ssl"},
+}
 """What a package may import inside functions only, because it takes long to load."""
 
 PROGRAMS = {"drcli.store.server.moto_server"}
