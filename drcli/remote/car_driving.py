@@ -26,7 +26,12 @@ _BY_HAND = "Stop the car by hand: lift it, and switch it off."
 
 @dataclass(frozen=True)
 class CarSpeed:
-    """The limit of the throttle, in percent."""
+    """The limit of the throttle.
+
+    Attributes:
+        car: Address of the car.
+        percent: The limit, 0 to 100.
+    """
 
     car: str
     percent: int
@@ -37,6 +42,7 @@ class CarDrive:
     """A drive, or its end.
 
     Attributes:
+        car: Address of the car.
         driving: Whether the car still drives, because the command did not wait.
         seconds: How long it drove; None if that is unknown.
         interrupted: Whether Ctrl-C or another signal ended it.

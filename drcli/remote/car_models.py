@@ -63,7 +63,12 @@ class CarModel:
 
 @dataclass(frozen=True)
 class CarModels:
-    """The models on a car, those that can be used first."""
+    """The models on a car.
+
+    Attributes:
+        car: Address of the car.
+        models: Those that can be used first.
+    """
 
     car: str
     models: list[CarModel]
@@ -74,6 +79,7 @@ class CarUpload:
     """The result of an upload.
 
     Attributes:
+        car: Address of the car.
         model: Name on the car.
         size_bytes: Of the file.
         usable: Whether the model can be loaded now.
@@ -89,7 +95,13 @@ class CarUpload:
 
 @dataclass(frozen=True)
 class CarLoad:
-    """A model that the car has loaded, and how long that took."""
+    """A model that the car has loaded.
+
+    Attributes:
+        car: Address of the car.
+        model: Name on the car.
+        seconds: How long it took.
+    """
 
     car: str
     model: str

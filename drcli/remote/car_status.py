@@ -17,7 +17,8 @@ class CarStatus:
     """The state of a car; None and empty for what it does not say.
 
     Attributes:
-        software: Only the community's software can list its requests.
+        car: Address of the car.
+        software: original or community; only the community's software can list its requests.
         software_version: Of the car's core package.
         hardware_version: Of the car.
         battery_level: As the car counts it, not in percent.

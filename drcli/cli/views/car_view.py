@@ -28,6 +28,7 @@ class CarLoginReport:
     """A login.
 
     Attributes:
+        car: Address of the car.
         trust: How the car is recognised later: fingerprint, ca or none.
         fingerprint: SHA-256 of its certificate; empty if none was kept.
     """
@@ -39,7 +40,12 @@ class CarLoginReport:
 
 @dataclass(frozen=True)
 class CarLogoutReport:
-    """The end of a login; `was_logged_in` is False if there was none."""
+    """The end of a login.
+
+    Attributes:
+        car: Address of the car.
+        was_logged_in: Whether there was a login.
+    """
 
     car: str
     was_logged_in: bool

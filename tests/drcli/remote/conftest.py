@@ -1,17 +1,27 @@
 """A car on localhost, and the commands as a racer calls them."""
 
+import hashlib
+import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from drcli.remote import car_models
-from fake_car import PASSWORD, FakeCar, make_certificate, served
+from drcli.remote.car_address import CarAddress
+from drcli.remote.car_login import CarLogin, save_login
+from fake_car import FakeCar, make_certificate, served
 
 
 @pytest.fixture(scope="session")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return make_certificate(tmp_path_factory.mktemp("certificate"))
+
+
+@pytest.fixture(scope="session")
+def fingerprint(certificate: tuple[Path, Path]) -> str:
+    """SHA-256 of the car's certificate."""
+    return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate[0].read_text())).hexdigest()
 
 
 class Garage:
@@ -52,10 +62,11 @@ def garage(
 
 
 @pytest.fixture
-def logged_in(garage: Garage, monkeypatch: pytest.MonkeyPatch) -> Garage:
-    """A car with a login."""
-    monkeypatch.setenv("DR_CAR_PASSWORD", PASSWORD)
-    assert garage("login") == 0
-    monkeypatch.delenv("DR_CAR_PASSWORD")
-    garage.car.requests.clear()
+def logged_in(garage: Garage, fingerprint: str) -> Garage:
+    """A car with a login, as an earlier command has kept it."""
+    garage.car.tokens = {"token"}
+    garage.car.csrf = {"page": "csrf"}
+    cookies = {"deepracer_token": "token", "session": "page"}
+    address = CarAddress("127.0.0.1", garage.port)
+    save_login(address, CarLogin("fingerprint", fingerprint, "", cookies, "csrf"))
     return garage
