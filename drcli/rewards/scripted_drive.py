@@ -129,7 +129,7 @@ def _trips(
     track: Track,
     race: Race,
     drivers: list[ScriptedDriver],
-    car: CarParameters,
+    parameters: CarParameters,
     *,
     start: float,
     reverse: bool,
@@ -148,7 +148,7 @@ def _trips(
         num_cars=len(drivers),
         reward_function=[_recorder(own) for own in calls],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
-        car_parameters=car,
+        car_parameters=parameters,
         race=race,
     )
     starts = np.array([start + driver.start for driver in drivers])

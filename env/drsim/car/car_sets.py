@@ -32,13 +32,37 @@ _SETS = (
     ),
     CarSet(
         "low-grip",
-        CarParameters(friction=0.6),
-        "PLACEHOLDER",
+        CarParameters(
+            steering_lag_s=0.1163,
+            speed_delay_s=0.0104,
+            wheel_damping=0.0282,
+            wheel_torque=2.12,
+            friction=0.6,
+            traction=3.24,
+            twist_friction_m=0.011,
+            tyre_time_s=0.0519,
+            tyre_impedance=0.488,
+            speed_scale=0.989,
+        ),
+        "Fitted to the same training with the grip kept at 0.6. For models from before release 6 "
+        "that leave the track with the default car.",
     ),
     CarSet(
         "2022",
-        CarParameters(),
-        "PLACEHOLDER",
+        CarParameters(
+            steering_lag_s=0.392,
+            speed_lag_s=0.2265,
+            wheel_damping=0.0669,
+            wheel_torque=0.735,
+            friction=0.646,
+            traction=2.56,
+            twist_friction_m=0.0078,
+            tyre_time_s=0.0329,
+            tyre_impedance=0.258,
+            speed_scale=0.956,
+        ),
+        "Fitted to a training in DeepRacer-for-Cloud of July 2022, version 4 in its "
+        "model_metadata.json: slow to steer and to speed up.",
     ),
 )
 
