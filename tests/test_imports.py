@@ -29,7 +29,7 @@ FLOORS = {
         {"store"},
         {"modelfiles"},
         {"models", "workers"},
-        {"checks"},
+        {"checks", "remote"},
         {"rewards"},
         {"runs"},
         {"cli"},
@@ -57,13 +57,17 @@ FORBIDDEN = {
     "drcli.models": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.workers": {*STORAGE, *SCREEN},
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
 }
 """Packages from outside, and drsim, that a package must not import."""
 
-LAZY = {"drcli.store": STORAGE | {"mypy_boto3_s3"}}
+LAZY = {
+    "drcli.store": STORAGE | {"mypy_boto3_s3"},
+    "drcli.remote": STORAGE | {"requests", "s3transfer"},
+}
 """What a package may import inside functions only, because it takes long to load."""
 
 PROGRAMS = {"drcli.store.server.moto_server"}

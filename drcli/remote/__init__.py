@@ -1,0 +1,1 @@
+"""Other systems over the network: DeepRacer on AWS, and the web page of the physical car."""
