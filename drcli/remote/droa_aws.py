@@ -1,11 +1,15 @@
 """Clients of Amazon's services for a DeepRacer on AWS, and what their failures mean."""
 
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from drcli.base.errors import StorageError
 from drcli.remote.droa_keys import Keys
 from drcli.remote.droa_site import Site
 from drcli.remote.web_request import CONNECT_TIMEOUT_S, READ_TIMEOUT_S, USER_AGENT
+
+if TYPE_CHECKING:
+    from botocore.session import Session
 
 
 def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
@@ -16,12 +20,7 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
     """
     from botocore import UNSIGNED
     from botocore.config import Config
-    from botocore.session import Session
 
-    # Each is (name in the files, variable, default, type).
-    no_files = {"profile": (None, None, None, None), "config_file": (None, None, None, None)}
-    own_address = {"ignore_configured_endpoint_urls": (None, None, True, None)}
-    session = Session(session_vars={**no_files, **own_address})
     config = Config(
         region_name=site.region,
         signature_version=UNSIGNED if keys is None else None,
@@ -30,7 +29,7 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
         read_timeout=READ_TIMEOUT_S,
         user_agent_extra=USER_AGENT,
     )
-    return session.create_client(
+    return _session().create_client(
         service,
         endpoint_url=site.aws_endpoint_url or None,
         aws_access_key_id=None if keys is None else keys.access_key,
@@ -38,6 +37,17 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
         aws_session_token=None if keys is None else keys.session_token,
         config=config,
     )
+
+
+@cache
+def _session() -> "Session":
+    """Reads no files of AWS; it keeps the descriptions of services, slow to load, for reuse."""
+    from botocore.session import Session
+
+    # Each is (name in the files, variable, default, type).
+    no_files = {"profile": (None, None, None, None), "config_file": (None, None, None, None)}
+    own_address = {"ignore_configured_endpoint_urls": (None, None, True, None)}
+    return Session(session_vars={**no_files, **own_address})
 
 
 def code_of(error: Exception) -> str:

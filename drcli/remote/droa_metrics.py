@@ -77,7 +77,7 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
         means = means_of(list(_metrics_files(file)))
     except (tarfile.TarError, OSError, EOFError) as e:
         raise SettingsError(
-            f"{file} is not an archive of logs ({str(e).rstrip('.')}).",
+            f"{file} is not an archive of logs, or is damaged.",
             remedy="Look at it; without --summary it is only downloaded.",
         ) from e
     if not means:

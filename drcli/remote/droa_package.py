@@ -1,7 +1,9 @@
 """Reads the files of a model to import, from a folder or an archive, into memory."""
 
+import lzma
 import tarfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
@@ -22,6 +24,18 @@ _SKIPPED_NAMES = frozenset({".ds_store", "._.ds_store", "thumbs.db", "desktop.in
 _SKIPPED_ENDS = (".gz", ".zip")
 _SKIPPED_FOLDERS = frozenset({"__MACOSX"})
 _TAR_ENDS = (".tar.gz", ".tgz", ".tar", ".tar.bz2", ".tar.xz")
+
+_DAMAGE = (
+    tarfile.TarError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+)
+"""What Python's readers raise for damaged, encrypted and unknown archives."""
 
 ROOT_FILE = "model_metadata.json"
 """A folder with this file is the root of a model."""
@@ -104,17 +118,11 @@ def _archive(source: Path) -> Iterator[tuple[str, int, bytes]]:
             yield from _tar(source)
         else:
             raise _bad(source, f"it is neither a folder nor an archive ({', '.join(_TAR_ENDS)})")
-    except (tarfile.TarError, zipfile.BadZipFile, EOFError, RuntimeError, ValueError) as e:
-        raise _bad(
-            source, f"the archive is damaged: {str(e).rstrip('.') or 'it is cut off'}"
-        ) from e
+    except _DAMAGE as e:
+        raise _bad(source, "the archive is damaged or encrypted") from e
     except OSError as e:
-        if e.errno is None:  # gzip and lzma report damage so
-            raise _bad(source, f"the archive is damaged: {str(e).rstrip('.')}") from e
-        raise
-    except Exception as e:
-        if type(e).__module__ in ("zlib", "lzma", "_lzma"):
-            raise _bad(source, f"the archive is damaged: {str(e).rstrip('.')}") from e
+        if e.errno is None:  # gzip and bz2 report damage so
+            raise _bad(source, "the archive is damaged") from e
         raise
 
 

@@ -177,8 +177,8 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "droa-import-model",
         "better",
-        "checks the rules of DeepRacer on AWS before anything is sent, takes archives too, and waits "
-        "for the verdict",
+        "checks the rules of DeepRacer on AWS before anything is sent, takes archives too, and "
+        "waits for the verdict",
     ),
     # utils/
     Row(

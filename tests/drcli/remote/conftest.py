@@ -8,6 +8,7 @@ import pytest
 from droa_models import Files, accepted_model, write_files
 from droa_server import PASSWORD, USER, FakeDroa
 
+
 @pytest.fixture
 def fake() -> Iterator[FakeDroa]:
     server = FakeDroa()
