@@ -6,9 +6,11 @@ from drcli.exchange.scores import encode_single
 from drcli.modelfiles.droa_params import (
     CLOCKWISE,
     COUNTER_CLOCKWISE,
+    DROA_TRACKS,
     Direction,
     droa_parameters,
     read_parameters,
+    split_world,
 )
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.checkpoint_files import (
@@ -74,11 +76,14 @@ def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
 
 
 def _route(settings: Settings, data: bytes) -> Direction | None:
-    """How the route of the model's track runs; None if the track is not installed here."""
+    """How the route of the model's track runs; None if that is not needed, or not known here."""
     world = str(read_parameters(data).get("WORLD_NAME", ""))
+    track, named = split_world(world)
+    if named is not None or len(DROA_TRACKS.get(track, ())) == 1:
+        return None  # measuring all tracks takes two seconds
     memory = settings.directory / "data" / "cache" / "tracks.json"
     known = {"clockwise": CLOCKWISE, "counterclockwise": COUNTER_CLOCKWISE}
-    for track in list_tracks(settings.tracks_folder, memory).tracks:
-        if track.name == world:
-            return known.get(track.direction)
+    for facts in list_tracks(settings.tracks_folder, memory).tracks:
+        if facts.name == world:
+            return known.get(facts.direction)
     return None

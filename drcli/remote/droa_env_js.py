@@ -143,4 +143,6 @@ def _plain(quoted: str) -> str:
             return chr(code) if code <= 0x10FFFF else ""
         return _LETTERS.get(match[4], match[4])
 
-    return _ESCAPE.sub(letter, quoted[1:-1])
+    text = _ESCAPE.sub(letter, quoted[1:-1])
+    # JavaScript writes a letter beyond 16 bits as two escapes.
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
