@@ -3,75 +3,23 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
-from drcli.base.errors import SettingsError, StorageError
+from drcli.base.errors import StorageError
 from drcli.base.problems import shown
 from drcli.remote.droa_keys import Keys
+from drcli.remote.droa_models import Asset, AssetType, NoSuchModel, RemoteModel, read_model
 from drcli.remote.droa_session import DroaSession
 from drcli.remote.web_request import Pause, Web
 
 if TYPE_CHECKING:
     import requests
 
-AssetType = Literal[
-    "TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"
-]
-
-DELETABLE = ("READY", "ERROR")
-"""The only statuses in which a model can be deleted."""
-
 _ID = re.compile(r"[A-Za-z0-9]{15}")
 _STALE_KEYS = re.compile(r"security token included in the request is (expired|invalid)", re.I)
 _MOST_PAGES = 1_000
 _LONGEST_MESSAGE = 300
-
-
-class NoSuchModel(SettingsError):
-    """The account has no model of that id or name."""
-
-
-@dataclass(frozen=True)
-class RemoteModel:
-    """A model in the account.
-
-    Attributes:
-        model_id: Its id, 15 letters and digits.
-        name: Its name; several models can have the same.
-        status: Such as READY, ERROR, IMPORTING or TRAINING.
-        training_status: Such as COMPLETED; empty if the server gives none.
-        created_at: ISO 8601; empty if the server gives none.
-        values: Everything that the server says about it, with the keys of its interface.
-    """
-
-    model_id: str
-    name: str
-    status: str
-    training_status: str
-    created_at: str
-    values: Mapping[str, Any]
-
-    def text(self, *path: str) -> str:
-        """A value inside `values` as text; empty if there is none."""
-        value: Any = self.values
-        for key in path:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        return "" if value is None or isinstance(value, dict | list) else str(value)
-
-    @property
-    def import_error(self) -> str:
-        """Why its import failed; empty if it did not."""
-        return self.text("importErrorMessage")
-
-
-@dataclass(frozen=True)
-class Asset:
-    """A file to download, or the status of the work that makes it."""
-
-    url: str
-    status: str
 
 
 class Droa:
@@ -97,7 +45,7 @@ class Droa:
         Raises:
             StorageError: The call failed.
         """
-        found = [_model(item, self.place) for page in self._pages() for item in page]
+        found = [read_model(item, self.place) for page in self._pages() for item in page]
         return sorted(found, key=lambda model: model.created_at, reverse=True)
 
     def model(self, model_id: str) -> RemoteModel:
@@ -108,7 +56,7 @@ class Droa:
             StorageError: The call failed.
         """
         answer = self._call("GET", f"/models/{_checked(model_id)}", model=model_id)
-        return _model(answer.get("model", answer), self.place)
+        return read_model(answer.get("model", answer), self.place)
 
     def find(self, wanted: str) -> RemoteModel:
         """One model, by its id or its name.
@@ -285,26 +233,6 @@ def _checked(model_id: str) -> str:
             remedy="`droa-list-models` lists your models with their ids.",
         )
     return model_id
-
-
-def _model(value: Any, place: str) -> RemoteModel:
-    if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
-        raise StorageError(
-            f"{place} lists a model without an id.",
-            remedy="Try again later; if it fails again, ask who runs that site.",
-        )
-
-    def text(key: str) -> str:
-        return "" if value.get(key) is None else str(value[key])
-
-    return RemoteModel(
-        model_id=value["modelId"],
-        name=text("name"),
-        status=text("status"),
-        training_status=text("trainingStatus"),
-        created_at=text("createdAt"),
-        values=value,
-    )
 
 
 def _message(answer: "requests.Response") -> str:

@@ -58,7 +58,7 @@ def code_of(error: Exception) -> str:
 def message_of(error: Exception) -> str:
     """The sentence in an answer of Amazon, without its full stop."""
     found = getattr(error, "response", {}).get("Error", {}).get("Message") or error
-    return str(found).strip().rstrip(".")
+    return " ".join(str(found).split()).rstrip(".")
 
 
 def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
@@ -95,6 +95,6 @@ def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
             remedy="Check the network connection and the region of the site.",
         )
     return StorageError(
-        f"Cannot {action}: {str(error).rstrip('.')}.",
+        f"Cannot {action}: {message_of(error)}.",
         remedy="Check the address of the site, and the options that replace its values.",
     )

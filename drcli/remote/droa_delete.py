@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
-from drcli.remote.droa_api import DELETABLE, Droa, RemoteModel
+from drcli.remote.droa_api import Droa
+from drcli.remote.droa_models import DELETABLE, RemoteModel
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.remote.droa_api import AssetType, Droa
+from drcli.remote.droa_api import Droa
 from drcli.remote.droa_import import POLL_S, Progress, Waiting
+from drcli.remote.droa_models import AssetType
 from drcli.remote.web_request import ATTEMPTS, explain, polls
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from drcli.base import notices
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.problems import ProblemsError, of_severity
-from drcli.remote.droa_api import Droa, RemoteModel
+from drcli.remote.droa_api import Droa
+from drcli.remote.droa_models import RemoteModel
 from drcli.remote.droa_package import is_wanted
 from drcli.remote.droa_rules import check_description, check_name, package_problems
 from drcli.remote.droa_upload import Watch, remove_files, upload_files

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.remote.droa_api import Droa, RemoteModel
+from drcli.remote.droa_api import Droa
+from drcli.remote.droa_models import RemoteModel
 
 _LARGEST_BYTES = 256 << 20
 """Larger metrics are something else."""

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.remote.droa_keys import (
-    LEAST_VALIDITY,
     Keys,
     cache_path,
     forget_keys,
@@ -51,12 +50,14 @@ class DroaSession:
         self._keys: Keys | None = None
 
     def keys(self) -> Keys:
-        """Keys that are valid for at least another minute.
+        """Keys that had at least another minute when they were first used.
+
+        The server says when they have ended; then `renew` gets others.
 
         Raises:
             StorageError: The sign-in failed.
         """
-        if self._keys is None or self._keys.expires <= self.clock() + LEAST_VALIDITY:
+        if self._keys is None:
             self._keys = load_keys(self._path, self.clock()) or self.renew()
         return self._keys
 

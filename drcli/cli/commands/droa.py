@@ -39,6 +39,8 @@ def droa_login(connection: Connection, as_json: AsJson = False) -> None:
 def droa_logout(connection: Connection, as_json: AsJson = False) -> None:
     """Delete the temporary keys of DeepRacer on AWS from this machine.
 
+    The keys are in ~/.droa-cache; if the site is gone, delete that folder.
+
     Example: droa-logout
     """
     session = connection.session()

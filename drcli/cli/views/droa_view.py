@@ -11,11 +11,11 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows, counted, indented
 
 if TYPE_CHECKING:
-    from drcli.remote.droa_api import RemoteModel
     from drcli.remote.droa_delete import DeletedModel
     from drcli.remote.droa_download import DownloadedAsset
     from drcli.remote.droa_import import ImportReport
     from drcli.remote.droa_metrics import PhaseMeans
+    from drcli.remote.droa_models import RemoteModel
 
 _SECOND = 19
 """Characters of a time in ISO 8601 up to its second."""

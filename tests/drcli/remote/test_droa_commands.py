@@ -310,6 +310,31 @@ def test_who_may_not_write_sends_one_small_file_only(droa, fake, laid, model, ca
     assert fake.calls == []
 
 
+def test_an_upload_that_is_interrupted_is_removed(droa, fake, laid, model, monkeypatch):
+    from drcli.remote import droa_upload
+
+    put, done = droa_upload._put, []
+
+    def interrupted(*arguments):
+        if len(done) == 3:
+            assert len(fake.objects) == 3
+            raise KeyboardInterrupt
+        done.append(put(*arguments))
+
+    monkeypatch.setattr(droa_upload, "_put", interrupted)
+
+    assert droa("droa-import-model", "--from", str(laid(model))) == 130
+    assert fake.objects == {}
+    assert fake.calls == []
+
+
+def test_a_bucket_that_cannot_be_named_so_is_one_sentence(droa, fake, laid, model, capsys):
+    options = ("--from", str(laid(model)), "--upload-bucket", "not/a bucket")
+
+    assert droa("droa-import-model", *options) == 4
+    assert "Cannot upload" in one_error(capsys)[0]
+
+
 def test_an_import_without_end_is_given_up_after_half_an_hour(
     droa, fake, laid, model, pauses, capsys
 ):
