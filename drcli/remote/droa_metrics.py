@@ -37,6 +37,48 @@ class PhaseMeans:
     best_lap_s: float | None
 
 
+@dataclass(frozen=True)
+class ModelReport:
+    """The result of `droa-get-model`.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        model_id: Id of the model.
+        name: Its name.
+        status: Such as READY, ERROR, IMPORTING or TRAINING.
+        training_status: Such as COMPLETED; empty if unknown.
+        created_at: When it was created, ISO 8601; empty if unknown.
+        import_error: Why its import failed; empty if it did not.
+        values: Everything that the interface says about it, with its keys, such as metadata.
+        means: With --summary: means of its training metrics.
+    """
+
+    site: str
+    model_id: str
+    name: str
+    status: str
+    training_status: str
+    created_at: str
+    import_error: str
+    values: dict[str, Any]
+    means: list[PhaseMeans]
+
+    @staticmethod
+    def of(site: str, model: RemoteModel, means: list[PhaseMeans]) -> "ModelReport":
+        """The report of a model."""
+        return ModelReport(
+            site,
+            model.model_id,
+            model.name,
+            model.status,
+            model.training_status,
+            model.created_at,
+            model.import_error,
+            dict(model.values),
+            means,
+        )
+
+
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
     """The means of a model's training metrics.
 

@@ -162,7 +162,7 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "droa-get-model",
         "better",
-        "also takes the name of a model; `--json` as there",
+        "also takes the name of a model; `--json` has what the interface says under `values`",
     ),
     Row(
         "droa-download-logs",

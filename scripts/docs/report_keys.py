@@ -31,6 +31,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.views.droa_view:SignedIn": ("droa-login",),
     "cli.views.droa_view:SignedOut": ("droa-logout",),
     "cli.views.droa_view:RemoteModels": ("droa-list-models",),
+    "remote.droa_metrics:ModelReport": ("droa-get-model",),
     "remote.droa_import:ImportReport": ("droa-import-model",),
     "remote.droa_download:DownloadedAsset": ("droa-download-logs",),
     "remote.droa_delete:DeletedModel": ("droa-delete-model",),

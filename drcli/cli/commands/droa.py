@@ -77,23 +77,15 @@ def droa_get_model(
 ) -> None:
     """Show a model at DeepRacer on AWS.
 
-    With --json, prints the model with the keys of its interface, and with --summary also the key
-    metricsSummary.
-
     Example: droa-get-model 2w7R6h2PNexQ9kC --summary
     """
-    import json
-
-    from drcli.remote.droa_metrics import metrics_summary
+    from drcli.remote.droa_metrics import ModelReport, metrics_summary
 
     droa = connection.droa()
     found = droa.find(model)
     means = metrics_summary(droa, found) if summary else None
-    if as_json:
-        extra = {} if means is None else {"metricsSummary": [vars(each) for each in means]}
-        console.write(json.dumps({**found.values, **extra}) + "\n")
-        return
-    console.emit(found, droa_view.model(found, means, verbose=verbose), as_json=False)
+    report = ModelReport.of(droa.place, found, means or [])
+    console.emit(report, droa_view.model(found, means, verbose=verbose), as_json=as_json)
 
 
 @connected
@@ -193,7 +185,12 @@ def droa_download_logs(
     model: _Model,
     kind: Annotated[
         _Kind,
-        typer.Option("--asset-type", metavar="TYPE", help=f"One of {', '.join(get_args(_Kind))}."),
+        typer.Option(
+            "--asset-type",
+            metavar="TYPE",
+            show_default=False,
+            help=f"One of {', '.join(get_args(_Kind))}; the first one if not given.",
+        ),
     ] = "TRAINING_LOGS",
     evaluation: Annotated[
         str, typer.Option("--evaluation-id", metavar="ID", help="For EVALUATION_LOGS: which one.")
@@ -237,7 +234,7 @@ def droa_download_logs(
         droa.place, model_id, kind, str(file), file.stat().st_size
     )
     means = archive_summary(file) if summary else None
-    console.emit(report, droa_view.downloaded(report, means), as_json=as_json, folded=False)
+    console.emit(report, droa_view.downloaded(report, means), as_json=as_json)
 
 
 @connected

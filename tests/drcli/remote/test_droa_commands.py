@@ -86,11 +86,14 @@ def test_a_model_is_shown_with_its_settings(droa, fake, capsys):
     assert "def reward_function" not in short
 
 
-def test_a_model_in_json_is_what_the_interface_gives(droa, fake, capsys):
+def test_a_model_in_json_has_all_that_the_interface_gives(droa, fake, capsys):
     model_id = fake.add_model("car", metadata={"agentAlgorithm": "SAC"})
 
     assert droa("droa-get-model", "car", "--json") == 0
-    assert printed_json(capsys) == fake.models[model_id]
+
+    report = printed_json(capsys)
+    assert report["values"] == fake.models[model_id]
+    assert (report["model_id"], report["status"], report["means"]) == (model_id, "READY", [])
 
 
 def test_a_name_that_two_models_have_is_not_guessed(droa, fake, capsys):
@@ -138,7 +141,7 @@ def test_a_summary_has_the_means_of_each_phase(droa, fake, capsys):
 
     assert droa("droa-get-model", model_id, "--summary", "--json") == 0
 
-    training, evaluation = printed_json(capsys)["metricsSummary"]
+    training, evaluation = printed_json(capsys)["means"]
     assert training == {
         "phase": "training",
         "episodes": 2,

@@ -1,7 +1,10 @@
 """Signing in to DeepRacer on AWS: keys, their cache, and everything that can go wrong."""
 
 import json
+import os
 import stat
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -317,3 +320,28 @@ def test_cognito_out_of_reach_is_one_sentence(droa, fake, capsys, monkeypatch, w
 
     assert droa("droa-login") == 4
     assert "http://127.0.0.1:1 cannot be reached" in only_error(capsys)
+
+
+def test_a_program_takes_the_password_from_a_pipe(fake, home, working_folder):
+    fake.add_model("car")
+    settings = {
+        "DR_DROA_URL": fake.url,
+        "DR_DROA_USERNAME": USER,
+        "DR_DROA_AWS_ENDPOINT_URL": fake.url,
+        "HOME": str(home),
+    }
+    code = "from drcli.cli.app import main; main(['droa-list-models'])"
+
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=f"{PASSWORD}\n",
+        env={**os.environ, **settings},
+        cwd=working_folder,
+        capture_output=True,
+        text=True,
+    )
+
+    assert done.returncode == 0, done.stderr
+    assert "car" in done.stdout
+    assert done.stderr == ""
+    assert PASSWORD not in done.stdout
