@@ -14,7 +14,7 @@ from drcli.cli import console
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS
 
-from .conftest import MODEL, TRACK
+from .conftest import DROA_ID, MODEL, TRACK
 
 WIDTHS = [40, 60, 80, 200]
 
@@ -44,6 +44,13 @@ CALLS = {
     "car stop --car 10.0.0.5": "has stopped",
     "car speed 30 --car 10.0.0.5": "30 %",
     "car status --car 10.0.0.5": "frames/s",
+    "droa-login": "Signed in to",
+    "droa-logout": "Deleted the temporary keys",
+    "droa-list-models": "READY",
+    f"droa-get-model {DROA_ID} -v --summary": "episodes",
+    "droa-import-model --from model": "It is ready.",
+    f"droa-download-logs {DROA_ID}": "Downloaded TRAINING_LOGS",
+    f"droa-delete-model {DROA_ID} -f": "is deleting",
     "init elsewhere": "",
     "config show": "DR_WORLD_NAME=reinvent_base",
     "config show DR_WORLD_NAME DR_HOST_X": "Allowed: ",
