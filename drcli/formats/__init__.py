@@ -1,0 +1,1 @@
+"""Forms in which policies leave and arrive."""

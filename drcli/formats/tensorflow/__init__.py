@@ -1,0 +1,1 @@
+"""File formats of TensorFlow, read and written without it."""
