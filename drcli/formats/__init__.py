@@ -1,1 +1,0 @@
-"""Forms in which policies leave and arrive."""

@@ -1,1 +1,0 @@
-"""File formats of TensorFlow, read and written without it."""
