@@ -10,15 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from drcli.formats.tensorflow.graph import (
-    Array,
-    DataType,
-    Node,
-    Shape,
-    data_type,
-    graph_message,
-)
-from drcli.formats.tensorflow.messages import MetaGraphMessage
+from drcli.formats.tensorflow.graph import Array, Attr, Node, Shape, data_type, graph_message
+from drcli.formats.tensorflow.messages import DataType, MetaGraphMessage
 
 _STRING = 7
 _SAVER_V2 = 2
@@ -75,7 +68,7 @@ def _with_variables(nodes: Sequence[Node], variables: Mapping[str, Array]) -> li
 
 
 def _variable(name: str, value: Array) -> Node:
-    attrs = {
+    attrs: dict[str, Attr] = {
         "container": "",
         "dtype": data_type(value),
         "shape": Shape(value.shape),
