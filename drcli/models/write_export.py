@@ -18,6 +18,7 @@ from drcli.models.put_model import POINTERS, Delivery, Progress
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     parse_url,
+    refuse_nesting,
     refuse_overlap,
     refuse_training,
     source_bucket,
@@ -75,7 +76,9 @@ def export_target(
     bucket = source_bucket(settings.transfer, name, local=local, patience_s=COPY_PATIENCE_S)
     there = bucket.list(keys.folder(prefix))
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=False)
+    refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=True)
+    if local:
+        refuse_nesting(bucket, prefix, settings.custom_files_prefix, flag="--out")
     refuse_training(bucket, prefix)
     if there and not force:
         raise SettingsError(
