@@ -26,6 +26,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.write_probe import prove_writing
 
 _URL = "s3://"
 
@@ -55,7 +56,7 @@ def is_url(out: str) -> bool:
 def export_target(
     settings: Settings, out: str, source: str, *, local: bool, force: bool
 ) -> ExportTarget:
-    """Check where an export should go; nothing is written yet.
+    """Check where an export should go; only a test object may be written, and deleted again.
 
     Args:
         settings: With the servers.
@@ -85,6 +86,7 @@ def export_target(
             f"{out} is not empty: it has {there[0].key.removeprefix(keys.folder(prefix))}.",
             remedy="Choose another prefix with --out, or replace the files there with -f.",
         )
+    prove_writing(bucket, prefix, deletes=force)
     return ExportTarget(f"{_URL}{name}/{prefix}", bucket=bucket, prefix=prefix)
 
 
