@@ -184,8 +184,9 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
     answer("models.write_export.export_target", ExportTarget(f"{folder}/out", folder / "out"))
     for module, read, write in (
-        ("export_checkpoint", "read_checkpoint_export", "export_checkpoint"),
+        # First the one that imports the other: it would keep an answer that is there already.
         ("export_droa", "read_droa_export", "export_droa"),
+        ("export_checkpoint", "read_checkpoint_export", "export_checkpoint"),
     ):
         answer(f"models.{module}.{read}", exported)
         answer(f"models.{module}.{write}", export)
