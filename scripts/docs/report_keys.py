@@ -27,6 +27,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),
+    "models.export_checkpoint:ExportReport": ("export tf-checkpoint", "export droa"),
     "models.model_list:ModelList": ("list-models", "list-aws-models"),
     "cli.views.droa_view:SignedIn": ("droa-login",),
     "cli.views.droa_view:SignedOut": ("droa-logout",),
