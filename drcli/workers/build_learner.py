@@ -1,12 +1,12 @@
-"""Builds network and learner from model_metadata.json and hyperparameters.json."""
+"""Builds the learner from model_metadata.json and hyperparameters.json."""
 
 from dataclasses import fields
 from typing import TypeVar
 
+from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
-from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
@@ -15,31 +15,6 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 
 Learner = PPO | SAC
 C = TypeVar("C", PPOConfig, SACConfig)
-
-STATE_DIMS = 22
-"""Length of `Simulation.privileged`. It is repeated here because loading the simulator for it would
-cost the trainer 33 MB of memory."""
-
-
-def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
-    """The network that model_metadata.json and hyperparameters.json ask for."""
-    space = metadata.action_space
-    return PolicySpec(
-        num_actions=space.num_actions,
-        continuous=space.continuous,
-        network=metadata.neural_network,
-        eyes=metadata.eyes,
-        stack=parameters.stack_size,
-        scan_dims=metadata.scan_dims,
-        state_dims=STATE_DIMS if parameters.critic == "state" else 0,
-    )
-
-
-def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with, which gets its weights from a checkpoint."""
-    spec = policy_spec(metadata, parameters)
-    model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
-    return model.eval()
 
 
 def build_learner(

@@ -24,13 +24,13 @@ from drcli.exchange.episode_metrics import (
 )
 from drcli.exchange.job import Job
 from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
+from drcli.formats.build_network import build_policy, load_weights
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.workers import reference_log, worker_process
-from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
     build_simulation,
@@ -40,7 +40,6 @@ from drcli.workers.build_race import (
 )
 from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
-from drcli.workers.restore_learner import load_weights
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
@@ -160,7 +159,7 @@ def _racer(bucket: Bucket, entry: Entry, design: Design, config: RunConfig) -> R
     plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
     model = build_policy(metadata, parameters)
     checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
-    load_weights(model, checkpoint)
+    load_weights(model, checkpoint.tensors, checkpoint.record.name)
     return Racer(model, actions_of(metadata))
 
 

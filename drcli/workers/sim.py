@@ -17,6 +17,7 @@ from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.trace import csv_text, schedule
+from drcli.formats.build_network import build_policy, load_weights
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.modelfiles.network_shape import Design
@@ -26,7 +27,6 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.repair import Model, repair_metrics
 from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers import reference_log, worker_process
-from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import (
     actions_of,
     build_simulation,
@@ -38,7 +38,6 @@ from drcli.workers.cores import cores, driving_threads, overlaps
 from drcli.workers.driving import Driven, Driver, Plan, Racer, episodes_of
 from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
-from drcli.workers.restore_learner import load_weights
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode.episode_rules import EpisodeRules
@@ -143,7 +142,7 @@ class SimWorker:
             iteration = max(iteration, newest)
             checkpoint = self._checkpoints.load(str(name))
             self._waiter.learn_from(checkpoint.record)
-            load_weights(self._model, checkpoint)
+            load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
             self._iterate(iteration, name)
             iteration += 1
 

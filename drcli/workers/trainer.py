@@ -17,6 +17,7 @@ from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import TrainingEnd
+from drcli.formats.build_network import load_weights
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
@@ -31,7 +32,7 @@ from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import learning_threads
 from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
-from drcli.workers.restore_learner import forget_evaluations, load_weights, restore_optimizer
+from drcli.workers.restore_learner import forget_evaluations, restore_optimizer
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -127,7 +128,7 @@ class Trainer:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
         record = found.record
         forget_evaluations(self._bucket, self._prefix, after=record.number)
-        load_weights(self._learner.model, found)
+        load_weights(self._learner.model, found.tensors, found.record.name)
         if found.optimizer is None:
             _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
         else:

@@ -17,6 +17,7 @@ import torch
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute, choose_compute
@@ -27,7 +28,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.server import server
-from drcli.workers.build_learner import algorithm_config, policy_spec
+from drcli.workers.build_learner import algorithm_config
 from drcli.workers.build_race import actions_of, load_world, longest_episode
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.trainer import SEED_STRIDE

@@ -37,12 +37,12 @@ import torch
 from learn_runs import Work, rollout_of
 from numpy.typing import NDArray
 
+from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.compute import flush_denormals
 from drcli.learn.ppo import PPO
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import policy_spec
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.trainer import SEED_STRIDE
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.torch import load_file
 
+from drcli.formats.build_network import build_policy
 from drcli.learn.policy import Observation, decide
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import build_policy
 from drcli.workers.build_race import actions_of
 from drsim import CONTROL_HZ, RacerEnv
 

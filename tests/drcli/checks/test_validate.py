@@ -280,19 +280,6 @@ def test_the_start_of_a_training_reports_the_same_errors_in_a_line_each(folder, 
     assert "Did you mean huber?" in refusal.value.remedy
 
 
-def test_the_start_leaves_out_the_parameters_of_a_failing_call(folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
-    folder.reward("def reward_function(params):\n    return params['sped']\n")
-    [expected] = folder.report().errors
-
-    with pytest.raises(SettingsError) as refusal:
-        prepare(load_settings(folder.path, environ={}), StartOptions())
-
-    first, params = expected.message.split("\n")
-    assert params.startswith("  params = ")
-    assert str(refusal.value).endswith(first)
-
-
 def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch):
     monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
     folder.reward("def reward_function(params):\n  return 1 if params['progress']==1 else 2\n")

@@ -9,18 +9,14 @@ import pytest
 import torch
 from safetensors.torch import save
 
+from drcli.formats.build_network import STATE_DIMS, policy_spec
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import (
-    STATE_DIMS,
-    algorithm_config,
-    build_learner,
-    policy_spec,
-)
+from drcli.workers.build_learner import algorithm_config, build_learner
 from drcli.workers.build_race import sensors_of_model
 from drcli.workers.restore_learner import restore_optimizer
 from drsim.episode.privileged_features import PRIVILEGED_DIMS

@@ -1,0 +1,74 @@
+"""Builds the network of a model from model_metadata.json and hyperparameters.json."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from torch import nn
+
+from drcli.base.errors import SettingsError
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import PolicySpec
+from drcli.learn.sac_networks import SACAgent
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+
+STATE_DIMS = 22
+"""Length of `Simulation.privileged`. It is repeated here because loading the simulator for it would
+cost the trainer 33 MB of memory."""
+
+
+def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
+    """The network that model_metadata.json and hyperparameters.json ask for."""
+    space = metadata.action_space
+    return PolicySpec(
+        num_actions=space.num_actions,
+        continuous=space.continuous,
+        network=metadata.neural_network,
+        eyes=metadata.eyes,
+        stack=parameters.stack_size,
+        scan_dims=metadata.scan_dims,
+        state_dims=STATE_DIMS if parameters.critic == "state" else 0,
+    )
+
+
+def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
+    """A network to drive with, which gets its weights from a checkpoint."""
+    spec = policy_spec(metadata, parameters)
+    model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
+    return model.eval()
+
+
+def load_weights(model: nn.Module, data: bytes, name: str) -> None:
+    """Load the weights of a checkpoint, a safetensors file, into a network.
+
+    Raises:
+        SettingsError: The parameter files describe another network.
+    """
+    try:
+        model.load_state_dict(load_tensors(data))
+    except (RuntimeError, SafetensorError) as error:
+        what = str(error).strip().splitlines()[-1].strip()
+        raise SettingsError(
+            f"The weights of {name} do not fit model_metadata.json and hyperparameters.json: "
+            f"{what}",
+            remedy="Restore the files that the model was trained with, or train it again with "
+            "`dr-start-training -w`.",
+        ) from None
+
+
+def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
+    """Copies of all weights of a network by their names, as float32 arrays on the CPU."""
+    return {
+        name: tensor.detach().to("cpu", torch.float32).contiguous().numpy().copy()
+        for name, tensor in model.state_dict().items()
+    }
+
+
+def load_arrays(model: nn.Module, weights: Mapping[str, NDArray[np.float32]]) -> None:
+    """Load weights of these names; those that are not named keep what they are."""
+    tensors = {name: torch.from_numpy(np.array(array)) for name, array in weights.items()}
+    model.load_state_dict(model.state_dict() | tensors)

@@ -1,0 +1,225 @@
+"""Writes a policy as a frozen TensorFlow graph, which the car and other engines can run."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.formats.reference_names import (
+    POLICY,
+    POLICY_BODY,
+    PPO_AGENT,
+    SAC_AGENT,
+    Embedder,
+    Layer,
+    embedders,
+    input_name,
+    middleware,
+    policy_head,
+)
+from drcli.formats.tensorflow.graph import Array, Attr, Node, Shape, encode_graph
+from drcli.formats.tensorflow.messages import DataType
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
+
+Weights = Mapping[str, NDArray[np.float32]]
+"""Weights by their names in our networks, `ActorCritic` or `SACAgent`."""
+
+LIDAR_FEATURES = 256
+"""Features of a lidar's embedder."""
+
+_NORM_EPSILON = 1e-5
+"""What torch's LayerNorm adds to the variance."""
+
+
+def encode_policy(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> bytes:
+    """The file of a policy's graph; `sensors` are those of model_metadata.json."""
+    return encode_graph(policy_nodes(weights, spec, sensors))
+
+
+def policy_nodes(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> list[Node]:
+    """The graph of a policy.
+
+    It takes grey values from 0 to 255 of shape (n, 120, 160, cameras), and a lidar's values. Its
+    output are the probabilities of discrete actions, or continuous actions, nominally in [-1, 1],
+    of shape (n, num_actions). SAC's are squashed by tanh, because the car only clips them.
+    """
+    is_sac = "actor.1.0.weight" in weights
+    graph = _Writer(weights, SAC_AGENT if is_sac else PPO_AGENT)
+    order = embedders(spec, sensors)
+    features = _features(graph, order, spec)
+    first, *others = middleware(spec)
+    features = graph.dense(first, features, first_dense_kernel(weights, order))
+    for layer in others:
+        features = graph.dense(layer, features)
+    if is_sac:
+        mean = _actor_mean(graph, features, spec.num_actions)
+        graph.add(POLICY, "Tanh", mean)
+    else:
+        logits = graph.dense(policy_head(continuous=spec.continuous), features)
+        graph.add(POLICY, "Identity" if spec.continuous else "Softmax", logits)
+    return graph.nodes
+
+
+def first_dense_kernel(weights: Weights, order: Sequence[Embedder]) -> NDArray[np.float32]:
+    """The kernel of the first dense layer, with its rows in the reference's order of features.
+
+    Ours are the camera's features before the lidar's. Shape (features, width).
+    """
+    kernel = weights["body.dense.0.weight"].T
+    if len(order) == 1 or not order[0].is_lidar:
+        return kernel
+    return np.concatenate([kernel[-LIDAR_FEATURES:], kernel[:-LIDAR_FEATURES]])
+
+
+class _Writer:
+    """The nodes of a graph, added one after the other."""
+
+    def __init__(self, weights: Weights, agent: str) -> None:
+        self.weights = weights
+        self.agent = agent
+        self.nodes: list[Node] = []
+
+    def add(self, name: str, op: str, *inputs: str, **attrs: Attr) -> str:
+        """Add a node of the agent by its name below it; returns the full name."""
+        full = f"{self.agent}/{name}"
+        kinds: dict[str, Attr] = {"T": DataType.FLOAT, **attrs}
+        self.nodes.append(Node(full, op, inputs, kinds))
+        return full
+
+    def constant(self, name: str, value: Array) -> str:
+        """Add a constant."""
+        full = f"{self.agent}/{name}"
+        self.nodes.append(Node(full, "Const", value=np.asarray(value, order="C")))
+        return full
+
+    def placeholder(self, full: str, shape: Shape) -> None:
+        """Add an input by its full name."""
+        attrs: dict[str, Attr] = {"dtype": DataType.FLOAT, "shape": shape}
+        self.nodes.append(Node(full, "Placeholder", (), attrs))
+
+    def variable(self, name: str, value: Array) -> str:
+        """Add a weight, with the node that reads it, as in the reference's graphs."""
+        return self.add(f"{name}/read", "Identity", self.constant(name, value))
+
+    def bias_add(self, scope: str, values: str, bias: Array) -> str:
+        """Add a bias to the last axis."""
+        read = self.variable(f"{scope}/bias", bias)
+        return self.add(f"{scope}/BiasAdd", "BiasAdd", values, read, data_format="NHWC")
+
+    def matmul(self, scope: str, values: str, kernel: Array) -> str:
+        """Multiply rows by a kernel of shape (inputs, outputs)."""
+        read = self.variable(f"{scope}/kernel", kernel)
+        return self.add(
+            f"{scope}/MatMul", "MatMul", values, read, transpose_a=False, transpose_b=False
+        )
+
+    def convolve(self, scope: str, values: str, kernel: Array, stride: tuple[int, int]) -> str:
+        """Convolve pictures with a kernel of shape (rows, columns, channels, filters)."""
+        read = self.variable(f"{scope}/kernel", kernel)
+        return self.add(
+            f"{scope}/Conv2D",
+            "Conv2D",
+            values,
+            read,
+            strides=(1, *stride, 1),
+            padding="VALID",
+            data_format="NHWC",
+            dilations=(1, 1, 1, 1),
+            use_cudnn_on_gpu=True,
+        )
+
+    def reshape(self, name: str, values: str, width: int) -> str:
+        """Flatten everything but the first axis."""
+        shape = self.constant(f"{name}/shape", np.array([-1, width], np.int32))
+        return self.add(name, "Reshape", values, shape, Tshape=DataType.INT32)
+
+    def dense(self, layer: Layer, values: str, kernel: Array | None = None) -> str:
+        """A dense layer on rows, with its activation."""
+        if kernel is None:
+            kernel = self.weights[f"{layer.ours}.weight"].T
+        scope = f"{POLICY_BODY}/{layer.scope}"
+        product = self.matmul(scope, values, kernel)
+        return self._activated(layer, product)
+
+    def convolution(self, layer: Layer, values: str) -> str:
+        """A convolution, or a dense layer on every pixel, with its activation."""
+        weight = self.weights[f"{layer.ours}.weight"]
+        scope = f"{POLICY_BODY}/{layer.scope}"
+        if layer.stride is None:
+            kernel = weight.T.reshape(1, 1, *weight.T.shape)
+        else:
+            kernel = weight.transpose(2, 3, 1, 0)
+        return self._activated(layer, self.convolve(scope, values, kernel, layer.stride or (1, 1)))
+
+    def _activated(self, layer: Layer, values: str) -> str:
+        bias = self.weights[f"{layer.ours}.bias"]
+        values = self.bias_add(f"{POLICY_BODY}/{layer.scope}", values, bias)
+        if not layer.activation:
+            return values
+        return self.add(f"{POLICY_BODY}/{layer.activation}", "Relu", values)
+
+
+def _features(graph: _Writer, order: Sequence[Embedder], spec: PolicySpec) -> str:
+    """The features of all sensors, joined."""
+    parts = []
+    for embedder in order:
+        shape: tuple[int, ...] = (spec.scan_dims,)
+        if not embedder.is_lidar:
+            shape = (FRAME_HEIGHT, FRAME_WIDTH, spec.channels)
+        name = input_name(graph.agent, embedder.sensor)
+        graph.placeholder(name, Shape((-1, *shape)))
+        parts.append(_embedded(graph, embedder, name))
+    if len(parts) == 1:
+        return parts[0]
+    axis = graph.constant(f"{POLICY_BODY}/concat/axis", np.array(1, np.int32))
+    name = f"{POLICY_BODY}/concat"
+    return graph.add(name, "ConcatV2", *parts, axis, N=len(parts), Tidx=DataType.INT32)
+
+
+def _embedded(graph: _Writer, embedder: Embedder, values: str) -> str:
+    scope = f"{POLICY_BODY}/{embedder.sensor}"
+    if embedder.is_lidar:
+        for layer in embedder.layers:
+            values = graph.dense(layer, values)
+        return values
+    scale = graph.constant(f"{scope}/truediv/y", np.array(255.0, np.float32))
+    values = graph.add(f"{scope}/truediv", "RealDiv", values, scale)
+    for layer in embedder.layers:
+        values = graph.convolution(layer, values)
+    flat = graph.weights["body.dense.0.weight"].shape[1]
+    if "body.lidar.0.weight" in graph.weights:
+        flat -= LIDAR_FEATURES
+    return graph.reshape(f"{scope}/Flatten/flatten/Reshape", values, flat)
+
+
+def _actor_mean(graph: _Writer, features: str, num_actions: int) -> str:
+    """SAC's actor up to the mean before tanh.
+
+    Its layer norm subtracts the mean and divides by the standard deviation. The mean is linear in
+    the inputs, so it is subtracted from the kernel beforehand.
+    """
+    w, scope = graph.weights, f"{POLICY_BODY}/sac_head_0"
+    weight, bias = w["actor.0.0.weight"].astype(np.float64), w["actor.0.0.bias"].astype(np.float64)
+    kernel = (weight - weight.mean(axis=0)).T.astype(np.float32)
+    values = graph.matmul(f"{scope}/Dense_0", features, kernel)
+    centred = (bias - bias.mean()).astype(np.float32)
+    values = graph.bias_add(f"{scope}/Dense_0", values, centred)
+    squares = graph.add(f"{scope}/norm/Square", "Mul", values, values)
+    mean = np.full((len(bias), 1), 1.0 / len(bias), np.float32)
+    variance = graph.matmul(f"{scope}/norm/variance", squares, mean)
+    epsilon = np.array([_NORM_EPSILON], np.float32)
+    variance = graph.bias_add(f"{scope}/norm/variance", variance, epsilon)
+    scale = graph.add(f"{scope}/norm/Rsqrt", "Rsqrt", variance)
+    values = graph.add(f"{scope}/norm/mul", "Mul", values, scale)
+    gamma = graph.variable(f"{scope}/norm/gamma", w["actor.0.1.weight"])
+    values = graph.add(f"{scope}/norm/mul_1", "Mul", values, gamma)
+    values = graph.bias_add(f"{scope}/norm/beta", values, w["actor.0.1.bias"])
+    values = graph.add(f"{scope}/norm/Tanh", "Tanh", values)
+    for number, place in enumerate((0, 2)):
+        layer = Layer(
+            f"actor.1.{place}", f"sac_head_0/Dense_{number + 1}", f"sac_head_0/Relu_{number}"
+        )
+        values = graph.dense(layer, values)
+    last = f"{scope}/policy_mean"  # without the rows of the standard deviation
+    values = graph.matmul(last, values, w["actor.1.4.weight"][:num_actions].T)
+    return graph.bias_add(last, values, w["actor.1.4.bias"][:num_actions])
