@@ -15,6 +15,7 @@ from drcli.config.settings import CustomFilesConfig, StorageConfig
 from drcli.store import keys
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
+from drcli.store.write_probe import prove_writing
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""
@@ -50,6 +51,7 @@ def upload_custom_files(
 
     Raises:
         SettingsError: There is no such folder, or a file in it cannot be read.
+        StorageError: The bucket cannot be written; then nothing was copied.
     """
     folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
@@ -73,6 +75,8 @@ def upload_custom_files(
         if Checksums.of(data).matches(bucket, there.get(key)):
             unchanged.append(name)
             continue
+        if not copied:
+            prove_writing(bucket, config.prefix, deletes=False)
         bucket.put(key, data)
         copied.append(name)
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)
