@@ -135,14 +135,24 @@ def compare(
         frames: Pictures of shape (n, stack * eyes, 120, 160).
         scans: Lidar values. Shape (n, d).
     """
-    wanted, given = [], []
-    for begin in range(0, len(frames), _AT_A_TIME):
-        part = slice(begin, begin + _AT_A_TIME)
-        wanted.append(torch_outputs(model, frames[part], scans[part]))
-        given.append(policy.outputs(frames[part], scans[part]))
-    ours, theirs = np.concatenate(wanted), np.concatenate(given)
+    return compare_outputs(
+        torch_outputs(model, frames, scans), policy, frames, scans, continuous=model.spec.continuous
+    )
+
+
+def compare_outputs(
+    ours: NDArray[np.float32],
+    policy: EnginePolicy,
+    frames: NDArray[np.uint8],
+    scans: NDArray[np.float32],
+    *,
+    continuous: bool,
+) -> Comparison:
+    """The same with what `torch_outputs` gave before."""
+    parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
+    theirs = np.concatenate([policy.outputs(frames[part], scans[part]) for part in parts])
     same = 1.0
-    if not model.spec.continuous:
+    if not continuous:
         same = float((ours.argmax(axis=1) == theirs.argmax(axis=1)).mean())
     scale = max(1.0, float(np.abs(ours).max()))
     return Comparison(len(frames), same, float(np.abs(ours - theirs).max()) / scale)
@@ -152,6 +162,9 @@ def torch_outputs(
     model: Network, frames: NDArray[np.uint8], scans: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """Probabilities of discrete actions, or continuous actions, of shape (n, num_actions)."""
+    if len(frames) > _AT_A_TIME:
+        parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
+        return np.concatenate([torch_outputs(model, frames[part], scans[part]) for part in parts])
     states = np.zeros((len(frames), model.spec.state_dims), np.float32)
     seen = Observation.of_arrays(frames, scans, states)
     with torch.inference_mode():
