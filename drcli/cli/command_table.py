@@ -92,6 +92,8 @@ COMMANDS: tuple[Command, ...] = (
             "increment-upload-model", "Raise the number in the next upload's name.", "increments"
         ),
         Command("download-model", "Copy a model from another bucket.", "copy_model"),
+        Command("export", "Write a model in the format of another system.", function="app"),
+        Command("upload-car-zip", "Upload an archive for the physical car.", "export_car"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
@@ -116,7 +118,6 @@ COMMANDS: tuple[Command, ...] = (
         Command("tracks", "List, show, add and fetch tracks.", function="app"),
         Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),
-    *_unavailable("Archives for the physical car.", "upload-car-zip"),
     *_unavailable(
         "Live pictures of the cars.",
         "start-viewer",

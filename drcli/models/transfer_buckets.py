@@ -176,6 +176,17 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
         )
 
 
+def prove_writable(bucket: Bucket, prefix: str) -> None:
+    """Write a short-lived object below a prefix, so that a transfer does not fail half-way.
+
+    Raises:
+        StorageError: Objects there cannot be written or deleted.
+    """
+    probe = f"{keys.folder(prefix)}.probe-{uuid.uuid4().hex}"
+    bucket.put(probe, b"probe")
+    bucket.delete([probe])
+
+
 def _is_same(source: Bucket, target: Bucket, *, may_write: bool) -> bool:
     """Whether both are the same bucket."""
     if source is target:

@@ -27,6 +27,8 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),
+    "models.export_car:CarReport": ("export car", "upload-car-zip"),
+    "models.export_car:ArchiveReport": ("export car --check",),
     "models.model_list:ModelList": ("list-models", "list-aws-models"),
     "cli.commands.increments:UploadName": ("set-upload-model",),
     "models.copy_custom_files:CustomFilesReport": ("upload-custom-files", "download-custom-files"),

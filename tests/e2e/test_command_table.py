@@ -121,7 +121,6 @@ AFTERWARDS = [
     Call("local-aws s3 ls --recursive", "s3 ls --recursive", 3),
     Call("completion show bash", "complete"),
     Call("completion install bash --json", "shell script"),
-    Call("upload-car-zip -fL", "not available in this version", 7),
     Call("start-viewer -w 640 -h 480", "not available in this version", 7),
     Call("update-viewer", "not available in this version", 7),
     Call("view-stream", "not available in this version", 7),
