@@ -89,14 +89,11 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
         data: The archive.
         name: Its path or name, whose last part the car would see.
     """
-    file_name = PurePath(name).name
-    problems = list(file_name_problems(file_name))
     try:
         files = unpack_archive(io.BytesIO(data), name)
     except SettingsError as error:
-        return CarCheck(
-            (*problems, Problem("C-01", "error", name, None, str(error), error.remedy)), ()
-        )
+        return CarCheck((Problem("C-01", "error", name, None, str(error), error.remedy),), ())
+    problems = list(file_name_problems(PurePath(name).name))
     if not data.startswith(_GZIP):
         what = "it is not compressed, but the car's web page only takes a compressed .tar.gz."
         remedy = "Compress it with `gzip`."

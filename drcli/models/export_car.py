@@ -170,21 +170,33 @@ def archive_path(out: Path | None, source_name: str) -> Path:
     """Where to write an archive: a file of a name that the car takes.
 
     Args:
-        out: A file, or a folder; None for the current folder.
+        out: A file; or a folder, which need not exist if its name has no dot; None for the current
+            folder.
         source_name: Of the model.
 
     Raises:
         ProblemsError: The car does not take a file of that name.
     """
     path = Path() if out is None else out
-    if path.is_dir():
+    if path.is_dir() or (not path.exists() and "." not in path.name):
         path /= car_file_name(source_name)
     refuse(file_name_problems(path.name))
     return path
 
 
 def write_archive(export: CarExport, path: Path) -> CarReport:
-    """Write the archive to a file, whole or not at all; an older one is replaced."""
+    """Write the archive to a file, whole or not at all; an older one is replaced.
+
+    Raises:
+        SettingsError: The file or its folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise SettingsError(
+            f"{path.parent}: cannot be created ({e.strerror or e}).",
+            remedy="Choose another folder with --out.",
+        ) from e
     rewrite(path, export.archive)
     return replace(export.report, files=[str(path)])
 
