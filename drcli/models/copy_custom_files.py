@@ -15,6 +15,7 @@ from drcli.config.settings import CustomFilesConfig, StorageConfig
 from drcli.store import keys
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
+from drcli.store.write_probe import prove_writing
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""
@@ -50,6 +51,7 @@ def upload_custom_files(
 
     Raises:
         SettingsError: There is no such folder, or a file in it cannot be read.
+        StorageError: The bucket cannot be written; then nothing was copied.
     """
     folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
@@ -62,7 +64,8 @@ def upload_custom_files(
     say(f"Uploading files to {place}")
     start = keys.folder(config.prefix)
     there = {info.key: info for info in bucket.list(start)}
-    copied, unchanged, refused = [], [], []
+    copied: list[str] = []
+    unchanged, refused = [], []
     for path in sorted(_files(folder)):
         name = path.relative_to(folder).as_posix()
         readable = os.fsencode(name).decode(errors="backslashreplace")
@@ -73,6 +76,8 @@ def upload_custom_files(
         if Checksums.of(data).matches(bucket, there.get(key)):
             unchanged.append(name)
             continue
+        if not copied:
+            prove_writing(bucket, config.prefix, deletes=False)
         bucket.put(key, data)
         copied.append(name)
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)

@@ -22,10 +22,10 @@ from drcli.models.put_model import Delivery, Progress
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     checked_prefix,
-    prove_writable,
     target_bucket,
 )
 from drcli.store.connect import COMMAND_PATIENCE_S
+from drcli.store.write_probe import prove_writing
 
 CAR_FILE = "carfile.tar.gz"
 """The name that scripts for the reference look for."""
@@ -233,7 +233,7 @@ def plan_car_upload(
         otherwise="or upload into the local bucket with -L",
     )
     if not dry_run:
-        prove_writable(there, target)
+        prove_writing(there, target, deletes=False)
     return CarTarget(settings, target, local, f"s3://{there.name}/{target}")
 
 

@@ -20,6 +20,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.repair import Model, readable_scores
+from drcli.store.write_probe import prove_writing
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is cloned for its evaluation."""
@@ -137,6 +138,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
         for folder in ("model/", "ip/")
         for item in bucket.list(keys.folder(source) + folder)
     ]
+    prove_writing(bucket, target, deletes=False)
     for key in sorted(found, key=lambda key: key in pointers):
         copy = keys.folder(target) + key.removeprefix(keys.folder(source))
         bucket.put(copy, bucket.get(key))

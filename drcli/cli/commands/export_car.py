@@ -8,7 +8,7 @@ import typer
 
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, DryRun, Force, prefix_option
-from drcli.cli.views import car_view
+from drcli.cli.views import car_archive_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def export_car(
     console.say(source.chosen.line)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
-    console.emit(report, car_view.export(report), as_json=as_json)
+    console.emit(report, car_archive_view.export(report), as_json=as_json)
 
 
 def upload_car_zip(
@@ -128,7 +128,7 @@ def upload_car_zip(
     progress = partial(console.progress, unit="bytes")
     report = upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
-    console.emit(report, car_view.export(report), as_json=as_json)
+    console.emit(report, car_archive_view.export(report), as_json=as_json)
 
 
 def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
@@ -166,7 +166,7 @@ def _check(path: Path, *, as_json: bool) -> None:
 
     report = check_archive(path)
     _warn(report.warnings)
-    console.emit(report, car_view.check(report), as_json=as_json)
+    console.emit(report, car_archive_view.check(report), as_json=as_json)
     refuse(report.errors)
 
 
