@@ -29,6 +29,13 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.download:DownloadReport": ("download-model",),
     "models.export_car:CarReport": ("export car", "upload-car-zip"),
     "models.export_car:ArchiveReport": ("export car --check",),
+    "models.export_checkpoint:ExportReport": ("export tf-checkpoint", "export droa"),
+    "models.export_forms:FormReport": (
+        "export pb",
+        "export onnx",
+        "export tflite",
+        "export openvino",
+    ),
     "models.model_list:ModelList": ("list-models", "list-aws-models"),
     "cli.commands.increments:UploadName": ("set-upload-model",),
     "cli.views.car_view:CarLoginReport": ("car login",),

@@ -1,6 +1,5 @@
 """One policy in every engine, and files of strangers in theirs."""
 
-
 import numpy as np
 import pytest
 

@@ -14,9 +14,11 @@ from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
+from drcli.models.export_checkpoint import ExportReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
+from drcli.models.write_export import ExportTarget
 from drcli.remote.car_address import CarAddress
 from drcli.remote.car_driving import CarDrive, CarSpeed
 from drcli.remote.car_login import CarLogin
@@ -174,6 +176,20 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = SimpleNamespace(prefix="model")
     answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
     answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
+    exported = SimpleNamespace(source=SimpleNamespace(chosen=SimpleNamespace(line="c")))
+    export = ExportReport(
+        **{"source": URL, "checkpoint": "8_Step-4000.ckpt", "target": URL, "files": files},
+        **{"size_bytes": 123_456_789, "archive": f"{folder}/model.tar.gz"},
+        **{key: ["A sentence about it."] for key in ("notes", "verified", "not_verified")},
+    )
+    answer("models.write_export.export_target", ExportTarget(f"{folder}/out", folder / "out"))
+    for module, read, write in (
+        # First the one that imports the other: it would keep an answer that is there already.
+        ("export_droa", "read_droa_export", "export_droa"),
+        ("export_checkpoint", "read_checkpoint_export", "export_checkpoint"),
+    ):
+        answer(f"models.{module}.{read}", exported)
+        answer(f"models.{module}.{write}", export)
     custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
     answer("models.copy_custom_files.upload_custom_files", custom)
     answer("models.copy_custom_files.download_custom_files", custom)

@@ -32,6 +32,8 @@ CALLS = {
     "upload-model -f": "Uploaded",
     "increment-upload-model -f": "The next upload goes to",
     "download-model -f -s s3://uploads/model -t model": "Downloaded",
+    "export tf-checkpoint": "Verified: ",
+    "export droa": "Verified: ",
     "list-models": "(training)",
     "list-aws-models": "(training)",
     f"set-upload-model {MODEL}": "The next upload goes to",
