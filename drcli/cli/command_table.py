@@ -93,6 +93,7 @@ COMMANDS: tuple[Command, ...] = (
         ),
         Command("download-model", "Copy a model from another bucket.", "copy_model"),
         Command("export", "Write a model in the form of other systems.", function="app"),
+        Command("upload-car-zip", "Upload an archive for the physical car.", "export_car"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
@@ -125,7 +126,6 @@ COMMANDS: tuple[Command, ...] = (
         Command("tracks", "List, show, add and fetch tracks.", function="app"),
         Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),
-    *_unavailable("Archives for the physical car.", "upload-car-zip"),
     *_unavailable(
         "Live pictures of the cars.",
         "start-viewer",

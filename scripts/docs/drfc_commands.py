@@ -132,7 +132,12 @@ REFERENCE: tuple[Row, ...] = (
     Row("dr-download-model", "better", "same flags; verified before and after the copy"),
     Row("dr-list-aws-models", "better", "broken there; lists the models in the upload bucket"),
     Row("dr-set-upload-model", "better", "broken there; writes DR_UPLOAD_S3_PREFIX"),
-    Row("dr-upload-car-zip", "later", "no archives for the car yet"),
+    Row(
+        "dr-upload-car-zip",
+        "better",
+        "same flags; any checkpoint (`-c`); the archive is checked by the rules of the car, its "
+        "graph compared with the weights, before it is uploaded",
+    ),
     Row("dr-local-aws", "same", "adds address, keys and region; starts the server"),
     # Looking.
     Row(
@@ -209,9 +214,9 @@ REFERENCE: tuple[Row, ...] = (
     ),
     Row(
         "utils/download-car-model.py",
-        "later",
-        "as `dr-upload-car-zip`",
-        "dr-upload-car-zip",
+        "better",
+        "`dr-export car -p PREFIX` makes the archive of any model in the bucket",
+        "dr-export",
     ),
     Row("utils/setup-xorg.sh", "not needed", _X_SERVER),
     Row("utils/start-xorg.sh", "not needed", _X_SERVER),

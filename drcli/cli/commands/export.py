@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.cli import candidates, console
+from drcli.cli.commands import export_car, export_forms
 from drcli.cli.options import AsJson, prefix_option
 from drcli.cli.views import export_view
 from drcli.cli.working_folder import settings
@@ -17,8 +18,12 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Write a model in the form of other systems.\n\nExample: dr-export tf-checkpoint -b",
+    help="Write a model in the form of other systems.\n\nExample: dr-export car -b",
 )
+
+app.command("car")(export_car.export_car)
+for _command in (export_forms.pb, export_forms.onnx, export_forms.tflite, export_forms.openvino):
+    app.command()(_command)
 
 _Best = Annotated[bool, typer.Option("-b", "--best", help="Export the best checkpoint.")]
 _Number = Annotated[

@@ -41,11 +41,6 @@ def _nothing(command: str, message: str) -> Callable[[], None]:
     return answer
 
 
-upload_car_zip = _refusal(
-    "dr-upload-car-zip -fL",
-    "Car archives are not available in this version.",
-    "`dr-upload-model` copies the model itself; keep its checkpoint for a later version.",
-)
 start_viewer = _refusal("dr-start-viewer", *_VIEWER)
 update_viewer = _refusal("dr-update-viewer", *_VIEWER)
 view_stream = _refusal("dr-view-stream", *_VIEWER)
