@@ -111,11 +111,11 @@ its description.
 _NOTE = """
 ## The record of a training
 
-`<prefix>/ip/run.json` contains the seed, the settings that differ from their defaults, versions of
-Python and the packages, the git commit of your folder and of this project (and whether tracked
-files have changed since), the machine, and the model whose weights it started from. When a training
-is resumed, the records of earlier starts are kept in `earlier`. Reward function, hyperparameters
-and model metadata are in the same folder.
+`<prefix>/ip/run.json` contains the seed, the settings that differ from their defaults, the cars,
+versions of Python and the packages, the git commit of your folder and of this project (and whether
+tracked files have changed since), the machine, and the model whose weights it started from. When a
+training is resumed, the records of earlier starts are kept in `earlier`. Reward function,
+hyperparameters and model metadata are in the same folder.
 """
 
 _SPOT = """
