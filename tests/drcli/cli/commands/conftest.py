@@ -12,9 +12,11 @@ from drcli.base.problems import Problem
 from drcli.checks.check_report import Report, Skipped
 from drcli.exchange.job import Job
 from drcli.exchange.training_start import Pretrained
+from drcli.formats.car_actions import CarAction
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
+from drcli.models.export_car import CarReport
 from drcli.models.export_checkpoint import ExportReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
@@ -231,6 +233,22 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
     _answer_as_car(monkeypatch, answer)
+    exported = {"source": URL, "choice": "last", "checkpoint": "8_Step-4000.ckpt", "metric": 1.0}
+    compared = {"world": TRACK, "frames": 200, "same_actions": 200, "greatest_difference": 1e-7}
+    archive = CarReport(
+        **exported,
+        **compared,
+        files=[f"{URL}/{name}" for name in files],
+        size_bytes=23_456_789,
+        actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
+    )
+    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    answer("models.export_model.read_export_source", chosen)
+    answer("models.export_car.export_car", None)
+    answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))
+    answer("models.export_car.upload_names", files)
+    answer("models.export_car.write_archive", archive)
+    answer("models.export_car.upload_archive", archive)
     answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)

@@ -37,6 +37,8 @@ CALLS = {
     "list-models": "(training)",
     "list-aws-models": "(training)",
     f"set-upload-model {MODEL}": "The next upload goes to",
+    "export car": "of a drive on",
+    "upload-car-zip -f": "of a drive on",
     "car login --car 10.0.0.5": "Logged in",
     "car logout --car 10.0.0.5": "was not kept",
     "car upload a-file.tar.gz --car 10.0.0.5": "has installed",
@@ -214,7 +216,7 @@ def test_the_help_of_a_group_tells_of_its_commands_in_whole_sentences(dr, capsys
 def test_the_report_of_every_command_is_documented():
     documented = {name for names in REPORTS.values() for name in names}
 
-    assert documented - {"start-evaluation -q"} == NAMES
+    assert documented - {"start-evaluation -q", "export car --check"} == NAMES
 
 
 def test_every_command_that_reports_is_looked_at():
