@@ -196,6 +196,14 @@ def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.Monke
     return world
 
 
+def test_every_checkpoint_has_its_graph_beside_it(trained):
+    numbers = {name.number for name in whole_checkpoints(trained, PREFIX)}
+
+    graphs = {info.key for info in trained.list(f"{PREFIX}/model/") if info.key.endswith(".pb")}
+
+    assert graphs == {keys.checkpoint_graph(PREFIX, number) for number in numbers}
+
+
 OBJECTS = {
     "pointer": keys.coach_checkpoint(PREFIX),
     "index": keys.deepracer_checkpoints(PREFIX),
