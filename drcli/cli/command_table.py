@@ -98,6 +98,13 @@ COMMANDS: tuple[Command, ...] = (
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
         Command("car", "Send models to the physical car, and drive it.", function="app"),
+        Command("droa-login", "Sign in to DeepRacer on AWS.", "droa"),
+        Command("droa-logout", "Forget the keys of DeepRacer on AWS.", "droa"),
+        Command("droa-list-models", "List your models at DeepRacer on AWS.", "droa"),
+        Command("droa-get-model", "Show a model at DeepRacer on AWS.", "droa"),
+        Command("droa-import-model", "Import a model into DeepRacer on AWS.", "droa"),
+        Command("droa-download-logs", "Download from DeepRacer on AWS.", "droa"),
+        Command("droa-delete-model", "Delete a model at DeepRacer on AWS.", "droa"),
     ),
     *_section(
         "Settings and files",
@@ -135,14 +142,6 @@ COMMANDS: tuple[Command, ...] = (
         "url-loganalysis",
     ),
     *_unavailable("Tournaments; dr evaluate races two models.", "start-tournament"),
-    *_unavailable(
-        "DeepRacer on AWS.",
-        "droa-list-models",
-        "droa-get-model",
-        "droa-download-logs",
-        "droa-delete-model",
-        "droa-import-model",
-    ),
 )
 
 

@@ -137,11 +137,13 @@ AFTERWARDS = [
     Call("stop-loganalysis", "No log analysis is running."),
     Call("stop-loganalysis --json", "stopped"),
     Call("start-tournament", "DR_RACE_TYPE=HEAD_TO_MODEL", 7),
-    Call("droa-list-models --json", "DeepRacer on AWS", 7),
-    Call("droa-get-model ID --json", "DeepRacer on AWS", 7),
-    Call("droa-download-logs ID -o there", "DeepRacer on AWS", 7),
-    Call("droa-delete-model ID -y", "DeepRacer on AWS", 7),
-    Call("droa-import-model --best", "DeepRacer on AWS", 7),
+    Call("droa-login --json", "DR_DROA_URL", 3),
+    Call("droa-logout --json", "DR_DROA_URL", 3),
+    Call("droa-list-models --json", "DR_DROA_URL", 3),
+    Call("droa-get-model ID --json", "DR_DROA_URL", 3),
+    Call("droa-download-logs ID -o there --json", "DR_DROA_URL", 3),
+    Call("droa-delete-model ID -y --json", "DR_DROA_URL", 3),
+    Call("droa-import-model --best --json", "dr-export droa", 3),
 ]
 
 TRANSFERS = [

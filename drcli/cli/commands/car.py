@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Force
 from drcli.cli.views import car_view
@@ -75,8 +76,8 @@ def login(
     )
     if first:
         console.say(
-            f"The car {address.place} has a certificate of its own making, which is accepted from "
-            f"now on. SHA-256: {readable(trusted.fingerprint)}"
+            f"The car {address.place} has a certificate of its own making. This login accepts it, "
+            f"and later the car must show the same one. SHA-256: {readable(trusted.fingerprint)}"
         )
     if insecure:
         console.warn("Any machine at this address can pose as the car and read the password.")
@@ -156,7 +157,7 @@ def load(name: _Model, car: _Car = None, as_json: AsJson = False) -> None:
     from drcli.remote.car_models import load_model
 
     web = _open(car)
-    with console.waiting(f"Loading {name}; the car may need a minute ..."):
+    with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
         report = load_model(web, name)
     console.emit(report, car_view.load(report), as_json=as_json)
     console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])

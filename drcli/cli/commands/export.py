@@ -1,5 +1,6 @@
 """`dr export`: a model in the form of other systems."""
 
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -134,7 +135,8 @@ def droa(
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
     console.emit(report, export_view.reference(report), as_json=as_json)
     if target is not None and target.folder is not None:
-        console.suggest([(f"droa-import-model {place}", "import it into DeepRacer on AWS")])
+        import_it = f"droa-import-model --from {shlex.quote(place)}"
+        console.suggest([(import_it, "import it into DeepRacer on AWS")])
 
 
 def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
