@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.problems import few, shown
 from drcli.exchange.policy_source import Runtime
-from drcli.formats.engines import Array, Engine, Port, check_runtime, open_engine, reason_of
+from drcli.formats.policy_engines import Array, Engine, Port, check_runtime, open_engine, reason_of
 from drcli.formats.policy_file import PolicyFile
 from drcli.modelfiles.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
 

@@ -9,8 +9,8 @@ from drcli.base.errors import NotAvailable, SettingsError
 from drcli.exchange.policy_source import Runtime
 from drcli.formats.build_network import weights_of
 from drcli.formats.engine_fit import Fit, fit, open_file
-from drcli.formats.engines import RUNS, Engine, open_engine
 from drcli.formats.frozen_graph import encode_policy
+from drcli.formats.policy_engines import RUNS, Engine, open_engine
 from drcli.formats.policy_file import PolicyFile
 from drcli.learn import distributions
 from drcli.learn.actor_critic import ActorCritic

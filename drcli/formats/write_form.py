@@ -12,9 +12,9 @@ from drcli.exchange.policy_source import Runtime
 from drcli.formats.build_network import build_policy, load_weights, weights_of
 from drcli.formats.convert_graph import openvino_of, tflite_of
 from drcli.formats.engine_fit import fit
-from drcli.formats.engines import RUNS, open_engine
 from drcli.formats.frozen_graph import encode_policy
 from drcli.formats.onnx_graph import encode_onnx
+from drcli.formats.policy_engines import RUNS, open_engine
 from drcli.formats.policy_file import Form
 from drcli.formats.runtimes import EnginePolicy
 from drcli.formats.tensorflow.graph import decode_graph

@@ -83,7 +83,7 @@ def plan_form(
         SettingsError: The model, the checkpoint or the file cannot be used.
         NotAvailable: A converter is not installed.
     """
-    from drcli.formats.engines import check_converter
+    from drcli.formats.policy_engines import check_converter
 
     check_converter(form)
     suffix = SUFFIXES[form]

@@ -133,7 +133,7 @@ def prepare_evaluation(
 def _checked(source: PolicySource) -> PolicySource:
     """The same with its engine and, for a file, its hash, after everything was checked."""
     from drcli.formats.engine_fit import check_file
-    from drcli.formats.engines import RUNS, check_runtime
+    from drcli.formats.policy_engines import RUNS, check_runtime
     from drcli.formats.policy_file import read_policy_file
 
     if source.file is None:

@@ -124,7 +124,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
             f"{entered[0].name} and {entered[1].name} have different sensors and cannot race "
             "each other.",
             remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX or "
-            "with --opponent-model.",
+            "with --opp-model.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     laps = s.eval_number_of_trials if s.eval_is_continuous else 1

@@ -1,6 +1,7 @@
 """Compares exported policies with PyTorch on frames of real drives, for every network and head.
 
-    python scripts/bench runtimes [--frames 1000] [--runtimes pb,onnx,openvino] [--all] [--json]
+    python scripts/bench runtimes [--frames 1000] [--runtimes pb,onnx,openvino] [--network NAME]
+        [--all] [--json]
 
 Each head of each network is tried with one camera, and with two and a lidar; with --all in all four
 combinations.
@@ -39,13 +40,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--runtimes", default="pb,onnx,openvino")
+    parser.add_argument("--network", help="only this one")
     parser.add_argument("--all", action="store_true")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
 
     frames, scans = real_inputs(arguments.frames)
     cases = []
-    networks = sorted(get_args(model_metadata.Network), key=len)
+    networks = [arguments.network] if arguments.network else get_args(model_metadata.Network)
     inputs = [(eyes, lidar) for eyes in (1, 2) for lidar in (False, True)]
     if not arguments.all:
         inputs = [(1, False), (2, True)]

@@ -33,7 +33,7 @@ def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace, 
         DR_EVAL_OPP_S3_MODEL_PREFIX=workspace.prefix,
         DR_EVAL_NUMBER_OF_TRIALS=1,
     )
-    raced = workspace.run("evaluate", "--opponent-runtime", "pb", "--json")
+    raced = workspace.run("evaluate", "--opp-runtime", "pb", "--json")
 
     assert trained.returncode == 0, trained.stderr
     assert avoided.returncode == 0, avoided.stderr

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
@@ -17,6 +17,7 @@ STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
 
 
+ENGINES = ", ".join(get_args(Runtime))
 KINDS = ".pb, .onnx, .xml, .tflite or a car's .tar.gz"
 
 LOG = ("dr-logs evaluation -a", "show its whole log")
@@ -59,7 +60,9 @@ def evaluate(
     runtime: Annotated[
         Runtime | None,
         typer.Option(
-            "--runtime", help="Engine that runs the policy; the model is converted for it."
+            "--runtime",
+            metavar="ENGINE",
+            help=f"Run the policy with this engine: {ENGINES}.",
         ),
     ] = None,
     model: Annotated[
@@ -71,15 +74,17 @@ def evaluate(
     ] = None,
     opponent_runtime: Annotated[
         Runtime | None,
-        typer.Option("--opponent-runtime", help="Engine of the opponent in HEAD_TO_MODEL."),
+        typer.Option(
+            "--opp-runtime", metavar="ENGINE", help="Engine of the opponent in HEAD_TO_MODEL."
+        ),
     ] = None,
     opponent_model: Annotated[
         Path | None,
-        typer.Option("--opponent-model", metavar="FILE", help="File of the opponent."),
+        typer.Option("--opp-model", metavar="FILE", help="File of the opponent."),
     ] = None,
     opponent_metadata: Annotated[
         Path | None,
-        typer.Option("--opponent-metadata", metavar="FILE", help="Its model_metadata.json."),
+        typer.Option("--opp-metadata", metavar="FILE", help="Its model_metadata.json."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -103,7 +108,7 @@ def evaluate(
     if clone and model is not None:
         raise typer.BadParameter("-c copies a model in the bucket, but --model drives a file.")
     own = _source("", runtime, model, metadata) or PolicySource()
-    opponent = _source("opponent-", opponent_runtime, opponent_model, opponent_metadata)
+    opponent = _source("opp-", opponent_runtime, opponent_model, opponent_metadata)
     loaded = settings()
     bring_tracks(loaded)
     if quiet and context.info_name == STARTER:

@@ -61,7 +61,7 @@ def test_two_forms_share_the_metadata_and_other_files_are_kept(exporter, racer):
         exporter("pb", choice=0)
     exporter("pb", choice=0, force=True)
     (racer.folder / "other.model_metadata.json").write_text("{}")
-    with pytest.raises(SettingsError, match=r"other\.model_metadata\.json exists already"):
+    with pytest.raises(SettingsError, match=r"other\.model_meta.* exists already"):
         exporter("pb", racer.folder / "other.pb")
 
 
@@ -80,7 +80,7 @@ def test_a_file_that_gives_other_actions_is_not_written(exporter, racer, monkeyp
     wrong = Comparison(32, 0.5, 0.3)
     monkeypatch.setattr("drcli.formats.write_form.compare", lambda *_: wrong)
 
-    with pytest.raises(SettingsError, match="gives other actions than PyTorch: they differ by 0.3"):
+    with pytest.raises(SettingsError, match=r"other actions than PyTorch: they differ by 0\.3"):
         exporter("pb")
 
     assert sorted(racer.folder.iterdir()) == before

@@ -18,6 +18,7 @@ from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
 from drcli.models.export_car import CarReport
 from drcli.models.export_checkpoint import ExportReport
+from drcli.models.export_forms import FormReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
@@ -191,6 +192,20 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         **{"size_bytes": 123_456_789, "archive": f"{folder}/model.tar.gz"},
         **{key: ["A sentence about it."] for key in ("notes", "verified", "not_verified")},
     )
+    form = FormReport(
+        "onnx",
+        MODEL,
+        "8_Step-4000.ckpt",
+        f"{folder}/a.onnx",
+        [f"{folder}/a.onnx"],
+        4000,
+        "onnx",
+        frames=32,
+        same_actions=1.0,
+        greatest_difference=2e-7,
+    )
+    answer("models.export_forms.plan_form", exported)
+    answer("models.export_forms.export_form", form)
     answer("models.write_export.export_target", ExportTarget(f"{folder}/out", folder / "out"))
     for module, read, write in (
         # First the one that imports the other: it would keep an answer that is there already.

@@ -83,7 +83,7 @@ def test_a_copy_is_evaluated_on_request(dr, asked):
 def test_files_and_engines_reach_the_evaluation_with_absolute_paths(dr, asked, monkeypatch):
     monkeypatch.chdir(asked.get("directory", "."))
 
-    dr("evaluate", "--model", "a.onnx", "--metadata", "/m.json", "--opponent-runtime", "pb")
+    dr("evaluate", "--model", "a.onnx", "--metadata", "/m.json", "--opp-runtime", "pb")
 
     assert asked["own"] == PolicySource(None, Path.cwd() / "a.onnx", Path("/m.json"))
     assert asked["opponent"] == PolicySource("pb")
@@ -94,7 +94,7 @@ def test_files_and_engines_reach_the_evaluation_with_absolute_paths(dr, asked, m
     [
         (("--runtime", "onxx"), "onxx"),
         (("--metadata", "m.json"), "--metadata belongs to --model"),
-        (("--opponent-metadata", "m.json"), "--opponent-metadata belongs to --opponent-model"),
+        (("--opp-metadata", "m.json"), "--opp-metadata belongs to --opp-model"),
         (("-c", "--model", "a.onnx"), "-c copies a model"),
     ],
 )
