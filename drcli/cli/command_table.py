@@ -92,6 +92,7 @@ COMMANDS: tuple[Command, ...] = (
             "increment-upload-model", "Raise the number in the next upload's name.", "increments"
         ),
         Command("download-model", "Copy a model from another bucket.", "copy_model"),
+        Command("export", "Write a model in the form of other systems.", function="app"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),

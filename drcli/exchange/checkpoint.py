@@ -50,6 +50,8 @@ class Counters:
         learned: The iteration that made the weights; None for the first ones.
         seed: Of the run.
         inputs: The parameter files by name, to restore them if they are lost.
+        critic_warmup: How many updates at most still improve the critic alone; None but for a
+            policy that came without its critic.
     """
 
     episodes: int = 0
@@ -58,6 +60,7 @@ class Counters:
     learned: IterationRecord | None = None
     seed: int | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
+    critic_warmup: int | None = None
 
 
 @dataclass(frozen=True)

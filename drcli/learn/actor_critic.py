@@ -72,6 +72,11 @@ class ActorCritic(nn.Module):
             value = self.value_head(seen.state if self.spec.state_dims else features)
             return Output(self.policy_head(features), value.squeeze(-1))
 
+    def without_critic(self) -> list[Tensor]:
+        """The parameters of policy and body: all but those of the critic."""
+        critic = set(self.value_head.parameters())
+        return [parameter for parameter in self.parameters() if parameter not in critic]
+
     def follow_returns(self, targets: Tensor, values: Tensor) -> None:
         """Let the critic's units follow the returns of an iteration; see `ReturnScale.follow`.
 

@@ -23,9 +23,19 @@ from drcli.learn.update_result import (
     require_finite_weights,
 )
 
+WARMED_UP = 0.25
+"""Share of the returns' variance that a new critic explains when the policy begins to learn from
+it. A critic that guesses explains nothing, and one in the middle of a training about half."""
+
 
 class PPO:
-    """The learner: a network, its optimizer, and the update that improves the network."""
+    """The learner: a network, its optimizer, and the update that improves the network.
+
+    Attributes:
+        critic_warmup: How many updates at most still improve the critic alone. A policy that comes
+            without its critic would otherwise lose what it can do: the gradients of a critic that
+            only guesses change the shared body, and its advantages are wrong.
+    """
 
     memory_steps = 0
     """Steps of earlier rollouts that it learns from again."""
@@ -34,6 +44,7 @@ class PPO:
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
+        self.critic_warmup = 0
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
 
@@ -66,6 +77,9 @@ class PPO:
         order = torch.Generator().manual_seed(seed)
         self.optimizer.lr = config.lr_at(steps_before)
         beta = config.beta_entropy_at(steps_before)
+        if explained >= WARMED_UP:
+            self.critic_warmup = 0
+        fixed = self.model.without_critic() if self.critic_warmup else []
         self.model.train()
         with self._parallel.optimizer_threads():
             for epoch in range(config.num_epochs):
@@ -76,6 +90,8 @@ class PPO:
                     loss = partial(self._loss, batch, rows.to(self.compute.device), beta)
                     self.optimizer.zero_grad()
                     totals += self._parallel.backward(loss, len(rows))
+                    for parameter in fixed:
+                        parameter.grad = None  # so that the optimizer leaves it as it is
                     if config.max_grad_norm is not None:
                         clip_grad_norm_(self.model.parameters(), config.max_grad_norm)
                     self.optimizer.step()
@@ -86,6 +102,7 @@ class PPO:
                 if config.target_kl is not None and history[-1].approx_kl > config.target_kl:
                     break
         require_finite_weights(self.model)
+        self.critic_warmup = max(0, self.critic_warmup - 1)
         return history
 
     def _with_advantages(self, rollout: Rollout) -> tuple[RolloutTensors, float]:

@@ -31,12 +31,17 @@ REPORTS = 4
 
 
 class SAC:
-    """The learner: an agent, its replay buffer, its optimizer, and the update that improves it."""
+    """The learner: an agent, its replay buffer, its optimizer, and the update that improves it.
+
+    Attributes:
+        critic_warmup: As in `PPO`; 0, because every update begins with the critics.
+    """
 
     def __init__(self, model: SACAgent, config: SACConfig, compute: Compute) -> None:
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
+        self.critic_warmup = 0
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
         self.replay = ReplayBuffer(model.spec, config.sac_replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]

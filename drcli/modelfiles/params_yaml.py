@@ -43,8 +43,12 @@ def training_parameters(settings: Settings) -> bytes:
     return _dump(values)
 
 
-def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
+def moved_training_parameters(
+    data: bytes, bucket: str, prefix: str, world: str | None = None
+) -> bytes:
     """The file that `training_parameters` wrote, changed for a copy of the model elsewhere.
+
+    It names the track `world` instead of its own if one is given.
 
     Raises:
         ValueError: The data is not such a file.
@@ -66,6 +70,8 @@ def moved_training_parameters(data: bytes, bucket: str, prefix: str) -> bytes:
         "SAGEMAKER_SHARED_S3_PREFIX": prefix,
         "SIMTRACE_S3_PREFIX": prefix,
     }
+    if world is not None:
+        places["WORLD_NAME"] = world
     values.pop("S3_ENDPOINT_URL", None)  # the address of the server that it was copied from
     return _dump({**values, **places})
 

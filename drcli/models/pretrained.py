@@ -10,7 +10,7 @@ from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
 from drcli.store.model_prefix import contains
 from drcli.store.repair import Model, readable_scores
 
@@ -19,11 +19,16 @@ PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Transfer:
-    """The weights (a safetensors file) to start with, and warnings about them."""
+    """The weights (a safetensors file) to start with, and warnings about them.
+
+    Attributes:
+        critic_warmup: As in `Counters`.
+    """
 
     source: Pretrained
     tensors: bytes
     warnings: list[Problem]
+    critic_warmup: int | None = None
 
 
 def find(
@@ -42,7 +47,7 @@ def find(
         what = f"-w would delete that model, because it is inside DR_LOCAL_S3_MODEL_PREFIX={new}."
         remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX."
         raise _wrong(PREFIX, place, prefix, what, remedy)
-    source, tensors = named_weights(config, bucket)
+    source, found = named_weights(config, bucket)
     try:
         trained = Design.of_model(bucket, prefix)
     except ObjectMissing as e:
@@ -61,17 +66,17 @@ def find(
         warnings.append(
             setting_problem(name, config.checkpoint_place, what, remedy, severity="warning")
         )
-    return Transfer(source, tensors, warnings)
+    return Transfer(source, found.tensors, warnings, found.record.counters.critic_warmup)
 
 
-def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, bytes]:
+def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, Checkpoint]:
     """The weights that the DR_LOCAL_S3_PRETRAINED settings name, as `read_weights` reads them."""
     return read_weights(bucket, config.prefix, config.checkpoint, PREFIX, config.place)
 
 
 def read_weights(
     bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], name: str, place: Place
-) -> tuple[Pretrained, bytes]:
+) -> tuple[Pretrained, Checkpoint]:
     """Read the last or best checkpoint of a model, which the setting `name` chose at `place`.
 
     Raises:
@@ -101,7 +106,7 @@ def read_weights(
         raise _wrong(name, place, prefix, what, remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    return Pretrained(prefix, checkpoint, chosen, metric, sha256), found.tensors
+    return Pretrained(prefix, checkpoint, chosen, metric, sha256), found
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:

@@ -81,7 +81,7 @@ def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: f
     )
 
 
-def parse_url(url: str) -> tuple[str, str]:
+def parse_url(url: str, flag: str = "-s") -> tuple[str, str]:
     """Bucket and prefix of an address such as `s3://bucket/team/model-1`.
 
     Raises:
@@ -91,7 +91,7 @@ def parse_url(url: str) -> tuple[str, str]:
     prefix = found[2].strip("/") if found else ""
     if found is None or not keys.is_valid_prefix(prefix):
         raise SettingsError(
-            f"-s '{shown(url)}' is not the address of a model.",
+            f"{flag} '{shown(url)}' is not the address of a model.",
             remedy="Write it as s3://bucket/team/model-1.",
         )
     return found[1], prefix

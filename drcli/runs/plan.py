@@ -14,6 +14,7 @@ from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import CustomFilesConfig, Settings, catalogue
+from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
@@ -133,7 +134,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         bucket.put(keys.training_start(prefix), start.encode())
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors)
+            counters = Counters(critic_warmup=transfer.critic_warmup)
+            CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
     ends = ending(job, design.parameters)

@@ -133,6 +133,7 @@ class Trainer:
             _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
         else:
             restore_optimizer(self._learner, found.optimizer)
+        self._learner.critic_warmup = record.counters.critic_warmup or 0
         self._newest = CheckpointName(record.number, record.steps)
         self._history.restore(record.number, record.counters.learned)
         self._scoring.restore(self._history.records)
@@ -192,6 +193,8 @@ class Trainer:
     def _learn(self, collected: Collected) -> None:
         """Update the policy, publish it and record how the update went."""
         self._activity.say(f"learns from {collected.rollout.steps} steps")
+        if self._learner.critic_warmup:
+            _logger.info("The critic is new: until it is useful, this update improves it alone.")
         began = time.monotonic()
         try:
             stats = self._learner.update(
@@ -299,6 +302,7 @@ class Trainer:
                 learned=learned,
                 seed=self._job.seed,
                 inputs=self._inputs,
+                critic_warmup=self._learner.critic_warmup or None,
             ),
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)

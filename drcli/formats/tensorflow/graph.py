@@ -188,6 +188,7 @@ def _write_attr(message: Any, value: Attr) -> None:
         case DataType():
             message.type = value
         case Shape():
+            message.shape.SetInParent()  # also for a single value, which has no dimensions
             for size in value:
                 message.shape.dim.add(size=size)
         case tuple():

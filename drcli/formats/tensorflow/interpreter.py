@@ -12,8 +12,9 @@ from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
 from drcli.formats.tensorflow.graph import REMEDY, Array, Node, Shape
 
-_MOST_BYTES = 2 << 30
-"""Most memory of one result. 16 frames in the widest layer of the reference's take 200 MB."""
+_MOST_BYTES = 1 << 29
+"""Most memory of one result. The largest kernel of the reference's takes 229 MB, and 100 frames in
+its widest layer 240 MB."""
 
 _UNFIT = (ValueError, TypeError, IndexError, KeyError, NotImplementedError, MemoryError)
 """What NumPy raises when shapes or settings do not fit."""

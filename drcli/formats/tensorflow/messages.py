@@ -35,6 +35,7 @@ _FIELDS: dict[str, tuple[str, ...]] = {
         "5 float_val *float",
         "6 double_val *double",
         "7 int_val *int32",
+        "8 string_val *bytes",
         "10 int64_val *int64",
         "13 half_val *int32",
     ),

@@ -222,6 +222,39 @@ def test_a_network_learns_from_stacked_frames_lidar_and_state():
     assert moved == list(before)
 
 
+def test_a_new_critic_learns_alone_until_its_warmup_is_over():
+    model = _model(continuous=False)
+    frames = np.random.default_rng(0).integers(0, 255, (16, 1, 120, 160), dtype=np.uint8)
+    rollout = _rollout(model, frames)
+    ppo = PPO(model, PPOConfig(batch_size=8, num_epochs=1), CPU)
+    ppo.critic_warmup = 1
+    before = {name: p.detach().clone() for name, p in model.named_parameters()}
+
+    ppo.update(rollout, 1)
+    alone = [name for name, p in model.named_parameters() if not torch.equal(p, before[name])]
+    ppo.update(rollout, 2)
+    both = [name for name, p in model.named_parameters() if not torch.equal(p, before[name])]
+
+    assert alone == ["value_head.weight", "value_head.bias"]
+    assert both == list(before)
+
+
+def test_a_critic_that_explains_the_returns_needs_no_more_warmup():
+    model = _model(continuous=False)
+    frames = np.random.default_rng(0).integers(0, 255, (16, 1, 120, 160), dtype=np.uint8)
+    rewards = np.random.default_rng(1).random(16).astype(np.float32)
+    rollout = _with(_rollout(model, frames), rewards=rewards)
+    rollout = replace(rollout, values=rewards.astype(np.float64))
+    ppo = PPO(model, PPOConfig(batch_size=8, num_epochs=1, discount_factor=0.0), CPU)
+    ppo.critic_warmup = 5
+    before = model.policy_head.weight.detach().clone()
+
+    ppo.update(rollout, 1)
+
+    assert ppo.critic_warmup == 0
+    assert not torch.equal(model.policy_head.weight, before)
+
+
 def _learned(config: PPOConfig) -> torch.Tensor:
     """Weights after two updates on one rollout whose last episode was cut off."""
     model = _model(continuous=False)

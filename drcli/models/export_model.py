@@ -1,0 +1,106 @@
+"""Chooses the checkpoint of a model that is exported to another format, and reads what it needs."""
+
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import Settings
+from drcli.modelfiles.network_shape import Design
+from drcli.models.checkpoint_files import OUR_PARTS, CheckpointGone, Choice, Chosen, choose
+from drcli.models.repair_model import repair_or_warn
+from drcli.models.transfer_buckets import checked_prefix
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+_PICKS = 5
+"""How often another checkpoint is chosen because a running training has deleted the last one."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which checkpoint to export; without `prefix`, one of the model in the settings."""
+
+    choice: Choice = "last"
+    prefix: str | None = None
+
+
+@dataclass(frozen=True)
+class ExportSource:
+    """A checkpoint of a model that was trained or imported here.
+
+    Attributes:
+        bucket: Name of the bucket.
+        prefix: The model.
+        chosen: Name, number and score of the checkpoint.
+        design: The model's parameter files, as values and as bytes.
+        weights: The weights, a safetensors file.
+        origin: Address of the weights, for messages.
+    """
+
+    bucket: str
+    prefix: str
+    chosen: Chosen
+    design: Design
+    weights: bytes
+    origin: str
+
+    @property
+    def url(self) -> str:
+        """Bucket and prefix."""
+        return f"s3://{self.bucket}/{self.prefix}"
+
+    @property
+    def name(self) -> str:
+        """The last part of the prefix, which names the model for people."""
+        return self.prefix.rpartition("/")[2]
+
+
+def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
+    """Read a checkpoint of a model in our own bucket, even while it is being trained.
+
+    Raises:
+        SettingsError: The model, the checkpoint or a parameter file does not exist or cannot be
+            used, or the checkpoint is one of the reference's that has not been imported.
+        StorageError: The bucket cannot be read, or the checkpoint is damaged.
+    """
+    prefix = selection.prefix
+    prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    repair_or_warn(settings.model, bucket, prefix)
+    for attempt in range(_PICKS):
+        chosen = choose(bucket, prefix, selection.choice)
+        if not all(part in chosen.parts for part in OUR_PARTS):
+            raise _not_imported(bucket, prefix, chosen)
+        try:
+            weights = CheckpointStore(bucket, prefix).load(chosen.name).tensors
+        except ObjectMissing as e:
+            if attempt == _PICKS - 1 or isinstance(selection.choice, int):
+                raise CheckpointGone(
+                    f"No model files found. Files possibly deleted. Try again. {e}",
+                    remedy="Run the command again, or choose another checkpoint.",
+                ) from e
+            continue
+        break
+    key = keys.checkpoint_tensors(prefix, chosen.name)
+    design = _design(bucket, prefix)
+    return ExportSource(bucket.name, prefix, chosen, design, weights, f"s3://{bucket.name}/{key}")
+
+
+def _design(bucket: Bucket, prefix: str) -> Design:
+    try:
+        return Design.of_model(bucket, prefix)
+    except ObjectMissing as e:
+        raise SettingsError(
+            f"Meta-data files are not found. Exiting. {e}",
+            remedy="Restore that file from a copy, or choose another model with -p "
+            "(`dr-list-models` lists all models).",
+        ) from e
+
+
+def _not_imported(bucket: Bucket, prefix: str, chosen: Chosen) -> SettingsError:
+    url = f"s3://{bucket.name}/{prefix}"
+    return SettingsError(
+        f"{chosen.name} of {url} is a TensorFlow checkpoint of the reference simulator.",
+        remedy=f"Make it a model of this project first, with `dr-import {url}`.",
+    )

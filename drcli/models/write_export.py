@@ -1,0 +1,202 @@
+"""Writes the files of an export to a folder or a bucket, so that nobody finds a part of them."""
+
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drcli.base.atomic_file import remedy_for, rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.config.settings import Settings
+from drcli.exchange.scores import Score, encode_single
+from drcli.models.checkpoint_files import Item
+from drcli.models.put_model import POINTERS, Delivery, Progress
+from drcli.models.transfer_buckets import (
+    COPY_PATIENCE_S,
+    parse_url,
+    refuse_overlap,
+    refuse_training,
+    source_bucket,
+)
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+_URL = "s3://"
+
+
+@dataclass(frozen=True)
+class ExportTarget:
+    """Where an export goes: a folder, or a prefix in a bucket.
+
+    Attributes:
+        shown: What reports call it.
+        folder: None for a bucket.
+        bucket: None for a folder.
+        prefix: In the bucket.
+    """
+
+    shown: str
+    folder: Path | None = None
+    bucket: Bucket | None = None
+    prefix: str = ""
+
+
+def is_url(out: str) -> bool:
+    """Whether --out means a bucket."""
+    return out.casefold().startswith(_URL)
+
+
+def export_target(
+    settings: Settings, out: str, source: str, *, local: bool, force: bool
+) -> ExportTarget:
+    """Check where an export should go; nothing is written yet.
+
+    Args:
+        settings: With the servers.
+        out: A folder, or s3://bucket/prefix.
+        source: Prefix of the model that is exported.
+        local: Whether the bucket is at our own server.
+        force: Whether files there may be replaced.
+
+    Raises:
+        SettingsError: The place cannot be used.
+        StorageError: The bucket cannot be reached.
+    """
+    if not is_url(out):
+        return ExportTarget(
+            out, folder=_usable_folder(Path(out).expanduser().resolve(), force=force)
+        )
+    name, prefix = parse_url(out, "--out")
+    bucket = source_bucket(settings.transfer, name, local=local, patience_s=COPY_PATIENCE_S)
+    there = bucket.list(keys.folder(prefix))
+    here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=False)
+    refuse_training(bucket, prefix)
+    if there and not force:
+        raise SettingsError(
+            f"{out} is not empty: it has {there[0].key.removeprefix(keys.folder(prefix))}.",
+            remedy="Choose another prefix with --out, or replace the files there with -f.",
+        )
+    return ExportTarget(f"{_URL}{name}/{prefix}", bucket=bucket, prefix=prefix)
+
+
+def write_items(
+    target: ExportTarget, items: Sequence[Item], score: Score, progress: Progress
+) -> None:
+    """Write all files, then the two pointers to the checkpoint.
+
+    Raises:
+        DrError: The target cannot be written.
+    """
+    pointers = pointer_items(score)
+    if target.folder is not None:
+        _write_folder(target.folder, [*items, *pointers])
+    elif target.bucket is not None:
+        with progress("Uploading export", sum(len(item.data) for item in items)) as watch:
+            delivery = Delivery(target.bucket, target.prefix, watch)
+            if any(map(delivery.differs, items)):
+                delivery.withdraw()  # the files there are of another model or checkpoint
+            delivery.send(items)
+            delivery.publish(score)
+
+
+def pointer_items(score: Score) -> list[Item]:
+    """The two files that name the checkpoint."""
+    contents = (score.name.encode(), encode_single(score))
+    return [Item(name, data) for name, data in zip(POINTERS, contents, strict=True)]
+
+
+def reference_score(score: Score) -> Score:
+    """A score with numbers only: the reference writes -1 before an evaluation."""
+    metric = -1.0 if score.avg_eval_metric is None else score.avg_eval_metric
+    return replace(score, avg_eval_metric=metric, tie_break=None)
+
+
+def write_archive(path: Path, data: bytes) -> None:
+    """Write an archive in one step, and its folder if needed."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise _unwritable(path.parent, e) from e
+    rewrite(path, data)
+
+
+def usable_archive(path: Path, *, force: bool) -> Path:
+    """Check that an archive may be written.
+
+    Raises:
+        SettingsError: It exists, or is no file.
+    """
+    if path.is_dir():
+        raise SettingsError(
+            f"{shown(str(path))} is a folder.", remedy="Choose another name with --out."
+        )
+    if path.exists() and not force:
+        raise SettingsError(
+            f"{shown(str(path))} exists already.",
+            remedy="Choose another name with --out, or replace it with -f.",
+        )
+    return path
+
+
+def _usable_folder(folder: Path, *, force: bool) -> Path:
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise SettingsError(
+                f"--out {shown(str(folder))} is a file.", remedy="Name a folder with --out."
+            )
+        if folder.is_dir() and any(folder.iterdir()) and not force:
+            raise SettingsError(
+                f"--out {shown(str(folder))} is not empty.",
+                remedy="Choose another folder with --out, or replace the files there with -f.",
+            )
+    except OSError as e:
+        raise _unwritable(folder, e) from e
+    return folder
+
+
+def _write_folder(folder: Path, items: Sequence[Item]) -> None:
+    """Write all files: a new folder at once, in an existing one each file at once."""
+    try:
+        if folder.is_dir() and any(folder.iterdir()):
+            # Without pointers, nobody takes new files for those of the old checkpoint.
+            for name in reversed(POINTERS):
+                (folder / name).unlink(missing_ok=True)
+            for item in items:
+                path = folder / item.name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                rewrite(path, item.data)
+            return
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        try:
+            scratch.chmod(0o777 & ~_umask())
+            for item in items:
+                path = scratch / item.name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(item.data)
+            scratch.replace(folder)  # also onto an empty folder
+        except BaseException:
+            with contextlib.suppress(OSError):
+                shutil.rmtree(scratch)
+            raise
+    except OSError as e:
+        raise _unwritable(folder, e) from e
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _unwritable(folder: Path, error: OSError) -> SettingsError:
+    return SettingsError(
+        f"--out {shown(str(folder))}: cannot be written ({error.strerror or error}).",
+        remedy=remedy_for(error, folder, f"Check that you can write {folder.parent}."),
+    )
