@@ -1,0 +1,239 @@
+"""Reads tar archives that anybody may have made, in memory: nothing is extracted to a folder.
+
+Python's `tarfile` is not used for reading. It takes a damaged header for the end of the archive, so
+that damage goes unnoticed, and it reads headers of any size. This reader refuses what it does not
+expect; it knows the formats of GNU tar, BSD tar and Python (ustar, GNU, pax).
+"""
+
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.formats.gzip_stream import READ_BYTES, ArchiveFault, Stream, open_stream
+from drcli.formats.pickles import is_pickle, is_weight_file
+
+LARGEST_MEMBER_BYTES = 512 << 20
+"""More than any file of a model: the largest checkpoint of the reference has about 230 MB."""
+
+MOST_MEMBERS = 10_000
+
+_LONGEST_NAME = 1024
+_LARGEST_HEADER_BYTES = 1 << 20
+"""Of a header that gives the next member a long name or other attributes."""
+
+_BLOCK = 512
+_REGULAR, _CONTIGUOUS, _FOLDER = b"0", b"7", b"5"
+_GNU_NAME, _GNU_LINK, _PAX, _PAX_GLOBAL = b"L", b"K", b"x", b"g"
+
+_REFUSED = {
+    b"1": "is a hard link",
+    b"2": "is a symbolic link",
+    b"3": "is a device",
+    b"4": "is a device",
+    b"6": "is a named pipe",
+    b"S": "is a sparse file",
+    b"M": "continues in another archive",
+    b"V": "is the label of a volume",
+    b"D": "is a list of files",
+}
+"""Kinds of members that no model has."""
+
+_REMEDY = "Use another archive, or pack the model's files again with `tar czf NAME.tar.gz FILES`."
+
+
+def read_archive(path: Path) -> dict[str, bytes]:
+    """Read all files of a `.tar.gz` or `.tar` archive on this machine.
+
+    Returns:
+        The content by name, such as `agent/model.pb`; folders are left out.
+
+    Raises:
+        SettingsError: The file cannot be read, is not such an archive, is damaged, or contains
+            something that no model has.
+    """
+    try:
+        # Opening a named pipe would wait for a writer.
+        with path.open("rb", opener=_open_without_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise SettingsError(
+                    f"{path} is not an ordinary file.", remedy="Name an archive (.tar.gz or .tar)."
+                )
+            return unpack_archive(file, str(path))
+    except OSError as e:
+        raise SettingsError(
+            f"{path} cannot be read: {e.strerror or e}.",
+            remedy="Name an archive (.tar.gz or .tar) that you can read.",
+        ) from e
+
+
+def unpack_archive(file: BinaryIO, origin: str) -> dict[str, bytes]:
+    """Read all files of an archive, which messages call `origin`; see `read_archive`."""
+    found: dict[str, bytes] = {}
+    folders: set[str] = set()
+    try:
+        for name, data in _members(open_stream(file)):
+            if name in found or name in folders:
+                raise ArchiveFault("occurs twice", name)
+            found[name] = data
+            above = name.split("/")[:-1]
+            folders.update("/".join(above[:depth]) for depth in range(1, len(above) + 1))
+            if not folders.isdisjoint(found):
+                raise ArchiveFault("is a file and also a folder", min(folders & found.keys()))
+            if is_weight_file(name) and is_pickle(data):
+                raise ArchiveFault(
+                    "is a Python pickle, which could run any program when it is read", name
+                )
+    except ArchiveFault as fault:
+        place = f": {shown(fault.member)}" if fault.member else ""
+        raise SettingsError(f"{origin}{place} {fault}.", remedy=_REMEDY) from None
+    return found
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _members(stream: Stream) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the files."""
+    attributes: dict[str, str] = {}
+    count = 0
+    while (header := _header(stream)) is not None:
+        count += 1
+        if count > MOST_MEMBERS:
+            raise ArchiveFault(f"has more than {MOST_MEMBERS:,} members")
+        kind = header[156:157]
+        name = attributes.get("path") or _name(header)
+        if kind in (_GNU_NAME, _GNU_LINK, _PAX, _PAX_GLOBAL):
+            attributes |= _attributes(stream, kind, _number(header[124:136], name), name)
+            continue
+        size = _size(header, attributes, name)
+        attributes = {}
+        if kind in _REFUSED:
+            raise ArchiveFault(f"{_REFUSED[kind]}, which no model has", name)
+        is_folder = kind == _FOLDER or (kind in (_REGULAR, b"\0") and name.endswith("/"))
+        if not is_folder and kind not in (_REGULAR, b"\0", _CONTIGUOUS):
+            raise ArchiveFault("is of an unknown kind", name)
+        plain = _plain(name)
+        if size > LARGEST_MEMBER_BYTES:
+            limit = LARGEST_MEMBER_BYTES >> 20
+            raise ArchiveFault(f"has {size:,} bytes, more than the {limit} MB of any model", name)
+        content = _content(stream, size, name)
+        if not is_folder:
+            if not plain:
+                raise ArchiveFault("is a file without a name", name)
+            yield plain, content
+
+
+def _header(stream: Stream) -> bytes | None:
+    """The next header; None at the mark that ends an archive."""
+    first = stream.position == 0
+    header = stream.read(_BLOCK)
+    if len(header) < _BLOCK:
+        raise ArchiveFault("is not a tar archive" if first else "is truncated")
+    if not any(header):
+        while stream.read(READ_BYTES):  # what follows the mark is not part of the archive
+            pass
+        return None
+    known = _octal(header[148:156])
+    blank = header[:148] + b" " * 8 + header[156:]
+    sums = {sum(blank), sum(byte - 256 * (byte > 127) for byte in blank)}  # old tars add signed
+    if known not in sums:
+        raise ArchiveFault("is not a tar archive" if first else "is damaged: a header is wrong")
+    return header
+
+
+def _attributes(stream: Stream, kind: bytes, size: int, name: str) -> dict[str, str]:
+    """What a header says about the next member."""
+    if size > _LARGEST_HEADER_BYTES:
+        raise ArchiveFault(f"has a header of {size:,} bytes", name)
+    content = _content(stream, size, name)
+    if kind == _GNU_NAME:
+        return {"path": _text(content)}
+    if kind == _GNU_LINK:
+        return {}  # the link itself is refused
+    found = _pax(content, name)
+    if kind == _PAX:
+        return found
+    if found.keys() & {"path", "size"}:
+        raise ArchiveFault("gives all members the same name or size", name)
+    return {}
+
+
+def _content(stream: Stream, size: int, name: str) -> bytes:
+    data = stream.read(size)
+    padding = -size % _BLOCK
+    if len(data) < size or len(stream.read(padding)) < padding:
+        raise ArchiveFault("is truncated", name)
+    return data
+
+
+def _name(header: bytes) -> str:
+    name, before = (header[part].partition(b"\0")[0] for part in (slice(100), slice(345, 500)))
+    is_posix = header[257:263] == b"ustar\0"
+    return _text(before + b"/" + name if is_posix and before else name)
+
+
+def _text(data: bytes) -> str:
+    return data.partition(b"\0")[0].decode("utf-8", "surrogateescape")
+
+
+def _size(header: bytes, attributes: Mapping[str, str], name: str) -> int:
+    if "size" not in attributes:
+        return _number(header[124:136], name)
+    if not (attributes["size"].isascii() and attributes["size"].isdigit()):
+        raise ArchiveFault("has a size that is not a number", name)
+    if len(attributes["size"]) > 20:
+        raise ArchiveFault("has an impossible size", name)
+    return int(attributes["size"])
+
+
+def _number(field: bytes, name: str) -> int:
+    """A size in a header: octal digits or, for large ones, two's complement after a first bit."""
+    size = int.from_bytes(field) - (0x80 << 88) if field[0] == 0x80 else _octal(field)
+    if size is None or field[0] > 0x80:
+        raise ArchiveFault("has a size that is not a number", name)
+    return size
+
+
+def _octal(field: bytes) -> int | None:
+    digits = field.partition(b"\0")[0].strip()
+    if not all(byte in b"01234567" for byte in digits):
+        return None
+    return int(digits or b"0", 8)
+
+
+def _pax(content: bytes, name: str) -> dict[str, str]:
+    """The attributes that a pax header gives the next member: lines of `length key=value`."""
+    found: dict[str, str] = {}
+    position = 0
+    while position < len(content):
+        end = content.find(b" ", position, position + 20)
+        length = content[position:end] if end > 0 else b""
+        if not length.isdigit() or not end - position < int(length) <= len(content) - position:
+            raise ArchiveFault("has a damaged header", name)
+        key, equals, value = content[end + 1 : position + int(length) - 1].partition(b"=")
+        if not equals or content[position + int(length) - 1 : position + int(length)] != b"\n":
+            raise ArchiveFault("has a damaged header", name)
+        if key.startswith(b"GNU.sparse"):
+            raise ArchiveFault(f"{_REFUSED[b'S']}, which no model has", name)
+        found[_text(key)] = _text(value)
+        position += int(length)
+    return found
+
+
+def _plain(name: str) -> str:
+    """A name without `./` and double slashes; empty for the folder that was packed itself."""
+    if len(name) > _LONGEST_NAME:
+        raise ArchiveFault("has a name that is too long", name)
+    if name.startswith("/") or (name[1:2] == ":" and name[:1].isalpha()):
+        raise ArchiveFault("has an absolute name", name)
+    parts = [part for part in name.split("/") if part not in ("", ".")]
+    if ".." in parts:
+        raise ArchiveFault("leads out of the archive", name)
+    if "\\" in name or any(ord(letter) < 32 for letter in name):
+        raise ArchiveFault("has a name that is not allowed", name)
+    return "/".join(parts)

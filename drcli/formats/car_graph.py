@@ -1,0 +1,166 @@
+"""Checks whether the physical car can run a frozen graph: names, shapes and operations."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem, few, shown
+from drcli.formats.reference_names import POLICY, PPO_AGENT, SAC_AGENT, input_name
+from drcli.formats.tensorflow.graph import Node, decode_graph
+from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
+
+_CONVERTED = frozenset(
+    ["Placeholder", "Const", "RealDiv", "Conv2D", "BiasAdd", "Relu", "Tanh", "Reshape", "MatMul", "Softmax", "Identity", "ConcatV2", "Sub", "Mul", "Add", "AddV2", "StopGradient", "Rsqrt", "Shape", "StridedSlice", "Pack"]
+)
+"""Operations that all engines of the car are known to convert; the reference's graphs have others
+than ours. Source: graphs that went through them."""
+
+_SHAPES: Mapping[str, tuple[int, ...]] = {
+    "STEREO_CAMERAS": (FRAME_HEIGHT, FRAME_WIDTH, 2),
+    "LIDAR": (64,),
+    "SECTOR_LIDAR": (8,),
+}
+"""What the car hands over for each sensor; a picture of one camera for all others."""
+
+_SAC_OUTPUT = "network_0/sac_policy_head_0/policy"
+"""Where the reference's SAC has its output, and where the car does not look for it."""
+
+_REMEDY = "Export the model again, with `dr-export car`."
+
+
+def graph_problems(
+    data: bytes, sensors: Sequence[str], algorithm: str, num_actions: int | None, file: str
+) -> list[Problem]:
+    """What the car refuses in a graph.
+
+    Args:
+        data: The file of the graph.
+        sensors: Those of its metadata.
+        algorithm: That of its metadata, which decides where the car looks for inputs.
+        num_actions: Length of the output that the metadata needs, None if it is not known.
+        file: Name of the graph in messages.
+    """
+    try:
+        nodes = decode_graph(data, file)
+    except SettingsError as error:
+        return [Problem("C-09", "error", file, None, str(error), error.remedy)]
+    agent = SAC_AGENT if algorithm == "sac" else PPO_AGENT
+    by_name = {node.name: node for node in nodes}
+    return [
+        *_input_problems(nodes, agent, sensors, file),
+        *_output_problems(nodes, by_name, agent, num_actions, file),
+        *_operation_problems(nodes, file),
+    ]
+
+
+def _input_problems(
+    nodes: Sequence[Node], agent: str, sensors: Sequence[str], file: str
+) -> Iterator[Problem]:
+    found = {node.name: node for node in nodes if node.op == "Placeholder"}
+    wanted = {input_name(agent, sensor): sensor for sensor in sensors}
+    for name, sensor in wanted.items():
+        if name not in found:
+            listed = ", ".join(few(map(shown, found))) or "none"
+            what = f"it has no input {name}, where the car puts {sensor}; its inputs: {listed}."
+            yield _problem("C-10", file, what, _REMEDY)
+            continue
+        shape = found[name].attrs.get("shape")
+        given = _SHAPES.get(sensor, (FRAME_HEIGHT, FRAME_WIDTH, 1))
+        if not isinstance(shape, tuple) or len(shape) < 2:
+            continue
+        fits = len(shape) == len(given) + 1 and shape[0] in (-1, 1)
+        if not fits or any(
+            size not in (-1, known) for size, known in zip(shape[1:], given, strict=True)
+        ):
+            what = (
+                f"its input {sensor} has the shape {_sizes(shape)}, but the car gives it "
+                f"{_sizes((1, *given))}."
+            )
+            yield _problem("C-10", file, what, "Train with the sensors that the car has.")
+    for name in sorted(found.keys() - wanted.keys()):
+        what = f"the car gives nothing to its input {shown(name)}, which no sensor belongs to."
+        yield _problem(
+            "C-10", file, what, "Take the metadata file that the model was trained with."
+        )
+
+
+def _output_problems(
+    nodes: Sequence[Node],
+    by_name: Mapping[str, Node],
+    agent: str,
+    num_actions: int | None,
+    file: str,
+) -> Iterator[Problem]:
+    output = f"{agent}/{POLICY}"
+    if output not in by_name:
+        raw = f"{agent}/{_SAC_OUTPUT}"
+        if raw not in by_name:
+            what = f"it has no node {output}, which the car takes the actions from."
+            yield _problem("C-11", file, what, _REMEDY)
+            return
+        what = (
+            f"its output is {raw}: cars with TensorFlow Lite do not find it, and all cars clip its "
+            "values, which the simulator squashes with tanh, so they steer and drive harder."
+        )
+        yield Problem("C-11", "warning", file, None, what, _REMEDY)
+        output = raw
+    taken = {name for node in nodes for name in node.inputs}
+    others = [node.name for node in nodes if node.name not in taken and node.name != output]
+    if others:
+        what = (
+            f"it has more outputs than {output}, and some engines of the car take another: "
+            f"{', '.join(few(map(shown, others)))}."
+        )
+        yield Problem("C-11", "warning", file, None, what, _REMEDY)
+    width = _width(by_name, output)
+    if num_actions is not None and width is not None and width != num_actions:
+        what = f"its output has {width} values, but the metadata file needs {num_actions}."
+        yield _problem(
+            "C-11", file, what, "Take the metadata file that the model was trained with."
+        )
+
+
+def _operation_problems(nodes: Sequence[Node], file: str) -> Iterator[Problem]:
+    unknown = sorted({node.op for node in nodes} - _CONVERTED)
+    if unknown:
+        what = (
+            f"it has operations that the engines of the car may not convert: "
+            f"{', '.join(few(map(shown, unknown)))}."
+        )
+        yield Problem("C-12", "warning", file, None, what, "Try it on the car before a race.")
+
+
+def _width(by_name: Mapping[str, Node], output: str) -> int | None:
+    """Length of the output, from the kernel or bias of the last dense layer; None if unknown."""
+    name = output
+    for _ in range(len(by_name)):
+        node = by_name.get(name)
+        if node is None or not node.inputs:
+            return None
+        if node.op in ("MatMul", "BiasAdd") and len(node.inputs) == 2:
+            value = _constant(by_name, node.inputs[1])
+            if value is not None:
+                return value
+        name = node.inputs[0]
+    return None
+
+
+def _constant(by_name: Mapping[str, Node], name: str) -> int | None:
+    """Length of the last axis of a constant, maybe read through other nodes."""
+    for _ in range(len(by_name)):
+        node = by_name.get(name)
+        if node is None:
+            return None
+        if node.value is not None:
+            return int(node.value.shape[-1]) if node.value.ndim else None
+        if node.op != "Identity" or not node.inputs:
+            return None
+        name = node.inputs[0]
+    return None
+
+
+def _sizes(shape: Sequence[int]) -> str:
+    return " x ".join("any" if size == -1 else str(size) for size in shape)
+
+
+def _problem(rule: str, file: str, what: str, remedy: str) -> Problem:
+    return Problem(rule, "error", file, None, what, remedy)
