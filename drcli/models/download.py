@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
@@ -20,7 +19,7 @@ from drcli.models.checkpoint_files import (
     Item,
     missing_parts,
 )
-from drcli.models.copy_custom_files import write_file
+from drcli.models.copy_custom_files import write_own_files
 from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
@@ -159,7 +158,9 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         delivery.complete(report),
         checkpoint=_last(here, options.prefix),
         strays=[] if options.wipe else delivery.strays("", kept),
-        custom_files=_write_custom_files(here, settings.custom_files_dir, options),
+        custom_files=write_own_files(here, options.prefix, settings.custom_files_dir)
+        if options.custom_files
+        else [],
     )
 
 
@@ -198,19 +199,6 @@ def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) 
 def _last(bucket: Bucket, prefix: str) -> str:
     scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     return "" if scores is None else scores.last_checkpoint.name
-
-
-def _write_custom_files(bucket: Bucket, folder: Path, options: DownloadOptions) -> list[str]:
-    """Copy the three files that the model was made from to the racer's folder."""
-    if not options.custom_files:
-        return []
-    origins = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(options.prefix),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(options.prefix),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(options.prefix),
-    }
-    written = {folder / name: bucket.get(key) for name, key in origins.items()}
-    return [str(path) for path, data in written.items() if write_file(path, data)]
 
 
 def _list_model(source: Source) -> Listing:
