@@ -40,6 +40,8 @@ class TrainingStart(JsonRecord):
     Attributes:
         started_at: Time in UTC, ISO 8601.
         settings: DR_ settings that differ from their defaults; None if unknown.
+        cars: DR_SIM_CAR of the first worker, and of all others that have a race of their own;
+            empty if unknown.
         versions: Python and important packages; None for a package that is not installed.
         git: State of the racer's `working_folder` and of our own `package`; None outside git.
         machine: `platform`, `processor`, number of `cores`, and `threads` if OMP_NUM_THREADS
@@ -51,6 +53,7 @@ class TrainingStart(JsonRecord):
     seed: int
     started_at: str = ""
     settings: dict[str, Any] | None = None
+    cars: list[str] = field(default_factory=list)
     versions: dict[str, str | None] = field(default_factory=dict)
     git: dict[str, GitState | None] = field(default_factory=dict)
     machine: dict[str, Any] = field(default_factory=dict)

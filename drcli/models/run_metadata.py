@@ -42,6 +42,7 @@ def describe_start(
         seed=seed,
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),
         settings=chosen_settings(settings),
+        cars=[race.sim_car for race in settings.races],
         versions={"python": platform.python_version(), **installed_versions(PACKAGES)},
         git={
             "working_folder": _git_state(directory, "."),

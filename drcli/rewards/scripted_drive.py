@@ -19,7 +19,8 @@ from drcli.rewards.drivers import (
     ScriptedDriver,
 )
 from drcli.workers.build_race import load_race, load_world, race_of
-from drsim.car.car import CONTROL_HZ
+from drsim.car.car import CONTROL_HZ, CarParameters
+from drsim.car.car_sets import car_of
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation
@@ -116,6 +117,7 @@ def drive(config: RaceConfig) -> Drive:
         track,
         race,
         drivers,
+        car_of(config.sim_car),
         start=config.train_start_position_offset,
         reverse=config.train_reverse_direction,
     )
@@ -124,7 +126,13 @@ def drive(config: RaceConfig) -> Drive:
 
 
 def _trips(
-    track: Track, race: Race, drivers: list[ScriptedDriver], *, start: float, reverse: bool
+    track: Track,
+    race: Race,
+    drivers: list[ScriptedDriver],
+    parameters: CarParameters,
+    *,
+    start: float,
+    reverse: bool,
 ) -> list[Trip]:
     if race.obstacles is not None:  # no obstacle may stop a driver for good
         race = replace(race, obstacles=replace(race.obstacles, mercy=1))
@@ -140,6 +148,7 @@ def _trips(
         num_cars=len(drivers),
         reward_function=[_recorder(own) for own in calls],
         rules=replace(EpisodeRules(), max_resets=_FORGIVEN, max_steps=max_steps),
+        car_parameters=parameters,
         race=race,
     )
     starts = np.array([start + driver.start for driver in drivers])

@@ -15,6 +15,7 @@ from drcli.store.bucket import Bucket
 from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
+from drsim.car.car_sets import car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, load_reward_function
@@ -153,6 +154,7 @@ def build_simulation(
         rules=rules,
         num_threads=num_threads,
         seed=seed,
+        car_parameters=car_of(config.sim_car),
         race=load_race(config, track),
         sensors=sensors_of_model(metadata),
         realism=realism_of(config, job),

@@ -2,6 +2,7 @@
 
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR, CarSet
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import (
@@ -23,12 +24,15 @@ from drsim.track.track import Track
 from drsim.track.worlds import known_worlds, load_track
 
 __all__ = [
+    "CAR_SETS",
     "CONTROL_HZ",
+    "DEFAULT_CAR",
     "TIME_TRIAL",
     "Actions",
     "BotRules",
     "CarBatch",
     "CarParameters",
+    "CarSet",
     "ContinuousActions",
     "DiscreteActions",
     "EpisodeRules",

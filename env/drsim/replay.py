@@ -1,4 +1,4 @@
-"""How faithful the car is: `python -m drsim.replay FOLDER --world NAME`.
+"""How faithful the car is: `python -m drsim.replay FOLDER --world NAME [--car NAME|all]`.
 
 FOLDER holds simtrace CSV files of the reference simulator. Our car drives the recorded actions from
 each recorded pose, and a horizon later its pose is compared with the recorded one
@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
 from drsim.errors import TrackError
 from drsim.fidelity.motion import Windows, compare_motion
-from drsim.fidelity.recordings import RecordingError, load_recordings
+from drsim.fidelity.recordings import Recording, RecordingError, load_recordings
 from drsim.fidelity.track_columns import Agreement, compare_track_columns
 from drsim.track.worlds import load_track
 
@@ -30,6 +31,8 @@ _SHORTEST_S, _LONGEST_S = 0.1, 60.0
 
 _REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
 """Episode numbers modulo 2."""
+
+_ALL_CARS = "all"
 
 
 @dataclass(frozen=True)
@@ -66,14 +69,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write; the exit code is 3 after a sentence on stderr that says what to change."""
     options = _parser().parse_args(arguments)
     try:
-        report, agreement = _measure(options)
+        reports, agreement = _measure(options)
     except RecordingError as error:
         sys.stderr.write(f"{error}\n")
         return EXIT_SETTINGS
     if options.json:
-        text = json.dumps(_as_json(report, agreement))
+        text = json.dumps(_as_json(options, reports, agreement))
     else:
-        text = _as_text(options, report, agreement)
+        text = _as_text(options, reports, agreement)
     sys.stdout.write(f"{text}\n")
     return 0
 
@@ -106,11 +109,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder with route files (default: DR_TRACKS_DIR)",
     )
+    parser.add_argument(
+        "--car",
+        choices=[*CAR_SETS, _ALL_CARS],
+        help=f"set of car parameters, or all of them (default {DEFAULT_CAR})",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
-def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
+def _measure(options: argparse.Namespace) -> tuple[dict[str, Fidelity], Agreement | None]:
+    """The errors of each car by its name, and what the recorded columns say of the track."""
     if not _SHORTEST_S <= options.horizon <= _LONGEST_S:
         raise RecordingError(
             f"--horizon is {options.horizon:g}; it must be {_SHORTEST_S:g} to {_LONGEST_S:g} s."
@@ -120,49 +129,74 @@ def _measure(options: argparse.Namespace) -> tuple[Fidelity, Agreement | None]:
         _note(f"{recordings.left_out} lines could not be read and were left out.")
     wanted = _REMAINDERS[options.episodes]
     drives = [drive for drive in recordings.drives if drive.episode % 2 in wanted]
-    windows = compare_motion(drives, horizon_s=options.horizon)
-    if not len(windows.position_m):
-        raise RecordingError(
-            f"No drive in the {options.episodes} episodes of {options.folder} goes on for "
-            f"{options.horizon:g} s. Choose a shorter --horizon, or a folder with longer drives."
-        )
+    reports = {}
+    for car in CAR_SETS if options.car == _ALL_CARS else (options.car or DEFAULT_CAR,):
+        windows = compare_motion(drives, CAR_SETS[car].parameters, horizon_s=options.horizon)
+        if not len(windows.position_m):
+            raise RecordingError(
+                f"No drive in the {options.episodes} episodes of {options.folder} goes on for "
+                f"{options.horizon:g} s. Choose a shorter --horizon, or a folder with longer "
+                "drives."
+            )
+        reports[car] = summary(windows)
+    return reports, _compare_track(options, drives)
+
+
+def _compare_track(options: argparse.Namespace, drives: Sequence[Recording]) -> Agreement | None:
     try:
         track = load_track(options.world, options.tracks_dir)
     except TrackError as error:
         _note(f"What is recorded of the track was not checked. {error}")
-        return summary(windows), None
+        return None
     agreement = compare_track_columns(drives, track)
     if not agreement.fits:
         _note(
             f"The recording does not fit {options.world} (length {agreement.length_m:.2f} m, "
             f"recorded {_metres(agreement.recorded_length_m)}). Name the world that was driven."
         )
-    return summary(windows), agreement
+    return agreement
 
 
 def _note(sentence: str) -> None:
     sys.stderr.write(f"Note: {sentence}\n")
 
 
-def _as_json(report: Fidelity, agreement: Agreement | None) -> dict[str, Any]:
+def _as_json(
+    options: argparse.Namespace, reports: dict[str, Fidelity], agreement: Agreement | None
+) -> dict[str, Any]:
+    """One flat object for one car, with its name if one was given; a list for all of them."""
     track = None
     if agreement is not None:
         track = {
             name: None if isinstance(value, float) and math.isnan(value) else value
             for name, value in vars(agreement).items()
         }
-    return {**vars(report), "track": track}
+    cars = [{"car": car, **vars(report)} for car, report in reports.items()]
+    if options.car == _ALL_CARS:
+        return {"cars": cars, "track": track}
+    if options.car is None:
+        del cars[0]["car"]
+    return {**cars[0], "track": track}
 
 
-def _as_text(options: argparse.Namespace, report: Fidelity, agreement: Agreement | None) -> str:
-    text = (
-        f"{options.horizon:g} s ahead, medians of {report.windows} windows in {options.episodes} "
-        f"episodes, {report.driven_median_m:.2f} m driven\n"
-        f"  our car   {report.median_m:7.3f} m {report.median_yaw_deg:6.1f} degrees off; "
-        f"9 of 10 within {report.p90_m:.3f} m\n"
-        f"  bicycle   {report.bicycle_median_m:7.3f} m "
-        f"{report.bicycle_median_yaw_deg:6.1f} degrees off, following at once"
+def _as_text(
+    options: argparse.Namespace, reports: dict[str, Fidelity], agreement: Agreement | None
+) -> str:
+    first = next(iter(reports.values()))
+    rows = [
+        f"{options.horizon:g} s ahead, medians of {first.windows} windows in {options.episodes} "
+        f"episodes, {first.driven_median_m:.2f} m driven"
+    ]
+    rows += [
+        f"  {car if options.car else 'our car':9} {report.median_m:7.3f} m "
+        f"{report.median_yaw_deg:6.1f} degrees off; 9 of 10 within {report.p90_m:.3f} m"
+        for car, report in reports.items()
+    ]
+    rows.append(
+        f"  bicycle   {first.bicycle_median_m:7.3f} m "
+        f"{first.bicycle_median_yaw_deg:6.1f} degrees off, following at once"
     )
+    text = "\n".join(rows)
     if agreement is None:
         return text
     backwards = ", driven backwards" if agreement.reverse else ""

@@ -21,6 +21,8 @@ NAMES = (
     "rewards",
     "startup",
     "learn_lap_sb3",
+    "fit_car",
+    "reference_models",
 )
 
 
@@ -35,7 +37,7 @@ def overview() -> str:
     lines = [(__doc__ or "").strip(), ""]
     for name in NAMES:
         text = ast.get_docstring(ast.parse((FOLDER / f"{name}.py").read_text("utf-8"))) or ""
-        lines.append(f"    {name:14} {text.splitlines()[0]}")
+        lines.append(f"    {name:16} {text.splitlines()[0]}")
     return "\n".join(lines)
 
 

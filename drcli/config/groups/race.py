@@ -38,6 +38,11 @@ class RaceSettings(Group, title="Race and car"):
         "ask",
         "Whether a start downloads a community track that is not installed; ask needs a terminal.",
     )
+    sim_car: Literal["release-6", "low-grip", "2022"] = setting(
+        "DR_SIM_CAR",
+        "release-6",
+        "How the simulated car drives: as in the reference's release 6, or in an earlier year.",
+    )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(
         "DR_CAR_BODY_SHELL_TYPE", "deepracer", "Body of the car.", ignored=_VIDEO

@@ -49,6 +49,8 @@ WHEELBASE_M = _FRONT_X - _REAR_X
 REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
 """How far behind the reference point the rear axle lies."""
 
+_MAY_BE_ZERO = ("steering_lag_s", "steering_delay_s", "speed_delay_s", "speed_lag_s")
+
 _SETTLE_STEPS = 30
 
 _VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
@@ -73,6 +75,8 @@ class CarParameters:
     """Time before a steering request begins to act; never less than one physics step."""
     speed_delay_s: float = 0.0095
     """Time before a speed request begins to act; never less than one physics step."""
+    speed_lag_s: float = 0.0
+    """Time constant with which the motors follow a requested speed; 0 lets them follow at once."""
     wheel_damping: float = 0.0505
     """Wheel motor torque per speed error, N m s/rad. All four wheels are held at one speed, so in a
     turn this compliance, with the grip, decides how far the car understeers."""
@@ -99,6 +103,17 @@ class CarParameters:
     substeps: int = 7
     """Physics steps in one control step, 9.5 ms each. With 20, errors are 2 mm smaller."""
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for a number that no car can have."""
+        for name, value in vars(self).items():
+            if not 0.0 <= value < math.inf or (value == 0.0 and name not in _MAY_BE_ZERO):
+                least = "0 or more" if name in _MAY_BE_ZERO else "more than 0"
+                raise ValueError(f"{name} is {value}; it must be {least}.")
+        if self.tyre_impedance >= 1.0:
+            raise ValueError(f"tyre_impedance is {self.tyre_impedance}; it must be less than 1.")
+        if self.substeps != int(self.substeps):
+            raise ValueError(f"substeps is {self.substeps}; it must be a whole number.")
+
 
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
@@ -122,6 +137,9 @@ def car_model(
             actuator.gainprm[0] = p.wheel_damping
             actuator.biasprm[2] = -p.wheel_damping
             actuator.forcerange[:] = -p.wheel_torque, p.wheel_torque
+            if p.speed_lag_s > 0.0:
+                actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+                actuator.dynprm[0] = p.speed_lag_s
     for pair in spec.pairs:
         pair.friction[:3] = p.friction, p.traction, p.twist_friction_m
         pair.solref[:] = p.tyre_time_s, 1.0

@@ -8,7 +8,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
-from drsim.car.car import CONTROL_HZ
+from drsim.car.car import CONTROL_HZ, CarParameters
+from drsim.car.car_sets import DEFAULT_CAR, car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
@@ -39,7 +40,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     Numbers beyond -1 and 1 count as -1 and 1. The car turns its wheels by 30 degrees at most and
     follows with a lag of about 0.1 s; it drives 0.1 to about 3.6 m/s and cannot stop. One action
-    lasts 1/15 s.
+    lasts 1/15 s. `car` names another car, such as that of 2022 (`drsim.CAR_SETS`).
 
     ## Observation space
 
@@ -103,6 +104,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         reverse: bool = False,
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
+        car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
     ) -> None:
@@ -119,6 +121,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             reverse: Drive against the direction of the track.
             randomize: "nothing", "lights" or "textures" that change from episode to episode.
             realism: Sim-to-real extras; none when left out.
+            car: Name of a set of car parameters (`drsim.CAR_SETS`), or parameters of your own.
             render_mode: "rgb_array", "human", or None for no pictures but the observations.
             view: "camera", "chase" or "top".
 
@@ -148,6 +151,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             num_threads=1,
             race=race,
             sensors=self._sensors,
+            car_parameters=car_of(car),
             realism=realism,
             randomize=randomize,
         )

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from drsim.arrays import Bools, Ints
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
-from drsim.car.car import CONTROL_HZ
+from drsim.car.car import CONTROL_HZ, CarParameters
+from drsim.car.car_sets import DEFAULT_CAR, car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, centre_line_reward
@@ -56,6 +57,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         reverse: bool = False,
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
+        car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
         num_threads: int = 2,
@@ -92,6 +94,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             num_threads=num_threads,
             race=self._race,
             sensors=self._sensors,
+            car_parameters=car_of(car),
             realism=realism,
             randomize=randomize,
         )
