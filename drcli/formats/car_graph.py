@@ -9,7 +9,29 @@ from drcli.formats.tensorflow.graph import Node, decode_graph
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
 
 _CONVERTED = frozenset(
-    ["Placeholder", "Const", "RealDiv", "Conv2D", "BiasAdd", "Relu", "Tanh", "Reshape", "MatMul", "Softmax", "Identity", "ConcatV2", "Sub", "Mul", "Add", "AddV2", "StopGradient", "Rsqrt", "Shape", "StridedSlice", "Pack"]
+    [
+        "Placeholder",
+        "Const",
+        "RealDiv",
+        "Conv2D",
+        "BiasAdd",
+        "Relu",
+        "Tanh",
+        "Reshape",
+        "MatMul",
+        "Softmax",
+        "Identity",
+        "ConcatV2",
+        "Sub",
+        "Mul",
+        "Add",
+        "AddV2",
+        "StopGradient",
+        "Rsqrt",
+        "Shape",
+        "StridedSlice",
+        "Pack",
+    ]
 )
 """Operations that all engines of the car are known to convert; the reference's graphs have others
 than ours. Source: graphs that went through them."""

@@ -7,7 +7,7 @@ output, and every product with a constant kernel is a layer.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ class _Finder:
             elif (path := self._path(node)) is not None:
                 self.paths[node.name] = path
 
-    def refuse(self, what: str) -> None:
+    def refuse(self, what: str) -> NoReturn:
         """Refuse the graph."""
         raise SettingsError(f"{self._graph.origin} {what}.", remedy=REMEDY)
 
@@ -108,7 +108,11 @@ class _Finder:
         first = before[0]
         if node.op == "ConcatV2" and len(before) > 1:
             return self._joined(node, before)
-        if node.op in ("Add", "AddV2") and len(before) > 1 and all(path.same_as(first) for path in before[1:]):
+        if (
+            node.op in ("Add", "AddV2")
+            and len(before) > 1
+            and all(path.same_as(first) for path in before[1:])
+        ):
             # The reference adds the features to themselves, once with the weight 0.
             return replace(first, is_open=False)
         if len(before) == 1:
@@ -124,7 +128,6 @@ class _Finder:
             f"is no policy that can be trained here: it has {node.op} at {shown(node.name)} where "
             "a network of the reference has only convolutions and dense layers"
         )
-        return None
 
     def _joined(self, node: Node, parts: list[_Path]) -> _Path:
         names = [name for part in parts for name in part.branches]
@@ -190,4 +193,4 @@ class _Finder:
             if node.name not in needed:
                 needed[node.name] = node
                 stack += node.inputs
-        return cast(Array, Graph(list(needed.values()), self._graph.origin).run({}))
+        return Graph(list(needed.values()), self._graph.origin).run({})

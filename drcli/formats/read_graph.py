@@ -282,9 +282,7 @@ def _prove(
             _refuse(graph.origin, what)
 
 
-def _pictures(
-    channels: int, random: np.random.Generator
-) -> Iterator[NDArray[np.uint8]]:
+def _pictures(channels: int, random: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
     """Pictures to compare networks with, in small batches. Each of shape (n, channels, 120, 160).
 
     Noise, even grey, gradients and edges, which excite different parts of a network.

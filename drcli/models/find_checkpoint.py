@@ -209,9 +209,7 @@ def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate
     return [each for each in inside if each in best] + [each for each in inside if each not in best]
 
 
-def _chosen(
-    source: SourceFiles, found: Sequence[Candidate], wanted: Wanted | None
-) -> Candidate:
+def _chosen(source: SourceFiles, found: Sequence[Candidate], wanted: Wanted | None) -> Candidate:
     """One of the checkpoints, by its number or as the index says."""
     if isinstance(wanted, int):
         same = [each for each in found if each.name.number == wanted]
@@ -239,9 +237,7 @@ def _chosen(
     return _one(source, [each for each in found if each.name.number == newest])
 
 
-def _named(
-    source: SourceFiles, found: Sequence[Candidate], name: str, which: str
-) -> Candidate:
+def _named(source: SourceFiles, found: Sequence[Candidate], name: str, which: str) -> Candidate:
     """The checkpoint that the index names."""
     parsed = CheckpointName.parse(name)
     exact = [each for each in found if each.title.rpartition("/")[2] == name]
@@ -303,5 +299,3 @@ def _beside(source: SourceFiles, folder: str, name: str) -> bytes | None:
     if file not in source.sizes or source.sizes[file] > 1 << 20:
         return None
     return source.read(file)
-
-

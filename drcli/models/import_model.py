@@ -244,7 +244,7 @@ _PROVED = "{origin} and the network here gave the same results for the same pict
 
 
 def _read_onnx(data: bytes, origin: str) -> tuple["ReadPolicy", list[str]]:
-    from drcli.formats.onnx_graph import read_onnx
+    from drcli.formats.onnx_reader import read_onnx
     from drcli.formats.read_graph import read_nodes
 
     return read_nodes(read_onnx(data, origin), origin), [_PROVED.format(origin=origin)]
@@ -288,7 +288,9 @@ class _Maker:
             keys.HYPERPARAMETERS_FILE: hyperparameters.decode(),
         }
         name = str(self._chosen.name)
-        record = CheckpointRecord(name, Fingerprint.of(first.tensors), counters=Counters(inputs=inputs))
+        record = CheckpointRecord(
+            name, Fingerprint.of(first.tensors), counters=Counters(inputs=inputs)
+        )
         described, world = self._training_parameters()
         metrics = keys.training_metrics("metrics")
         items = [
@@ -414,5 +416,3 @@ class _Maker:
 def _world_of(data: bytes) -> str | None:
     world = yaml.safe_load(data).get("WORLD_NAME")
     return world if isinstance(world, str) and world else None
-
-

@@ -73,7 +73,8 @@ class SourceFiles:
         """
         if self.sizes[name] > LARGEST_BYTES:
             raise SettingsError(
-                f"{self.place(name)} has {self.sizes[name]:,} bytes, more than any file of a model.",
+                f"{self.place(name)} has {self.sizes[name]:,} bytes, more than any file of a model "
+                "has.",
                 remedy="Name a model of the reference simulator.",
             )
         return self._read(name)
