@@ -15,6 +15,7 @@ from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.settings import RunConfig
+from drcli.exchange.policy_source import PolicySource
 
 VERSION = 1
 """Of the format of a job; another version of this program may use another one."""
@@ -51,6 +52,7 @@ class Job:
         folder: Where workers write their `WorkerExit`.
         launcher_pid: When this process ends, the workers end too.
         term: Of the lease that the supervisor has taken; 0 before.
+        sources: What drives each racer of an evaluation; empty for checkpoints in PyTorch.
     """
 
     config: RunConfig
@@ -61,6 +63,7 @@ class Job:
     folder: Path
     launcher_pid: int
     term: int = 0
+    sources: tuple[PolicySource, ...] = ()
 
     @property
     def directory(self) -> Path:

@@ -16,6 +16,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
+from drcli.store.write_probe import prove_writing
 
 IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
 """Files and folders that programs leave behind."""
@@ -51,6 +52,7 @@ def upload_custom_files(
 
     Raises:
         SettingsError: There is no such folder, or a file in it cannot be read.
+        StorageError: The bucket cannot be written; then nothing was copied.
     """
     folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
@@ -74,6 +76,8 @@ def upload_custom_files(
         if Checksums.of(data).matches(bucket, there.get(key)):
             unchanged.append(name)
             continue
+        if not copied:
+            prove_writing(bucket, config.prefix, deletes=False)
         bucket.put(key, data)
         copied.append(name)
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)

@@ -38,6 +38,7 @@ from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.endpoint import UPLOADS, SettingNames
 from drcli.store.reconstruct import readable_records, reconstruct_scores
 from drcli.store.repair import Model, readable_scores
+from drcli.store.write_probe import prove_writing
 
 TRANSIENT = ("model/.ready", "model/.lock", "model/.finished", "ip/ip.json", "ip/done")
 """Signals of a training that runs elsewhere; a copy of them would mislead the next one here."""
@@ -114,11 +115,14 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
     refuse_nesting(here, options.prefix, settings.custom_files_prefix, flag="-t")
     refuse_training(here, options.prefix)
+    used = len(here.list(keys.folder(options.prefix)))
+    if not options.dry_run:
+        prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first
     return PlannedDownload(
         options=options,
         source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
-        used=len(here.list(keys.folder(options.prefix))),
+        used=used,
     )
 
 

@@ -126,7 +126,7 @@ def refuse_overlap(
     before, after = source[1], target[1]
     if not (contains(before, after) or contains(after, before)):
         return
-    if not _is_same(source[0], target[0], may_write=may_write):
+    if not _is_same(source[0], target[0], after, may_write=may_write):
         return
     problem = f"{after} overlaps with {before}; wiping one would delete the other."
     if before == after:
@@ -176,15 +176,18 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
         )
 
 
-def _is_same(source: Bucket, target: Bucket, *, may_write: bool) -> bool:
-    """Whether both are the same bucket."""
+def _is_same(source: Bucket, target: Bucket, prefix: str, *, may_write: bool) -> bool:
+    """Whether both are the same bucket.
+
+    A test object goes below the prefix at the target, where keys may be allowed to write only.
+    """
     if source is target:
         return True
     if source.name != target.name:
         return False
     if not may_write:
         return getattr(source, "endpoint", None) == getattr(target, "endpoint", 0)
-    probe = f".probe-{uuid.uuid4().hex}"
+    probe = f"{keys.folder(prefix)}.probe-{uuid.uuid4().hex}.txt"
     target.put(probe, b"probe")
     try:
         return source.exists(probe)

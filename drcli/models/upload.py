@@ -29,6 +29,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.write_probe import prove_writing
 
 _PICKS = 5
 """How often another checkpoint is chosen because a running training has deleted the last one."""
@@ -78,6 +79,8 @@ class UploadReport(TransferReport):
 def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     """Choose the checkpoint and check both ends; nothing is copied yet.
 
+    Unless it is a dry run, a test object proves that the target can be written.
+
     Raises:
         DrError: The first thing that is wrong.
     """
@@ -100,6 +103,8 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     if options.local:
         refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
     refuse_training(there, target)
+    if not options.dry_run:
+        prove_writing(there, target, deletes=options.wipe)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
     return PlannedUpload(options, chosen, source, target, *places)
 

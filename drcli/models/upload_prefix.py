@@ -15,6 +15,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import contains
+from drcli.store.write_probe import prove_writing
 
 PREFIX = "DR_UPLOAD_S3_PREFIX"
 
@@ -101,4 +102,7 @@ def _count(settings: Settings) -> int:
     if contains(prefix, settings.model_prefix) or contains(settings.model_prefix, prefix):
         here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
         refuse_overlap((here, settings.model_prefix), (there, prefix), flag="-p", may_write=True)
-    return len(there.list(keys.folder(prefix)))
+    found = len(there.list(keys.folder(prefix)))
+    if found:
+        prove_writing(there, prefix, deletes=True)
+    return found

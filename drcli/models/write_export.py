@@ -18,6 +18,7 @@ from drcli.models.put_model import POINTERS, Delivery, Progress
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     parse_url,
+    refuse_nesting,
     refuse_overlap,
     refuse_training,
     source_bucket,
@@ -25,6 +26,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.write_probe import prove_writing
 
 _URL = "s3://"
 
@@ -54,7 +56,7 @@ def is_url(out: str) -> bool:
 def export_target(
     settings: Settings, out: str, source: str, *, local: bool, force: bool
 ) -> ExportTarget:
-    """Check where an export should go; nothing is written yet.
+    """Check where an export should go; only a test object may be written, and deleted again.
 
     Args:
         settings: With the servers.
@@ -75,13 +77,16 @@ def export_target(
     bucket = source_bucket(settings.transfer, name, local=local, patience_s=COPY_PATIENCE_S)
     there = bucket.list(keys.folder(prefix))
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=False)
+    refuse_overlap((here, source), (bucket, prefix), flag="--out", may_write=True)
+    if local:
+        refuse_nesting(bucket, prefix, settings.custom_files_prefix, flag="--out")
     refuse_training(bucket, prefix)
     if there and not force:
         raise SettingsError(
             f"{out} is not empty: it has {there[0].key.removeprefix(keys.folder(prefix))}.",
             remedy="Choose another prefix with --out, or replace the files there with -f.",
         )
+    prove_writing(bucket, prefix, deletes=force)
     return ExportTarget(f"{_URL}{name}/{prefix}", bucket=bucket, prefix=prefix)
 
 

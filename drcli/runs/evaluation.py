@@ -30,7 +30,8 @@ from drcli.config.settings import Settings
 from drcli.exchange.episode_metrics import REPORT_FILE, TrialMetrics, decode_report
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, WorkerExit
-from drcli.runs.evaluation_plan import EvaluationPlan, prepare_evaluation
+from drcli.exchange.policy_source import PolicySource
+from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evaluation
 from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
@@ -80,10 +81,13 @@ class EvaluationReport:
     Attributes:
         prefix: Model prefix in the bucket.
         world: The track.
-        checkpoint: Name of the checkpoint that drove.
+        checkpoint: Name of the checkpoint or file that drove.
         trials: All trials, in order.
         simtrace: Key of the trace in the bucket.
         metrics: Key of the metrics in the bucket.
+        runtime: What ran the policy: torch, pb, onnx, openvino or tflite.
+        file: The file that drove; None for a checkpoint of the model.
+        sha256: Of that file.
         opponent: The report of the other model in a HEAD_TO_MODEL race.
     """
 
@@ -93,6 +97,9 @@ class EvaluationReport:
     trials: list[TrialReport]
     simtrace: str
     metrics: str
+    runtime: str = "torch"
+    file: str | None = None
+    sha256: str | None = None
     opponent: "EvaluationReport | None" = None
 
     @property
@@ -126,6 +133,8 @@ def evaluate(
     *,
     clone: bool = False,
     seed: int | None = None,
+    own: PolicySource = CHECKPOINT,
+    opponent: PolicySource | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
 ) -> EvaluationReport:
     """Run the evaluation that the settings describe, and wait for its end.
@@ -134,6 +143,8 @@ def evaluate(
         settings: Name the model, and the race in DR_EVAL_*.
         clone: Copy the model to `<prefix>-E` first and evaluate the copy.
         seed: Of all random numbers.
+        own: What drives: the checkpoint of the settings, or a file, and in which engine.
+        opponent: The same for the opponent of a HEAD_TO_MODEL race.
         on_progress: Shows a short sentence on each step.
 
     Raises:
@@ -142,7 +153,9 @@ def evaluate(
         EvaluationStopped: SIGTERM came.
     """
     with _until_sigterm():
-        plan = prepare_evaluation(settings, clone=clone, seed=seed, on_progress=on_progress)
+        plan = prepare_evaluation(
+            settings, clone=clone, seed=seed, own=own, opponent=opponent, on_progress=on_progress
+        )
         return run_evaluation(plan)
 
 
@@ -194,6 +207,7 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
 
 def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
     config = plan.job.config
+    sources = plan.job.sources or [CHECKPOINT] * len(records)
     reports = [
         EvaluationReport(
             prefix=config.model.prefix,
@@ -202,8 +216,11 @@ def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> Evaluati
             trials=_trials(trials),
             simtrace=plan.simtrace,
             metrics=plan.metrics,
+            runtime=source.runtime or "torch",
+            file=None if source.file is None else str(source.file),
+            sha256=source.sha256 or None,
         )
-        for checkpoint, trials in zip(plan.checkpoints, records, strict=True)
+        for checkpoint, trials, source in zip(plan.checkpoints, records, sources, strict=True)
     ]
     if len(reports) == 1:
         return reports[0]

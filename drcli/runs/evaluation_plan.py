@@ -14,12 +14,17 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
 from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
+from drcli.exchange.policy_source import PolicySource, Runtime
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.repair import Model, readable_scores
+from drcli.store.write_probe import prove_writing
+
+CHECKPOINT = PolicySource()
+"""A checkpoint in PyTorch."""
 
 CLONE_SUFFIX = "-E"
 """Appended to the prefix of a model that is cloned for its evaluation."""
@@ -31,7 +36,8 @@ class EvaluationPlan:
 
     Attributes:
         job: For its processes, with a folder for this evaluation only.
-        checkpoints: The model's, and the opponent's in a HEAD_TO_MODEL race.
+        checkpoints: The model's, and the opponent's in a HEAD_TO_MODEL race; the name of a file
+            where a file drives.
         stamp: Its name, the time as fourteen digits.
     """
 
@@ -55,30 +61,47 @@ def prepare_evaluation(
     *,
     clone: bool = False,
     seed: int | None = None,
+    own: PolicySource = CHECKPOINT,
+    opponent: PolicySource | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
 ) -> EvaluationPlan:
     """Find the checkpoints and describe the evaluation in the bucket, before a process starts.
 
+    `own` and `opponent` say what drives; a file needs no model in the bucket.
+
     Raises:
-        SettingsError: The track, the model or the checkpoint does not exist.
+        SettingsError: The track, the model or the checkpoint does not exist, or a file cannot
+            drive.
+        NotAvailable: The engine of a policy is not installed.
     """
+    if opponent is not None and settings.race_type != "HEAD_TO_MODEL":
+        raise SettingsError(
+            f"An opponent drives only in a HEAD_TO_MODEL race, but DR_RACE_TYPE is "
+            f"{settings.race_type}.",
+            remedy="Set DR_RACE_TYPE=HEAD_TO_MODEL, or leave out the options of the opponent.",
+        )
+    sources = [_checked(own), _checked(opponent or CHECKPOINT)]
     directory = settings.directory
     track = track_problem(settings.race)
     if track is not None:  # also one that could be fetched: an evaluation needs it now
         raise ProblemsError([replace(track, severity="error")])
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
-    _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
-    on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
+    if own.file is None:
+        repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
+        _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
+        on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
+    else:
+        on_progress(f"Evaluation of {own.file} starting.")
     if clone:
         settings = _cloned(settings, bucket)
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
-    checkpoints = [_choose(settings, bucket, settings.model_prefix)]
+    checkpoints = [_driven(settings, bucket, settings.model_prefix, own)]
     if settings.race_type == "HEAD_TO_MODEL":
-        opponent = settings.eval_opp_s3_model_prefix
-        repair_or_warn(settings.model, bucket, opponent, missing=True)
-        _check_model(bucket, opponent, "DR_EVAL_OPP_S3_MODEL_PREFIX")
-        checkpoints.append(_choose(settings, bucket, opponent))
+        theirs = settings.eval_opp_s3_model_prefix
+        if sources[1].file is None:
+            repair_or_warn(settings.model, bucket, theirs, missing=True)
+            _check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+        checkpoints.append(_driven(settings, bucket, theirs, sources[1]))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = _claim_stamp(settings, bucket, directory)
@@ -102,8 +125,31 @@ def prepare_evaluation(
         max_minutes=None,
         folder=folder,
         launcher_pid=os.getpid(),
+        sources=tuple(sources[: len(checkpoints)]),
     )
     return EvaluationPlan(job, checkpoints, stamp)
+
+
+def _checked(source: PolicySource) -> PolicySource:
+    """The same with its engine and, for a file, its hash, after everything was checked."""
+    from drcli.formats.engine_fit import check_file
+    from drcli.formats.engines import RUNS, check_runtime
+    from drcli.formats.policy_file import read_policy_file
+
+    if source.file is None:
+        runtime: Runtime = source.runtime or "torch"
+        if runtime != "torch":
+            check_runtime("pb", runtime, "a checkpoint")
+        return replace(source, runtime=runtime)
+    file = read_policy_file(source.file, source.metadata)
+    runtime = source.runtime or RUNS[file.form][0]
+    check_file(file, runtime)
+    return replace(source, runtime=runtime, sha256=file.sha256)
+
+
+def _driven(settings: Settings, bucket: Bucket, prefix: str, source: PolicySource) -> str:
+    """The name of the checkpoint or file that drives."""
+    return _choose(settings, bucket, prefix) if source.file is None else source.file.name
 
 
 def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
@@ -137,6 +183,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
         for folder in ("model/", "ip/")
         for item in bucket.list(keys.folder(source) + folder)
     ]
+    prove_writing(bucket, target, deletes=False)
     for key in sorted(found, key=lambda key: key in pointers):
         copy = keys.folder(target) + key.removeprefix(keys.folder(source))
         bucket.put(copy, bucket.get(key))

@@ -18,7 +18,13 @@ from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.profiles import lend_to_refreshes, session_of
-from drcli.store.s3_errors import MISSING_CODES, Attempt, explain, patience_share
+from drcli.store.s3_errors import (
+    MISSING_CODES,
+    Attempt,
+    explain,
+    explain_entry,
+    patience_share,
+)
 
 if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client
@@ -240,11 +246,8 @@ class S3Bucket:
         )
         for failure in answer.get("Errors", []):
             if failure.get("Code") not in MISSING_CODES:
-                raise StorageError(
-                    f"Cannot delete {self.name}/{failure.get('Key')} at {self.endpoint.place}: "
-                    f"{failure.get('Code')} {failure.get('Message')}.",
-                    remedy="Check that the access keys have permission to delete objects.",
-                )
+                attempt = Attempt("delete", self.endpoint, self.name, str(failure.get("Key")))
+                raise explain_entry(failure.get("Code", ""), failure.get("Message", ""), attempt)
 
     def _list_all(self, folder: str) -> Listing:
         pages = self._client.get_paginator("list_objects_v2").paginate(

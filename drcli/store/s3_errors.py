@@ -1,5 +1,6 @@
 """Explains botocore's exceptions: a sentence, a remedy, and whether to try again."""
 
+import re
 import shutil
 from dataclasses import dataclass
 
@@ -8,10 +9,9 @@ from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
-_REFUSED_CODES = frozenset(
+_KEY_CODES = frozenset(
     {
         "403",
-        "AccessDenied",
         "AuthorizationHeaderMalformed",
         "ExpiredToken",
         "InvalidAccessKeyId",
@@ -19,11 +19,54 @@ _REFUSED_CODES = frozenset(
         "SignatureDoesNotMatch",
     }
 )
+"""The server does not know the access keys; a HEAD request has no better code than 403."""
+
+_DENIED_CODES = frozenset({"AccessDenied", "AllAccessDisabled", "AccessDeniedException"})
+_CLOCK_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired"})
+_REGION_CODES = frozenset(
+    {"301", "PermanentRedirect", "IllegalLocationConstraintException", "TemporaryRedirect"}
+)
+_READ_ONLY_CODES = frozenset({"405", "MethodNotAllowed", "501", "NotImplemented"})
+_PERMISSIONS = {
+    "write": "s3:PutObject",
+    "read": "s3:GetObject",
+    "look up": "s3:GetObject",
+    "delete": "s3:DeleteObject",
+    "create": "s3:CreateBucket",
+}
+"""What a request needs, by the action of its `Attempt`; all others need s3:ListBucket."""
+
+_DENIED_ACTION = re.compile(
+    r"not authorized to perform: ([a-z0-9-]+:[A-Za-z]+)(?: on resource: \"?(arn:[^\s\"]+))?"
+)
+"""Amazon's text of a denied request. Source: its page on messages for denied access."""
+
+_EXPLICIT = {
+    "resource-based policy": "the policy of the bucket",
+    "service control policy": "a service control policy of the organization",
+    "permissions boundary": "a permissions boundary",
+    "identity-based policy": "the policy of these keys",
+}
+"""Who denies a request explicitly, by the words in Amazon's text."""
 _BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeout", "Throttling"})
 _FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
 
 _SPARE_BYTES = 1_000_000
 """A disk with less space than this besides the object counts as full."""
+
+
+class AccessRefused(StorageError):
+    """The server knows the access keys, but they lack a permission.
+
+    Args:
+        message: The whole sentence.
+        remedy: Where to add the permission.
+        reason: The part of the sentence that does not name the request, without a full stop.
+    """
+
+    def __init__(self, message: str, *, remedy: str, reason: str) -> None:
+        super().__init__(message, remedy=remedy)
+        self.reason = reason
 
 
 @dataclass(frozen=True)
@@ -95,6 +138,16 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
     )
 
 
+def explain_entry(code: str, said: str, attempt: Attempt) -> StorageError:
+    """The error for one object of an answer that is a success otherwise, such as a deletion's."""
+    if attempt.endpoint.engine is None and (code in _DENIED_CODES or code.startswith("KMS.")):
+        return _explain_denial(code, " ".join(said.split()), attempt)
+    return StorageError(
+        f"Cannot {attempt}: the server answered {code} {said}.",
+        remedy="Check that the access keys have permission to do so.",
+    )
+
+
 def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
     code, status = _answer(error)
     endpoint = attempt.endpoint
@@ -115,7 +168,26 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
             f"The object {attempt.bucket}/{attempt.key} does not exist at {endpoint.place}.",
             remedy=f"Check the model prefix ({names.prefix}) and the bucket ({names.bucket}).",
         )
-    if code in _REFUSED_CODES or status == 403:
+    if (region := _other_region(error)) is not None:
+        return StorageError(
+            f"Cannot {attempt}: the bucket is in another region{region and f', {region}'} ({code}).",
+            remedy=f"Set the region in the profile of {names.profile} in ~/.aws/config, or with "
+            "DR_AWS_APP_REGION.",
+        )
+    if code in _CLOCK_CODES:
+        return StorageError(
+            f"Cannot {attempt}: the clocks of this machine and of the server differ ({code}).",
+            remedy="Set the clock, as with `sudo timedatectl set-ntp true`.",
+        )
+    if endpoint.engine is None and (code in _DENIED_CODES or code.startswith("KMS.")):
+        return _explain_denial(code, _said(error), attempt)
+    if code in _READ_ONLY_CODES and attempt.action in ("write", "delete"):
+        return StorageError(
+            f"Cannot {attempt}: the server allows no changes there ({status} {code}).",
+            remedy=f"Choose another bucket with {names.bucket}, or ask the person who runs that "
+            "server whether it is read-only.",
+        )
+    if code in _KEY_CODES | _DENIED_CODES or status == 403:
         whose = names.profile if endpoint.engine is None else endpoint.setting
         return StorageError(
             f"Cannot {attempt}: the server refuses the access keys of {whose} ({code}).",
@@ -136,6 +208,55 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         if endpoint.engine is not None and endpoint.data_dir is not None
         else "Try again; if it fails again, ask the person who runs that server.",
     )
+
+
+def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
+    """Name the permission that the keys lack, and where to add it."""
+    found = _DENIED_ACTION.search(said)
+    permission = found[1] if found else _PERMISSIONS.get(attempt.action, "s3:ListBucket")
+    names, bucket = attempt.endpoint.names, f"arn:aws:s3:::{attempt.bucket}"
+    inside = f"{bucket}/{attempt.key.rpartition('/')[0]}/*".replace("//", "/")
+    place = bucket if permission in ("s3:ListBucket", "s3:CreateBucket") else inside
+    if permission.startswith("kms:"):
+        place = found[2] if found and found[2] else "the KMS key of the bucket"
+    keys = f"the access keys of {names.profile}"
+    remedy = (
+        f"Add {permission} on {place} to the policy of these keys, or choose other keys with "
+        f"{names.profile}."
+    )
+    if code.startswith("KMS."):
+        reason = f"the KMS key of the bucket cannot be used ({code}{said and f': {said}'})"
+        remedy = "Enable that key, or choose another encryption for the bucket."
+        return AccessRefused(f"Cannot {attempt}: {reason}.", remedy=remedy, reason=reason)
+    who = next((who for words, who in _EXPLICIT.items() if words in said), "a policy")
+    if "explicit deny" in said:
+        reason = f"{who} denies {permission} to {keys} ({code})"
+        remedy = (
+            f"Ask the owner of '{attempt.bucket}' to remove what denies {permission} on {place}, "
+            f"or choose another bucket with {names.bucket}."
+        )
+    else:
+        reason = f"{keys} lack the permission {permission} ({code})"
+    return AccessRefused(f"Cannot {attempt}: {reason}.", remedy=remedy, reason=reason)
+
+
+def _other_region(error: Exception) -> str | None:
+    """The region of a bucket that is not in ours, empty if unknown; None for another failure."""
+    code, status = _answer(error)
+    malformed = code == "AuthorizationHeaderMalformed" and "region" in _said(error)
+    if code not in _REGION_CODES and status != 301 and not malformed:
+        return None
+    response = getattr(error, "response", {})
+    headers = response.get("ResponseMetadata", {}).get("HTTPHeaders", {})
+    expected = re.search(r"expecting '([a-z0-9-]+)'", _said(error))
+    named = response.get("Error", {}).get("Region") or headers.get("x-amz-bucket-region")
+    return str(named or (expected[1] if expected else ""))
+
+
+def _said(error: Exception) -> str:
+    """The server's own text of a ClientError."""
+    text = getattr(error, "response", {}).get("Error", {}).get("Message") or ""
+    return " ".join(str(text).split())
 
 
 def _answer(error: Exception) -> tuple[str, int]:

@@ -1,14 +1,14 @@
 """The evaluation worker: drives laps with one checkpoint of a finished or running training.
 
 Run by `dr-evaluate` as `python -m drcli.workers.evaluator STAMP CHECKPOINT [OPPONENT]`, where the
-opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. It writes traces and metrics
-and never changes a model.
+opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. The job says whether files
+drive instead, and in which engines. It writes traces and metrics and never changes a model.
 """
 
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 
@@ -23,8 +23,14 @@ from drcli.exchange.episode_metrics import (
     encode_report,
 )
 from drcli.exchange.job import Job
+from drcli.exchange.policy_source import PolicySource
 from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.formats.build_network import build_policy, load_weights
+from drcli.formats.policy_file import read_policy_file
+from drcli.formats.runtimes import policy_of_file, policy_of_model
+from drcli.learn.policy import Policy
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -49,28 +55,47 @@ from drsim.track.worlds import directed
 MAX_LAP_S = 600.0
 """Simulated time after which a lap is given up."""
 
+MOST_ENGINE_THREADS = 2
+"""Of an engine that is not PyTorch: more do not help a few pictures at a time."""
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A model that drives: its prefix and checkpoint, and the keys of its trace and metrics."""
+    """A model that drives: its prefix and checkpoint, and the keys of its trace and metrics.
+
+    `source` may name a file that drives instead.
+    """
 
     prefix: str
     checkpoint: str
     trace: str
     metrics: str
+    source: PolicySource = field(default_factory=PolicySource)
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.prefix if self.source.file is None else str(self.source.file)
 
 
-def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[Entry]:
+def entries(
+    config: RunConfig,
+    stamp: str,
+    checkpoints: Sequence[str],
+    sources: Sequence[PolicySource] = (),
+) -> list[Entry]:
     """The model itself and, if there is a second checkpoint, its opponent.
 
     `stamp` is the fourteen digits that name the evaluation.
     """
+    sources = sources or [PolicySource()] * len(checkpoints)
     model, s = config.model, config.evaluation
     own = Entry(
         model.prefix,
         checkpoints[0],
         keys.evaluation_trace(model.prefix, stamp),
         keys.evaluation_metrics(model.metrics_prefix, stamp),
+        sources[0],
     )
     if len(checkpoints) == 1:
         return [own]
@@ -79,6 +104,7 @@ def entries(config: RunConfig, stamp: str, checkpoints: Sequence[str]) -> list[E
         checkpoints[1],
         keys.opponent_trace(s.eval_opp_s3_model_prefix),
         keys.opponent_metrics(s.eval_opp_s3_metrics_prefix, stamp),
+        sources[1],
     )
     return [own, opponent]
 
@@ -91,16 +117,14 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
     s, race = job.config.evaluation, job.config.race()
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     torch.set_num_threads(1)
-    designs = [Design.of_model(bucket, entry.prefix) for entry in entered]
-    racers = [
-        _racer(bucket, entry, design, job.config)
-        for entry, design in zip(entered, designs, strict=True)
-    ]
-    if len({sensors_of_model(design.metadata) for design in designs}) > 1:
+    entrants = [enter(bucket, entry, job.config) for entry in entered]
+    racers = [racer for racer, _ in entrants]
+    if len({sensors_of_model(metadata) for _, metadata in entrants}) > 1:
         raise SettingsError(
-            f"{entered[0].prefix} and {entered[1].prefix} have different sensors and cannot race "
+            f"{entered[0].name} and {entered[1].name} have different sensors and cannot race "
             "each other.",
-            remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX.",
+            remedy="Choose an opponent with the same sensors in DR_EVAL_OPP_S3_MODEL_PREFIX or "
+            "with --opponent-model.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     laps = s.eval_number_of_trials if s.eval_is_continuous else 1
@@ -114,7 +138,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
     simulation = build_simulation(
         race,
         "evaluation",
-        designs[0].metadata,
+        entrants[0][1],
         track,
         num_cars=num_cars,
         reward=reward,
@@ -152,15 +176,41 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
     (job.folder / REPORT_FILE).write_bytes(encode_report(trials))
 
 
-def _racer(bucket: Bucket, entry: Entry, design: Design, config: RunConfig) -> Racer:
-    """The policy of an entry, with its weights."""
+def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, ModelMetadata]:
+    """The policy of an entry in its engine, and what it was trained with.
+
+    Raises:
+        SettingsError: It cannot be used, or its file has changed since it was checked.
+        NotAvailable: Its engine is not installed here.
+    """
+    source, threads = entry.source, min(MOST_ENGINE_THREADS, cores())
+    policy: Policy
+    if source.file is not None:
+        file = read_policy_file(source.file, source.metadata)
+        if source.sha256 not in ("", file.sha256):
+            raise SettingsError(
+                f"{source.file} has changed while its evaluation started.",
+                remedy="Wait until it is completely written, then run `dr-evaluate` again.",
+            )
+        metadata = file.metadata
+        parameters = Hyperparameters.from_bytes(b"{}")
+        _say_start(config, metadata, parameters)
+        policy = policy_of_file(file, source.runtime, threads)
+        return Racer(policy, actions_of(metadata)), metadata
+    design = Design.of_model(bucket, entry.prefix)
     metadata, parameters = design.metadata, design.parameters
-    prefix, race = config.model.prefix, config.race()
-    plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
+    _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)
     checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
     load_weights(model, checkpoint.tensors, checkpoint.record.name)
-    return Racer(model, actions_of(metadata))
+    origin = f"{checkpoint.record.name} of {entry.prefix}"
+    policy = policy_of_model(model, metadata, source.runtime or "torch", origin, threads)
+    return Racer(policy, actions_of(metadata)), metadata
+
+
+def _say_start(config: RunConfig, metadata: ModelMetadata, parameters: Hyperparameters) -> None:
+    prefix, race = config.model.prefix, config.race()
+    plain.info(reference_log.start_lines(prefix, race, metadata, parameters, "EVALUATION"))
 
 
 def laps_of(race: Episode) -> list[Episode]:
@@ -178,7 +228,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Run an evaluation in this process."""
     signal_guard.install()
     stamp, *checkpoints = sys.argv[1:]
-    evaluate(job, lifeline, entries(job.config, stamp, checkpoints))
+    evaluate(job, lifeline, entries(job.config, stamp, checkpoints, job.sources))
 
 
 if __name__ == "__main__":

@@ -73,7 +73,9 @@ def upload_model(
     else:
         console.write(f"{planned.chosen.line}\n")  # on stdout, where scripts look for it
     console.say(f"Uploading {planned.source_url} to {planned.target_url}")
-    if not dry_run:
+    if dry_run:
+        console.say("A dry run writes nothing, so it does not test the permission to write there.")
+    else:
         prompts.agree("Are you sure?", yes=force)
     report = upload(planned, loaded, partial(console.progress, unit="bytes"))
     if step is not None and not dry_run:

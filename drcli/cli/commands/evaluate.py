@@ -1,6 +1,7 @@
 """`dr evaluate`, also called `dr-start-evaluation`."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,10 +11,13 @@ from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson
 from drcli.cli.views import evaluation_view
 from drcli.cli.working_folder import settings
+from drcli.exchange.policy_source import PolicySource, Runtime
 
 STARTER = "start-evaluation"
 """Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
 
+
+KINDS = ".pb, .onnx, .xml, .tflite or a car's .tar.gz"
 
 LOG = ("dr-logs evaluation -a", "show its whole log")
 RESUME = ("dr-start-training --resume", "continue training")
@@ -52,6 +56,31 @@ def evaluate(
     clone: Annotated[
         bool, typer.Option("-c", "--clone", help="Evaluate a copy at <prefix>-E.")
     ] = False,
+    runtime: Annotated[
+        Runtime | None,
+        typer.Option(
+            "--runtime", help="Engine that runs the policy; the model is converted for it."
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE", help=f"Drive with this file instead: {KINDS}."),
+    ] = None,
+    metadata: Annotated[
+        Path | None, typer.Option("--metadata", metavar="FILE", help="Its model_metadata.json.")
+    ] = None,
+    opponent_runtime: Annotated[
+        Runtime | None,
+        typer.Option("--opponent-runtime", help="Engine of the opponent in HEAD_TO_MODEL."),
+    ] = None,
+    opponent_model: Annotated[
+        Path | None,
+        typer.Option("--opponent-model", metavar="FILE", help="File of the opponent."),
+    ] = None,
+    opponent_metadata: Annotated[
+        Path | None,
+        typer.Option("--opponent-metadata", metavar="FILE", help="Its model_metadata.json."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Drive evaluation laps with the model and report the result.
@@ -59,25 +88,50 @@ def evaluate(
     DR_EVAL_CHECKPOINT chooses the best or the last checkpoint; the other DR_EVAL_ settings describe
     the laps. The model is not changed, so it may be training at the same time.
 
+    With --runtime the same laps are driven by another engine than PyTorch, such as the one of the
+    car. With --model a file drives, without any model in the bucket; its model_metadata.json lies
+    beside it, inside of it, or is named by --metadata.
+
     dr-start-evaluation -q drives in the background: results are written to the bucket, messages to
     the log, and dr-stop-evaluation stops it.
 
-    Example: dr-evaluate --json
+    Example: dr-evaluate --model policy.onnx --json
     """
     from drcli.runs import evaluation, stopping
     from drcli.runs.evaluation_plan import prepare_evaluation
 
+    if clone and model is not None:
+        raise typer.BadParameter("-c copies a model in the bucket, but --model drives a file.")
+    own = _source("", runtime, model, metadata) or PolicySource()
+    opponent = _source("opponent-", opponent_runtime, opponent_model, opponent_metadata)
     loaded = settings()
     bring_tracks(loaded)
     if quiet and context.info_name == STARTER:
-        plan = prepare_evaluation(loaded, clone=clone, on_progress=console.say)
+        plan = prepare_evaluation(
+            loaded, clone=clone, on_progress=console.say, own=own, opponent=opponent
+        )
         record = evaluation.launch_evaluation(plan)
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
         console.emit(started, None, as_json=as_json)
         return
     say = (lambda text: None) if quiet else console.say
-    report = evaluation.evaluate(loaded, clone=clone, on_progress=say)
+    report = evaluation.evaluate(loaded, clone=clone, on_progress=say, own=own, opponent=opponent)
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         console.suggest([LOG, *resume, STATUS])
+
+
+def _source(
+    which: str, runtime: Runtime | None, file: Path | None, metadata: Path | None
+) -> PolicySource | None:
+    """What the options of a racer say; None where none of them is given."""
+    if file is None and metadata is not None:
+        raise typer.BadParameter(f"--{which}metadata belongs to --{which}model, which is missing.")
+    if runtime is None and file is None:
+        return None
+    return PolicySource(runtime, _absolute(file), _absolute(metadata))
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.expanduser().absolute()

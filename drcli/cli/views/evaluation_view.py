@@ -16,9 +16,14 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
     other = report.opponent
     if other is None:
         return Group(_trials(report), _bold(_laps(report)))
-    cars = (_bold(report.prefix), _trials(report), _bold(other.prefix), _trials(other))
+    cars = (_bold(_name(report)), _trials(report), _bold(_name(other)), _trials(other))
     result = (_laps(report), _laps(other), _winner(report, other))
     return Group(*cars, *map(_bold, result))
+
+
+def _name(report: "EvaluationReport") -> str:
+    """What a racer is called: its model, or the file that drives."""
+    return report.prefix if report.file is None else report.checkpoint
 
 
 def _bold(text: str) -> Text:
@@ -46,9 +51,13 @@ def _trials(report: "EvaluationReport") -> Rows:
 
 def _laps(report: "EvaluationReport") -> str:
     best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
+    driver = report.checkpoint
+    if report.file is None:
+        driver = f"checkpoint {driver} of {report.prefix}"
+    engine = "" if report.runtime == "torch" else f" with --runtime {report.runtime}"
     return (
         f"{report.completed} of {len(report.trials)} laps{best}, "
-        f"checkpoint {report.checkpoint} of {report.prefix} on {report.world}."
+        f"{driver}{engine} on {report.world}."
     )
 
 
@@ -56,9 +65,9 @@ def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
     """The model with more laps wins, then the one with less time for all laps."""
     if own.completed != other.completed:
         first = own if own.completed > other.completed else other
-        return f"{first.prefix} wins with more laps."
+        return f"{_name(first)} wins with more laps."
     if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
         return "Nobody wins."
     first, second = (own, other) if own.total_s < other.total_s else (other, own)
     ahead_s = abs(own.total_s - other.total_s)
-    return f"{first.prefix} wins, {ahead_s:.2f} s ahead of {second.prefix}."
+    return f"{_name(first)} wins, {ahead_s:.2f} s ahead of {_name(second)}."

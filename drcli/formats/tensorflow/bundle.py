@@ -130,7 +130,7 @@ class Bundle:
             )
         dtype = dtype_of(entry.dtype)
         if dtype is None:
-            kind = _TYPE_NAMES.get(entry.dtype, f"type {entry.dtype}")
+            kind = _TYPE_NAMES.get(entry.dtype, str(entry.dtype))
             raise SettingsError(
                 f"{index}: {name} has values of the type {kind}, which no weight of a policy has.",
                 remedy="Name a checkpoint that the reference simulator wrote.",
@@ -185,10 +185,14 @@ def open_bundle(index: bytes, origin: str) -> Bundle:
 def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dict[str, Array]:
     """Read all tensors of a checkpoint; see `open_bundle` and `Bundle.read`."""
     bundle = open_bundle(index, origin)
-    total = sum(map(len, [data] if isinstance(data, bytes) else data))
-    if sum(entry.size for entry in bundle.entries.values()) > total:
-        raise damaged(f"{bundle.origin}{DATA}", f"it has {total} bytes, fewer than its tensors")
-    return {name: bundle.read(name, data) for name in bundle.entries}
+    left = sum(map(len, [data] if isinstance(data, bytes) else data))
+    found = {}
+    for name, entry in bundle.entries.items():
+        found[name] = bundle.read(name, data)
+        left -= entry.size
+        if left < 0:
+            raise damaged(bundle.origin + INDEX, "its tensors have more bytes than the data")
+    return found
 
 
 def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:

@@ -158,11 +158,20 @@ def test_a_server_with_an_inner_failure_gets_a_tenth_of_the_patience(scripted, c
     assert clock.now_s == pytest.approx(6)
 
 
-@pytest.mark.parametrize("code", ["SignatureDoesNotMatch", "InvalidAccessKeyId", "AccessDenied"])
+@pytest.mark.parametrize("code", ["SignatureDoesNotMatch", "InvalidAccessKeyId"])
 def test_refused_keys_are_no_matter_of_patience(scripted, clock, code):
     bucket = scripted(answer(code, 403), endpoint=REMOTE, repeat=True)
 
     with pytest.raises(StorageError, match=r"refuses the access keys of DR_LOCAL_S3_PROFILE"):
+        bucket.get("k")
+
+    assert clock.pauses_s == []
+
+
+def test_a_missing_permission_is_named_at_once(scripted, clock):
+    bucket = scripted(answer("AccessDenied", 403), endpoint=REMOTE, repeat=True)
+
+    with pytest.raises(StorageError, match=r"keys of DR_LOCAL_S3_PROFILE lack .* s3:GetObject"):
         bucket.get("k")
 
     assert clock.pauses_s == []

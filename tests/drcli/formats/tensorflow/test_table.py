@@ -1,10 +1,11 @@
 """Tables: what is written is read, and what is damaged is refused."""
 
+import random
 import struct
 
 import pytest
 
-from drcli.base.errors import DrError, SettingsError
+from drcli.base.errors import SettingsError
 from drcli.formats.tensorflow.table import masked_crc, read_table, write_table
 
 MANY = {
@@ -41,10 +42,11 @@ def test_every_altered_byte_is_noticed():
     for position in range(0, len(table), 37):
         altered = bytearray(table)
         altered[position] ^= 0x40
-        try:
-            found = read_table(bytes(altered), "x.index")
-        except SettingsError as error:
-            assert "x.index" in str(error)
+
+        found = outcome(bytes(altered))
+
+        if isinstance(found, str):
+            assert found.startswith("x.index")
         else:  # the footer's padding means nothing
             assert found == MANY
             assert position > len(table) - 48
@@ -102,15 +104,21 @@ def test_a_small_file_cannot_claim_gigabytes_of_names():
 
 
 def test_random_bytes_with_a_valid_footer_never_end_in_a_traceback():
-    import random
-
     chance = random.Random(7)
     for _ in range(300):
         content = chance.randbytes(chance.randrange(40)) + struct.pack("<I", chance.randrange(3))
-        try:
-            read_table(table_of(content), "x.index")
-        except DrError as error:
-            assert "x.index" in str(error)
+
+        found = outcome(table_of(content))
+
+        assert isinstance(found, dict) or found.startswith("x.index is damaged")
+
+
+def outcome(data):
+    """What reading a table gives: its entries, or the message."""
+    try:
+        return read_table(data, "x.index")
+    except SettingsError as error:
+        return str(error)
 
 
 def table_of(content, kind=0):

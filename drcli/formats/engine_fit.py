@@ -1,0 +1,307 @@
+"""How a graph of any origin fits model_metadata.json: its inputs, layouts and output."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import few, shown
+from drcli.exchange.policy_source import Runtime
+from drcli.formats.engines import Array, Engine, Port, check_runtime, open_engine, reason_of
+from drcli.formats.policy_file import PolicyFile
+from drcli.modelfiles.model_metadata import CAMERAS, LIDARS, SINGLE_CAMERAS, ModelMetadata
+
+Floats = NDArray[np.float32]
+Layout = Literal["NHWC", "NCHW", "NHW"]
+Meaning = Literal["probabilities", "logits", "index", "continuous"]
+
+HEIGHT, WIDTH = 120, 160
+"""Of a picture; repeated here because `drcli.learn.policy` loads torch, which takes a second."""
+
+MOST_FRAMES = 16
+"""Most pictures of a stack that an input may take."""
+
+_PROBED = 3
+"""Samples that a new graph is tried with."""
+
+_SUM_TOLERANCE = 0.02
+"""How far sums of probabilities may be from 1; weights in half precision make errors of 0.001."""
+
+_SENSORS = sorted((*CAMERAS, *LIDARS), key=len, reverse=True)
+"""LIDAR is a part of the names of other lidars."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The inputs and the output of a graph.
+
+    Attributes:
+        camera: The input that takes pictures.
+        layout: Of its axes; NHW has none for channels.
+        stack: Frames that it sees together.
+        lidar: The input that takes the lidar's values.
+        output: Name of the output with the policy.
+        meaning: Of the output: the share of each action, any other number for each action, the
+            index of the likeliest action, or continuous actions.
+        batch: How many samples the graph takes at a time; None for any number.
+    """
+
+    camera: Port
+    layout: Layout
+    stack: int
+    lidar: Port | None
+    output: str
+    meaning: Meaning
+    batch: int | None
+
+    def feeds(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> dict[str, Array]:
+        """The inputs of the graph.
+
+        Args:
+            engine: It, for the range of its pixels.
+            frames: Shape (n, stack * eyes, 120, 160).
+            scans: Lidar values. Shape (n, d).
+        """
+        pictures: Array = frames
+        if self.layout == "NHWC":
+            pictures = frames.transpose(0, 2, 3, 1)
+        elif self.layout == "NHW":
+            pictures = frames[:, 0]
+        if engine.pixel_scale != 1.0:
+            pictures = pictures * np.float32(engine.pixel_scale)
+        fed = {self.camera.name: np.ascontiguousarray(pictures, self.camera.dtype)}
+        if self.lidar is not None:
+            fed[self.lidar.name] = np.ascontiguousarray(scans, self.lidar.dtype)
+        return fed
+
+    def run(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> Floats:
+        """The policy's output for n samples, in as many runs as the graph's batch asks for.
+
+        Returns:
+            Shape (n, number of actions), or (n, 1) where it is an index.
+        """
+        size = self.batch or len(frames)
+        parts = []
+        for begin in range(0, len(frames), size):
+            rows = np.arange(begin, begin + size).clip(max=len(frames) - 1)
+            results = engine.run(self.feeds(engine, frames[rows], scans[rows]))
+            parts.append(results[self.output].reshape(size, -1))
+        return np.concatenate(parts)[: len(frames)].astype(np.float32)
+
+
+def fit(
+    engine: Engine,
+    metadata: ModelMetadata,
+    origin: str,
+    metadata_origin: str,
+    stack: int | None = None,
+) -> Fit:
+    """Find out how a graph is used, and try it.
+
+    Args:
+        engine: It.
+        metadata: Its sensors and actions.
+        origin: Its name in messages.
+        metadata_origin: The name of the metadata in messages.
+        stack: Frames that it must see together; None for what its input says.
+
+    Raises:
+        SettingsError: It does not fit the metadata, or cannot be computed.
+    """
+    return _Fitting(engine, metadata, origin, metadata_origin).fit(stack)
+
+
+def open_file(file: PolicyFile, runtime: Runtime, threads: int = 1) -> tuple[Engine, Fit]:
+    """Load a policy's file into an engine, and find out how it is used.
+
+    Raises:
+        SettingsError: The file is damaged or does not fit its metadata, or that engine does not
+            run it.
+        NotAvailable: The engine is not installed.
+    """
+    engine = open_engine(file.form, file.data, file.weights, runtime, file.origin, threads)
+    return engine, fit(engine, file.metadata, file.origin, file.metadata_origin)
+
+
+def check_file(file: PolicyFile, runtime: Runtime) -> None:
+    """Check everything about a file before it drives; see `open_file`.
+
+    A graph that still has to be converted is tried with our interpreter, which takes less time.
+    """
+    check_runtime(file.form, runtime, file.origin)
+    open_file(file, "pb" if file.form == "pb" else runtime)
+
+
+class _Fitting:
+    def __init__(
+        self, engine: Engine, metadata: ModelMetadata, origin: str, metadata_origin: str
+    ) -> None:
+        self._engine = engine
+        self._metadata = metadata
+        self._origin = origin
+        self._metadata_origin = metadata_origin
+
+    def fit(self, stack: int | None) -> Fit:
+        camera, lidar = self._ports()
+        layout, frames = self._camera_layout(camera, stack)
+        batches = {port.shape[0] for port in (camera, lidar) if port and port.shape}
+        fixed = {size for size in batches if size > 0}
+        if len(fixed) > 1:
+            self._refuse(f"takes {sorted(fixed)} samples at different inputs", "one batch for all")
+        batch = fixed.pop() if fixed else None
+        found = Fit(camera, layout, frames, lidar, "", "logits", batch)
+        output, meaning = self._output(found)
+        return Fit(camera, layout, frames, lidar, output, meaning, batch)
+
+    def _ports(self) -> tuple[Port, Port | None]:
+        """The inputs of camera and lidar, found by their names or else by their shapes."""
+        sensors = self._metadata.sensor
+        wanted_lidar = next((name for name in sensors if name in LIDARS), None)
+        wanted_camera = next(name for name in sensors if name in CAMERAS)
+        ports = list(self._engine.inputs)
+        named = {port.name: sensor_of(port.name) for port in ports}
+        cameras = [p for p in ports if self._is_camera(p, named[p.name])]
+        lidars = [p for p in ports if p not in cameras and self._is_lidar(p, named[p.name])]
+        needs = " and ".join(sensors)
+        if len(cameras) != 1 or len(lidars) != (wanted_lidar is not None):
+            listed = ", ".join(few([f"{shown(p.name)} {_sizes(p.shape)}" for p in ports])) or "none"
+            self._refuse(f"has the inputs {listed}", f"the sensors {needs}")
+        others = [p for p in ports if p not in (*cameras, *lidars)]
+        if others:
+            self._refuse(f"has an input {shown(others[0].name)}", f"only the sensors {needs}")
+        camera, lidar = cameras[0], lidars[0] if lidars else None
+        for port, wanted in ((camera, wanted_camera), (lidar, wanted_lidar)):
+            if port is None or wanted is None:
+                continue
+            sensor = named[port.name]
+            same = sensor in (None, wanted) or {sensor, wanted} <= set(SINGLE_CAMERAS)
+            if not same:
+                self._refuse(f"has the input {sensor}", f"the sensor {wanted}")
+            if port.dtype.kind not in "fui":
+                self._refuse(f"takes values that are no numbers as {wanted}", "numbers there")
+        width = self._metadata.scan_dims
+        shape = None if lidar is None else lidar.shape
+        if shape is not None and (len(shape) != 2 or shape[1] not in (-1, width)):
+            self._refuse(f"takes {_sizes(shape)} values as {wanted_lidar}", f"{width} of them")
+        return camera, lidar
+
+    @staticmethod
+    def _is_camera(port: Port, sensor: str | None) -> bool:
+        return sensor in CAMERAS or (
+            sensor is None and port.shape is not None and len(port.shape) > 2
+        )
+
+    @staticmethod
+    def _is_lidar(port: Port, sensor: str | None) -> bool:
+        return sensor in LIDARS or (
+            sensor is None and port.shape is not None and len(port.shape) == 2
+        )
+
+    def _camera_layout(self, port: Port, stack: int | None) -> tuple[Layout, int]:
+        """Layout and number of frames of the pictures that an input takes."""
+        eyes = self._metadata.eyes
+        expected = eyes * (stack or 1)
+        pictures = f"pictures of {HEIGHT} x {WIDTH} pixels and {_channels(expected)}"
+        shape = port.shape
+        if shape is None:
+            self._refuse("has an input without a shape", pictures)
+        choices: list[tuple[Layout, int]] = []
+        if len(shape) == 4:
+            if shape[1:3] == (HEIGHT, WIDTH):
+                choices.append(("NHWC", shape[3]))
+            if shape[2:] == (HEIGHT, WIDTH):
+                choices.append(("NCHW", shape[1]))
+        elif len(shape) == 3 and shape[1:] == (HEIGHT, WIDTH):
+            choices.append(("NHW", 1))
+        if len(choices) != 1:
+            self._refuse(f"takes pictures of the shape {_sizes(shape)}", pictures)
+        layout, channels = choices[0]
+        channels = expected if channels == -1 else channels
+        frames, odd = divmod(channels, eyes)
+        if odd or not 1 <= frames <= MOST_FRAMES or (stack is not None and frames != stack):
+            self._refuse(f"takes pictures of {_channels(channels)}", pictures)
+        return layout, frames
+
+    def _output(self, found: Fit) -> tuple[str, Meaning]:
+        """The output with the policy and its meaning, found by trying the graph."""
+        rows = found.batch or _PROBED
+        results = self._tried(found, rows)
+        space = self._metadata.action_space
+        count = space.num_actions
+        wide = [name for name, values in results.items() if _is_row_of(values, rows, count)]
+        if len(wide) > 1:
+            wide = [name for name in wide if re.search(_POLICY, name)] or wide
+        if wide:
+            values = results[wide[0]].reshape(rows, count)
+            if not np.isfinite(values).all():
+                self._refuse("gives values that are not numbers", f"{count} actions")
+            if space.continuous:
+                return wide[0], "continuous"
+            return wide[0], "probabilities" if are_probabilities(values) else "logits"
+        whole = [n for n, v in results.items() if v.size == rows and v.dtype.kind in "iu"]
+        if not whole or space.continuous:
+            given = ", ".join(few([f"{shown(n)} {_sizes(v.shape)}" for n, v in results.items()]))
+            actions = f"{count} {self._metadata.action_space_type} action{'s' * (count > 1)}"
+            self._refuse(f"gives {given} for {rows} picture{'s' * (rows > 1)}", actions)
+        chosen = results[whole[0]]
+        if chosen.min() < 0 or chosen.max() >= count:
+            self._refuse(f"chooses action {int(chosen.max())}", f"only {count} actions from 0 on")
+        return whole[0], "index"
+
+    def _tried(self, found: Fit, rows: int) -> dict[str, Array]:
+        """All outputs for pictures of noise."""
+        random = np.random.default_rng(0)
+        channels = found.stack * self._metadata.eyes
+        frames = random.integers(0, 256, (rows, channels, HEIGHT, WIDTH), np.uint8)
+        scans = random.random((rows, self._metadata.scan_dims), np.float32)
+        try:
+            return self._engine.run(found.feeds(self._engine, frames, scans))
+        except (DrError, MemoryError):
+            raise
+        except Exception as error:  # engines raise whatever their C++ code does
+            raise SettingsError(
+                f"{self._origin} cannot be computed by {self._engine.name}: {reason_of(error)}",
+                remedy="Write the file again, or name another one.",
+            ) from None
+
+    def _refuse(self, has: str, wanted: str) -> NoReturn:
+        raise SettingsError(
+            f"{self._origin} {has}, but {self._metadata_origin} has {wanted}.",
+            remedy="Name the model_metadata.json that the policy was trained with, with "
+            "--metadata FILE.",
+        )
+
+
+_POLICY = r"(?i)policy|prob|logit|action"
+"""What the output of a policy is called, where there are several of its size."""
+
+
+def sensor_of(name: str) -> str | None:
+    """The sensor that the name of an input contains; None if there is none."""
+    return next((sensor for sensor in _SENSORS if sensor in name), None)
+
+
+def are_probabilities(values: Floats) -> bool:
+    """Whether each row could be the shares of all actions."""
+    sums = values.sum(axis=1)
+    return bool(values.min() >= 0.0 and np.abs(sums - 1.0).max() < _SUM_TOLERANCE)
+
+
+def _is_row_of(values: Array, rows: int, count: int) -> bool:
+    """Whether an output has a number for each action of each sample."""
+    fits = values.ndim and values.size == rows * count and values.shape[-1] == count
+    return bool(fits) and values.dtype.kind == "f"
+
+
+def _channels(count: int) -> str:
+    return f"{count} channel{'s' * (count != 1)}"
+
+
+def _sizes(shape: Sequence[int] | None) -> str:
+    if shape is None:
+        return "(of any shape)"
+    return "(" + " x ".join("any" if size < 0 else str(size) for size in shape) + ")"

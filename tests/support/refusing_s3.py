@@ -1,0 +1,108 @@
+"""An S3 server that refuses requests as Amazon does: it answers denials, and keeps everything."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from moto.server import DomainDispatcherApplication, create_backend_app
+from werkzeug import Request, Response
+from werkzeug.serving import make_server
+
+from drcli.store.endpoint import UPLOADS, Endpoint
+from drcli.store.s3_bucket import S3Bucket
+
+ACTIONS = {"PUT": "s3:PutObject", "GET": "s3:GetObject", "POST": "s3:DeleteObject"}
+USER = "arn:aws:iam::123456789012:user/racer"
+
+
+@dataclass
+class Refusals:
+    """What the server refuses from now on.
+
+    Attributes:
+        actions: Permissions that are missing, such as s3:PutObject.
+        below: Keys that the refusal is about begin so.
+        code: Of the error.
+        status: Of the answer.
+        message: Text of the error; by default Amazon's about a missing permission.
+        seen: Method and path of every request.
+    """
+
+    actions: set[str] = field(default_factory=set)
+    below: str = ""
+    code: str = "AccessDenied"
+    status: int = 403
+    message: str = ""
+    seen: list[str] = field(default_factory=list)
+
+    def text(self, action: str, resource: str) -> str:
+        """The text of the error."""
+        return self.message or (
+            f'User: {USER} is not authorized to perform: {action} on resource: "{resource}" '
+            f"because no identity-based policy allows the {action} action"
+        )
+
+
+class RefusingApp:
+    """moto, behind a policy."""
+
+    def __init__(self, refusals: Refusals) -> None:
+        self._inner = DomainDispatcherApplication(create_backend_app)
+        self._refusals = refusals
+
+    def __call__(self, environ: dict[str, Any], start_response: Any) -> Any:
+        """Answer a request."""
+        request = Request(environ, populate_request=False)
+        bucket, _, key = request.path.lstrip("/").partition("/")
+        self._refusals.seen.append(f"{request.method} {request.path}")
+        action = ACTIONS.get(request.method, "")
+        if request.method == "GET" and not key:
+            action = "s3:ListBucket"
+        if request.method == "PUT" and not key:
+            action = "s3:CreateBucket"
+        if action == "s3:DeleteObject" and action in self._refusals.actions:
+            body = request.get_data()
+            return self._deletions(bucket, body)(environ, start_response)
+        if action in self._refusals.actions and key.startswith(self._refusals.below):
+            resource = f"arn:aws:s3:::{bucket}/{key}" if key else f"arn:aws:s3:::{bucket}"
+            text = self._refusals.text(action, resource)
+            xml = f"<Error><Code>{self._refusals.code}</Code><Message>{text}</Message></Error>"
+            answer = Response(xml, self._refusals.status, content_type="application/xml")
+            return answer(environ, start_response)
+        return self._inner(environ, start_response)
+
+    def _deletions(self, bucket: str, body: bytes) -> Response:
+        """Refuse each object of a deletion, in an answer that is a success."""
+        entries = ""
+        for key in re.findall(r"<Key>(.*?)</Key>", body.decode()):
+            text = self._refusals.text("s3:DeleteObject", f"arn:aws:s3:::{bucket}/{key}")
+            code = self._refusals.code
+            entries += (
+                f"<Error><Key>{key}</Key><Code>{code}</Code><Message>{text}</Message></Error>"
+            )
+        return Response(f"<DeleteResult>{entries}</DeleteResult>", 200)
+
+
+@contextmanager
+def refusing_server() -> Iterator[tuple[Endpoint, Refusals]]:
+    """Serve, with an address that names the settings of uploads; refuses nothing at first."""
+    import threading
+
+    refusals = Refusals()
+    server = make_server("127.0.0.1", 0, RefusingApp(refusals), threaded=True)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    address = f"http://127.0.0.1:{server.server_port}"
+    try:
+        yield Endpoint(address, access_key="testing", secret_key="testing", names=UPLOADS), refusals
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def contents(bucket: S3Bucket) -> dict[str, bytes]:
+    """Everything in a bucket."""
+    return {info.key: bucket.get(info.key) for info in bucket.list("")}
