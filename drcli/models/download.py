@@ -17,7 +17,9 @@ from drcli.models.checkpoint_files import (
     PARAMETERS_FILE,
     SHAPING,
     Item,
+    import_command,
     missing_parts,
+    needs_import,
 )
 from drcli.models.copy_custom_files import write_own_files
 from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
@@ -61,12 +63,19 @@ class DownloadOptions:
 
 @dataclass(frozen=True)
 class PlannedDownload:
-    """A download that passed all checks; `used` counts the objects at the target."""
+    """A download that passed all checks.
+
+    Attributes:
+        used: How many objects are at the target.
+        import_command: Makes the model usable here, if it is one of the reference simulator's;
+            else empty.
+    """
 
     options: DownloadOptions
     source_url: str
     target_url: str
     used: int
+    import_command: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,6 +98,12 @@ class Source:
     bucket: Bucket
     prefix: str
     listing: str
+    local: bool = False
+
+    @property
+    def import_command(self) -> str:
+        """The command that makes it a model here, if it is one of the reference simulator's."""
+        return import_command(self.url, local=self.local)
 
     @property
     def folder(self) -> str:
@@ -109,7 +124,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
-    _list_whole(source)
+    listed = _list_whole(source)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
@@ -197,7 +212,7 @@ def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) 
     if name != (settings.bucket if options.local else settings.upload_s3_bucket):
         names = SettingNames() if options.local else UPLOADS
         command = f"{names.bucket}={name} {command}"
-    return Source(bucket, prefix, command)
+    return Source(bucket, prefix, command, options.local)
 
 
 def _last(bucket: Bucket, prefix: str) -> str:
@@ -224,9 +239,15 @@ def _list_model(source: Source) -> Listing:
     ]
     if wrong:
         why = ", ".join(wrong) if listed else "There is nothing"
+        remedy = f"Correct the address after -s; `{source.listing}` lists all models there."
+        if needs_import(listed):
+            remedy = (
+                "It is a model of the reference simulator: make it one here with "
+                f"`{source.import_command}`, which can do without these files."
+            )
         raise SettingsError(
             f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
-            remedy=f"Correct the address after -s; `{source.listing}` lists all models there.",
+            remedy=remedy,
         )
     return listed
 
