@@ -5,15 +5,15 @@ that damage goes unnoticed, and it reads headers of any size. This reader refuse
 expect; it knows the formats of GNU tar, BSD tar and Python (ustar, GNU, pax).
 """
 
-import os
 import stat
 from collections.abc import Iterator, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
-from drcli.formats.gzip_stream import READ_BYTES, ArchiveFault, Stream, open_stream
+from drcli.formats.gzip_stream import LARGEST_BYTES, READ_BYTES, ArchiveFault, Stream, open_stream
 from drcli.formats.pickles import is_pickle, is_weight_file
 
 LARGEST_MEMBER_BYTES = 512 << 20
@@ -55,19 +55,27 @@ def read_archive(path: Path) -> dict[str, bytes]:
         SettingsError: The file cannot be read, is not such an archive, is damaged, or contains
             something that no model has.
     """
+    return unpack_archive(BytesIO(read_packed(path)), str(path))
+
+
+def read_packed(path: Path) -> bytes:
+    """Read the file of an archive as it is.
+
+    Raises:
+        SettingsError: It cannot be read, or is larger than any archive may be.
+    """
+    remedy = "Name an archive (.tar.gz or .tar) that you can read."
     try:
-        # Opening a named pipe would wait for a writer.
-        with path.open("rb", opener=_open_without_waiting) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise SettingsError(
-                    f"{path} is not an ordinary file.", remedy="Name an archive (.tar.gz or .tar)."
-                )
-            return unpack_archive(file, str(path))
-    except OSError as e:
-        raise SettingsError(
-            f"{path} cannot be read: {e.strerror or e}.",
-            remedy="Name an archive (.tar.gz or .tar) that you can read.",
-        ) from e
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):  # opening a named pipe would wait for a writer
+            raise SettingsError(f"{path} is not an ordinary file.", remedy=remedy)
+        if found.st_size > LARGEST_BYTES:
+            limit = f"{LARGEST_BYTES >> 20:,} MB"
+            raise SettingsError(f"{path} has more than {limit}.", remedy=_REMEDY)
+        return path.read_bytes()
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or e
+        raise SettingsError(f"{path} cannot be read: {reason}.", remedy=remedy) from e
 
 
 def unpack_archive(file: BinaryIO, origin: str) -> dict[str, bytes]:
@@ -91,10 +99,6 @@ def unpack_archive(file: BinaryIO, origin: str) -> dict[str, bytes]:
         place = f": {shown(fault.member)}" if fault.member else ""
         raise SettingsError(f"{origin}{place} {fault}.", remedy=_REMEDY) from None
     return found
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _members(stream: Stream) -> Iterator[tuple[str, bytes]]:

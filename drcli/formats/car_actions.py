@@ -94,14 +94,15 @@ def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
         for group in same.values()
         if len({action.speed_mps for action in group}) > 1
     ]
+    full = sorted({speed for _, speed in space.values if throttle(speed, top) >= 1})
     if alike:
-        what = (
-            f"speeds from {FULL_THROTTLE * top:.3g} m/s ({FULL_THROTTLE:.0%} of the fastest) are "
-            f"all full throttle on the car, so these actions are the same there: "
-            f"{'; '.join(few(alike))}."
-        )
+        what = f"{_full_throttle(top)}, so these actions are the same there: "
+        what += f"{'; '.join(few(alike))}."
         remedy = f"Keep one speed above {FULL_THROTTLE * top:.3g} m/s if they should differ."
         yield _problem("V-32", file, what, remedy)
+    elif len(full) > 1:
+        what = f"{_full_throttle(top)}: {', '.join(f'{speed:g}' for speed in full)} m/s."
+        yield Problem("V-32", "note", file, None, what, "Ignore this, or spread the speeds more.")
 
 
 def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
@@ -165,20 +166,20 @@ def _range_problems(
         yield _problem("V-32", file, what, "Train with speeds above 0.", error=True)
         return
     if slow >= FULL_THROTTLE * fast:
-        what = (
-            f"action_space.speed from {slow:g} to {fast:g}: speeds from {FULL_THROTTLE * fast:.3g} "
-            f"m/s ({FULL_THROTTLE:.0%} of the fastest) are all full throttle on the car, so it "
-            "drives every action at the same speed."
-        )
+        what = f"action_space.speed from {slow:g} to {fast:g}: {_full_throttle(fast)}, so it "
+        what += "drives every action at the same speed."
         remedy = f"Train with a low below {FULL_THROTTLE * fast:.3g} m/s if speeds should differ."
         yield _problem("V-32", file, what, remedy)
     else:
-        what = (
-            f"action_space.speed: the car drives all speeds from {FULL_THROTTLE * fast:.3g} to "
-            f"{fast:g} m/s ({FULL_THROTTLE:.0%} of the fastest and more) at full throttle."
-        )
-        remedy = "Ignore this, or train with a smaller high if the car should tell them apart."
-        yield Problem("V-32", "note", file, None, what, remedy)
+        what = f"action_space.speed from {slow:g} to {fast:g}: {_full_throttle(fast)}."
+        yield Problem("V-32", "note", file, None, what, "Ignore this, or widen the range.")
+
+
+def _full_throttle(top: float) -> str:
+    return (
+        f"speeds from {FULL_THROTTLE * top:.3g} m/s ({FULL_THROTTLE:.0%} of the fastest) are all "
+        "full throttle on the car"
+    )
 
 
 def _share(angle: float, most_deg: float) -> float:

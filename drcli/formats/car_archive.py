@@ -89,14 +89,11 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
         data: The archive.
         name: Its path or name, whose last part the car would see.
     """
-    file_name = PurePath(name).name
-    problems = list(file_name_problems(file_name))
     try:
         files = unpack_archive(io.BytesIO(data), name)
     except SettingsError as error:
-        return CarCheck(
-            (*problems, Problem("C-01", "error", name, None, str(error), error.remedy)), ()
-        )
+        return CarCheck((Problem("C-01", "error", name, None, str(error), error.remedy),), ())
+    problems = list(file_name_problems(PurePath(name).name))
     if not data.startswith(_GZIP):
         what = "it is not compressed, but the car's web page only takes a compressed .tar.gz."
         remedy = "Compress it with `gzip`."
@@ -104,17 +101,17 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
     problems += member_problems(files.keys(), name)
     graphs = [member for member in files if member.endswith(".pb")]
     actions: list[CarAction] = []
-    sensors, algorithm, num_actions = ("observation",), "clipped_ppo", None
     if METADATA in files:
         place = f"{name}: {METADATA}"
         found = read_car_metadata(files[METADATA], place)
-        sensors, algorithm = found.sensors, found.algorithm
-        problems += [*found.problems, *sensor_problems(sensors, place)]
+        problems += [*found.problems, *sensor_problems(found.sensors, place)]
+        num_actions = None
         if found.space is not None:
             num_actions = found.space.num_actions
             problems += action_problems(found.space, place)
             actions = car_actions(found.space)
-    if len(graphs) == 1 and METADATA in files:
-        place = f"{name}: {graphs[0]}"
-        problems += graph_problems(files[graphs[0]], sensors, algorithm, num_actions, place)
+        if len(graphs) == 1:
+            place = f"{name}: {graphs[0]}"
+            graph = files[graphs[0]]
+            problems += graph_problems(graph, found.sensors, found.algorithm, num_actions, place)
     return CarCheck(tuple(problems), tuple(actions))

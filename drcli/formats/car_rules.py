@@ -35,6 +35,9 @@ _LIDAR_KEYS = (
     "clipping_distance",
     "num_sectors",
 )
+_LARGEST = 1e6
+"""Degrees or m/s of an action; a larger number is a mistake."""
+
 ALGORITHMS = ("clipped_ppo", "sac")
 _TYPES = ("discrete", "continuous")
 
@@ -168,13 +171,14 @@ def _space(written: Any, kind: str) -> ActionSpace | str:
 
 def _pair(written: Any, first: str, second: str) -> Pair | None:
     """Two numbers of an object, None if one is missing or not a number."""
-    values = [written.get(key) for key in (first, second)] if isinstance(written, dict) else [None]
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return None
-        if not (abs(value) < 1e6 and math.isfinite(value)):
-            return None
-    return float(values[0]), float(values[1])
+    values = [written.get(key) if isinstance(written, dict) else None for key in (first, second)]
+    one, other = (
+        float(value)
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST
+        else math.nan
+        for value in values
+    )
+    return None if math.isnan(one + other) else (one, other)
 
 
 def _lidar_problems(values: dict[str, Any], file: str) -> Iterator[Problem]:

@@ -75,7 +75,8 @@ def read_bundle_policy(index: bytes, data: Sequence[bytes], origin: str) -> Read
         continuous=found.continuous,
         algorithm=found.algorithm,
         weights=found.weights,
-        notes=found.notes,
+        # A fresh critic is reported by `first_checkpoint`.
+        notes=[note for note in found.notes if not note.startswith("The critic ")],
     )
 
 
