@@ -23,6 +23,10 @@ FIRST_STD = 0.25
 range. The reference begins with 1, which would hide what a trained policy knows, and ends with
 about this."""
 
+CRITIC_WARMUP = 5
+"""Most updates in which a fresh critic learns alone. With the shipped example it is useful after
+one or two."""
+
 _SEED = 14
 """Of a fresh critic: the same file gives the same weights, so that an import can be repeated."""
 
@@ -48,10 +52,12 @@ class FirstCheckpoint:
 
     Attributes:
         fresh: What the file did not have and how it begins, in sentences.
+        critic_warmup: As in `Counters`; None if the file had a critic.
     """
 
     tensors: bytes
     fresh: list[str]
+    critic_warmup: int | None
 
 
 def read_frozen_graph(data: bytes, origin: str) -> ReadPolicy:
@@ -171,12 +177,12 @@ def first_checkpoint(
         )
     load_arrays(model, weights)
     state = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
-    return FirstCheckpoint(save_tensors(state), fresh)
+    return FirstCheckpoint(save_tensors(state), fresh, None if has_critic else CRITIC_WARMUP)
 
 
 _FRESH_CRITIC = (
     "The critic: it uses the policy's body here, while the reference trains a body of its own for "
-    "it. It learns in the first iterations."
+    "it. It learns alone in the first iterations, until it is useful."
 )
 
 

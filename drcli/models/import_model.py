@@ -289,7 +289,9 @@ class _Maker:
         }
         name = str(self._chosen.name)
         record = CheckpointRecord(
-            name, Fingerprint.of(first.tensors), counters=Counters(inputs=inputs)
+            name,
+            Fingerprint.of(first.tensors),
+            counters=Counters(inputs=inputs, critic_warmup=first.critic_warmup),
         )
         described, world = self._training_parameters()
         metrics = keys.training_metrics("metrics")
