@@ -31,6 +31,23 @@ class CarTrial:
 
 
 @dataclass(frozen=True)
+class CarTrials:
+    """What all cars achieved.
+
+    Attributes:
+        world: The track.
+        cars: One trial for each car.
+        best: The car that suits the model: most laps, then most progress; of equal cars the first.
+        present: The car of the settings.
+    """
+
+    world: str
+    cars: list[CarTrial]
+    best: str
+    present: str
+
+
+@dataclass(frozen=True)
 class _File:
     cars: list[CarTrial]
 

@@ -12,6 +12,7 @@ from drcli.base.problems import ProblemsError, shown
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.exchange.car_trial import CarTrials
 from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.exchange.episode_metrics import encode_metrics
 from drcli.exchange.scores import Score
@@ -85,6 +86,7 @@ class ImportReport(TransferReport):
         verified: What was checked, in sentences.
         warnings: What was corrected or left out, in sentences.
         custom_files: The racer's own files that were written, by path.
+        trials: How far it gets with each car; None if that was not tried.
     """
 
     form: str
@@ -99,6 +101,7 @@ class ImportReport(TransferReport):
     verified: list[str]
     warnings: list[str]
     custom_files: list[str] = field(default_factory=list)
+    trials: CarTrials | None = None
 
 
 @dataclass(frozen=True)

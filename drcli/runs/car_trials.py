@@ -4,7 +4,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.errors import WorkerDied
@@ -13,7 +13,7 @@ from drcli.base.problems import ProblemsError
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
-from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, decode_trials
+from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, CarTrials, decode_trials
 from drcli.exchange.job import Job, WorkerExit
 from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
@@ -29,23 +29,6 @@ _EXIT_S = 2.0
 """How long the worker may take to exit when the command is interrupted."""
 
 _NAME = "cars"
-
-
-@dataclass(frozen=True)
-class CarTrials:
-    """What all cars achieved.
-
-    Attributes:
-        world: The track.
-        cars: One trial for each car.
-        best: The car that suits the model: most laps, then most progress; of equal cars the first.
-        present: The car of the settings.
-    """
-
-    world: str
-    cars: list[CarTrial]
-    best: str
-    present: str
 
 
 def settings_of_model(settings: Settings, prefix: str, world: str) -> Settings:

@@ -1,6 +1,6 @@
 """`dr import`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,21 +16,8 @@ from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+    from drcli.exchange.car_trial import CarTrials
     from drcli.models.import_model import ImportReport
-    from drcli.runs.car_trials import CarTrials
-
-
-@dataclass(frozen=True)
-class Imported:
-    """The result of `dr import`.
-
-    Attributes:
-        model: What was imported.
-        trials: How far it gets with each car; None if that was not tried.
-    """
-
-    model: "ImportReport"
-    trials: "CarTrials | None" = None
 
 
 def import_model(
@@ -107,10 +94,10 @@ def import_model(
         console.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    imported = Imported(write(planned, loaded, partial(console.progress, unit="bytes")))
+    report = write(planned, loaded, partial(console.progress, unit="bytes"))
     if drive and not dry_run:
-        imported = replace(imported, trials=_tried(loaded, options.prefix, imported.model))
-    console.emit(imported, import_view.imported(imported), as_json=as_json)
+        report = replace(report, trials=_tried(loaded, planned.options.prefix, report))
+    console.emit(report, import_view.imported(report), as_json=as_json)
     if not dry_run:
         model = f"DR_LOCAL_S3_MODEL_PREFIX={planned.options.prefix}"
         console.suggest(

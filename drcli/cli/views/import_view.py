@@ -8,15 +8,14 @@ from rich.filesize import decimal
 from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
-    from drcli.cli.commands.import_model import Imported
+    from drcli.exchange.car_trial import CarTrials
     from drcli.models.import_model import ImportReport
-    from drcli.runs.car_trials import CarTrials
 
 
 @fitted
-def imported(columns: int, report: "Imported") -> RenderableType:
+def imported(columns: int, report: "ImportReport") -> RenderableType:
     """The result of an import."""
-    lines = _model(report.model)
+    lines = _model(report)
     if report.trials is None:
         return lines
     return Group(lines, "", *_cars(report.trials))

@@ -80,7 +80,7 @@ def lay(folder, files):
 
 
 def pack(path, files):
-    with tarfile.open(path, "w:gz") as archive:
+    with tarfile.open(path, "w:gz", compresslevel=1) as archive:
         for name, data in files.items():
             member = tarfile.TarInfo(name)
             member.size = len(data)
