@@ -66,7 +66,10 @@ FORBIDDEN = {
 }
 """Packages from outside, and drsim, that a package must not import."""
 
-LAZY = {"drcli.store": STORAGE | {"mypy_boto3_s3"}}
+LAZY = {
+    "drcli.store": STORAGE | {"mypy_boto3_s3"},
+    "drcli.remote": STORAGE | {"requests", "urllib3", "ssl"},
+}
 """What a package may import inside functions only, because it takes long to load."""
 
 PROGRAMS = {"drcli.store.server.moto_server"}

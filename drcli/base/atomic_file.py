@@ -51,6 +51,16 @@ def write_json(path: Path, value: object) -> None:
     _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False)
 
 
+def write_private_json(path: Path, value: object) -> None:
+    """Write JSON that only this user may read, in a folder that only this user may enter.
+
+    Raises:
+        OSError: The file cannot be written, and has not changed.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False, private=True)
+
+
 def read_json(path: Path) -> Any:
     """Read JSON of ours; None if the file does not exist or is damaged.
 
@@ -75,13 +85,17 @@ def load_record(kind: type[T], path: Path) -> T | None:
         return None
 
 
-def _replace(target: Path, data: bytes, *, keep_owner: bool) -> None:
+def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = False) -> None:
     """Write a second file, then rename it: a reader sees the old content or the new one.
 
-    With `keep_owner` it has the mode and, if possible, the owner of the old file.
+    With `keep_owner` it has the mode and, if possible, the owner of the old file; with `private`,
+    only this user can read it, at no moment anybody else.
     """
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
+        if private:
+            scratch.unlink(missing_ok=True)
+            os.close(os.open(scratch, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
         if keep_owner and target.exists():
             shutil.copy2(target, scratch)
             with suppress(PermissionError):  # only root can change the owner

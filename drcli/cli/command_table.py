@@ -102,6 +102,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
+        Command("car", "Send models to the physical car, and drive it.", function="app"),
     ),
     *_section(
         "Settings and files",

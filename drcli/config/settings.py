@@ -9,6 +9,7 @@ from drcli.base.json_record import from_json
 from drcli.base.problems import Place, Problem, few
 from drcli.config.fields import FrozenGroups, Setting
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
+from drcli.config.groups.physical_car import PhysicalCarSettings
 from drcli.config.groups.race import (
     EpisodeSettings,
     EvaluationSettings,
@@ -221,6 +222,7 @@ class Settings(
     OpponentSettings,
     BotSettings,
     ObstacleSettings,
+    PhysicalCarSettings,
     KeySettings,
     BucketSettings,
     EvaluationSettings,

@@ -23,6 +23,9 @@ activated holds all of its names."""
 
 REMEDY = "Keep the lines or remove them."
 
+PASSWORDS = frozenset({"DR_CAR_PASSWORD"})
+"""Variables of the environment that a command reads itself, because no file should hold them."""
+
 _VIEWER = "the viewer is not available in this version"
 _TOURNAMENT = "races against another model are evaluations (DR_RACE_TYPE=HEAD_TO_MODEL)"
 _IMPORT = "models are not imported into the console"
@@ -154,7 +157,7 @@ def unknown_names(
             outside = entry.place.file == "environment"
             if name in known or name in values:
                 continue
-            if outside and (not ours or name in FORMER):
+            if outside and (not ours or name in FORMER or name in PASSWORDS):
                 continue
             meant = _meant(name)
             if ours and meant is not None and not outside:

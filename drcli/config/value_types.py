@@ -124,6 +124,39 @@ def _address(value: str) -> str:
     return value
 
 
+def car_host_and_port(value: str) -> tuple[str, int]:
+    """The host and the port of a car's web page, written as HOST, HOST:PORT or an https address.
+
+    Raises:
+        BadValue: It is none of these.
+    """
+    text = value.strip()
+    if text.casefold().startswith("http://"):
+        raise BadValue("is not an https address", "Leave http:// out; cars only answer over https.")
+    bare = text[8:] if text.casefold().startswith("https://") else text
+    if bare.count(":") > 1 and not bare.startswith("["):
+        bare = f"[{bare}]"  # an IPv6 address without a port
+    try:
+        parts = urlsplit(f"https://{bare}")
+        host, port = parts.hostname or "", parts.port
+    except ValueError:  # a port that is not a number, an unclosed bracket
+        host, port = "", None
+    plain = re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?|[0-9a-fA-F:.]+", host)
+    rest = "" if not host else parts.path.strip("/") + parts.query + parts.fragment
+    if plain is None or port == 0 or rest or "@" in bare:
+        raise BadValue(
+            "is not the address of a car",
+            "Write host or host:port, such as 192.168.1.50 or amss-a1b2.local:443.",
+        )
+    return host, port or 443
+
+
+def _car_address(value: str) -> str:
+    if value:
+        car_host_and_port(value)
+    return value
+
+
 def _colour(value: str) -> str:
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
@@ -172,6 +205,8 @@ UploadBucket = Annotated[
 ]
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
 """http or https address, or empty."""
+CarHost = Annotated[str, Check(_car_address), Shape("a host, host:port, or nothing")]
+"""Address of a car's web page, or empty."""
 Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[
     str, Check(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")

@@ -65,7 +65,8 @@ def upload_custom_files(
     say(f"Uploading files to {place}")
     start = keys.folder(config.prefix)
     there = {info.key: info for info in bucket.list(start)}
-    copied, unchanged, refused = [], [], []
+    copied: list[str] = []
+    unchanged, refused = [], []
     for path in sorted(_files(folder)):
         name = path.relative_to(folder).as_posix()
         readable = os.fsencode(name).decode(errors="backslashreplace")

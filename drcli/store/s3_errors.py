@@ -169,8 +169,9 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
             remedy=f"Check the model prefix ({names.prefix}) and the bucket ({names.bucket}).",
         )
     if (region := _other_region(error)) is not None:
+        where = f"another region, {region}" if region else "another region"
         return StorageError(
-            f"Cannot {attempt}: the bucket is in another region{region and f', {region}'} ({code}).",
+            f"Cannot {attempt}: the bucket is in {where} ({code}).",
             remedy=f"Set the region in the profile of {names.profile} in ~/.aws/config, or with "
             "DR_AWS_APP_REGION.",
         )

@@ -150,6 +150,8 @@ def fit(
             size *= NEXT_STEP
     except TimeoutError:
         pass
+    finally:
+        mujoco.set_mju_user_warning(None)
     rounded = {name: float(f"{getattr(search.best, name):.4g}") for name in names}
     return replace(search.best, **rounded), search.evaluations
 

@@ -18,7 +18,8 @@ EXIT_CODES = {
     2: "wrong command line",
     3: "a setting, parameter file or reward function is wrong; a training is already running; the "
     "model exists already or is missing",
-    4: "the bucket cannot be reached, read or written; `dr-tracks fetch` cannot download its file",
+    4: "the bucket cannot be reached, read or written; `dr-tracks fetch` cannot download its file; "
+    "the car cannot be reached, or refuses what `dr-car` asks",
     5: "a worker died and could not be restarted",
     6: "the training failed and cannot continue (NaN); the last good checkpoint is kept",
     7: "not available in this version, or it needs a program that is not installed",
@@ -110,11 +111,11 @@ its description.
 _NOTE = """
 ## The record of a training
 
-`<prefix>/ip/run.json` contains the seed, the settings that differ from their defaults, versions of
-Python and the packages, the git commit of your folder and of this project (and whether tracked
-files have changed since), the machine, and the model whose weights it started from. When a training
-is resumed, the records of earlier starts are kept in `earlier`. Reward function, hyperparameters
-and model metadata are in the same folder.
+`<prefix>/ip/run.json` contains the seed, the settings that differ from their defaults, the cars,
+versions of Python and the packages, the git commit of your folder and of this project (and whether
+tracked files have changed since), the machine, and the model whose weights it started from. When a
+training is resumed, the records of earlier starts are kept in `earlier`. Reward function,
+hyperparameters and model metadata are in the same folder.
 """
 
 _SPOT = """

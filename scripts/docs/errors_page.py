@@ -24,6 +24,7 @@ CODES = {
     "TrackError": 3,
     "RewardError": 3,
     "StorageError": 4,
+    "CarError": 4,
     "WorkerDied": 5,
     "TrainingFailed": 6,
     "NotAvailable": 7,
@@ -40,7 +41,7 @@ LINES_BEFORE = 12
 TITLES = {
     1: "Not running, not found, or answered with no",
     3: "Settings, parameter files, reward functions and tracks",
-    4: "The bucket",
+    4: "The bucket and the physical car",
     5: "Processes",
     6: "Learning",
     7: "Not available in this version, or a missing program",

@@ -121,6 +121,8 @@ AFTERWARDS = [
     Call("local-aws s3 ls --recursive", "s3 ls --recursive", 3),
     Call("completion show bash", "complete"),
     Call("completion install bash --json", "shell script"),
+    Call("car status", "No car is named", 3),
+    Call("car logout --car 127.0.0.1:9 --json", "car was_logged_in"),
     Call("upload-car-zip -fL", "not available in this version", 7),
     Call("start-viewer -w 640 -h 480", "not available in this version", 7),
     Call("update-viewer", "not available in this version", 7),

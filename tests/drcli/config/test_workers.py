@@ -64,6 +64,14 @@ def test_the_race_of_a_worker_survives_the_way_to_its_process(folder, files, tra
     assert there.race(1).source("DR_WORLD_NAME") == "worker-2.env line 1"
 
 
+def test_each_worker_may_drive_a_car_of_its_own(folder, files, travelled):
+    files("DR_SIM_CAR=2022\n")
+
+    there = travelled(folder.load(MULTI + "DR_SIM_CAR=Low-Grip\n").run)
+
+    assert [there.race(k).sim_car for k in range(3)] == ["low-grip", "2022", "low-grip"]
+
+
 def test_what_all_workers_share_is_ignored_there_with_a_warning(folder, files):
     files("DR_WORLD_NAME=willow\nDR_LOCAL_S3_BUCKET=other\n")
 

@@ -20,11 +20,22 @@ def test_a_start_records_seed_settings_versions_and_machine(racer):
     note = racer.note("model-1")
     assert note["seed"] == 7
     assert note["settings"] == {"DR_LOCAL_S3_MODEL_PREFIX": "model-1", "DR_TRAIN_SEED": 7}
+    assert note["cars"] == ["release-6"]
     assert note["versions"].keys() == {"python", "drcli", "torch", "mujoco", "numpy", "numba"}
     assert all(note["versions"].values())
     assert note["machine"]["cores"] >= 1
     assert note["machine"]["processor"]
     assert note["earlier"] == []
+
+
+def test_a_start_records_the_car_of_every_worker_that_has_a_race_of_its_own(racer):
+    lines = ["DR_SIM_CAR=low-grip", "DR_TRAIN_MULTI_CONFIG=True", "DR_WORKERS=2"]
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", *lines)
+    (racer.folder / "worker-2.env").write_text("DR_SIM_CAR=2022\n")
+
+    racer.start()
+
+    assert racer.note("model-1")["cars"] == ["low-grip", "2022"]
 
 
 def test_a_resumed_start_keeps_the_seed_and_the_earlier_records(racer):

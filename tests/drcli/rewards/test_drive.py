@@ -12,6 +12,7 @@ from drcli.rewards.course import TriedReward
 from drcli.rewards.drivers import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
 from drcli.rewards.scripted_drive import drive
 
+ALONG = (STEADY, FAST, WEAVING)
 ALWAYS_THE_SAME = {"track_length"}
 
 
@@ -21,11 +22,19 @@ def ranges(course):
 
 
 def test_slow_fast_and_weaving_drivers_complete_their_laps(course):
-    trips = [course.drive.trip(driver) for driver in (STEADY, FAST, WEAVING)]
+    trips = [course.drive.trip(driver) for driver in ALONG]
 
     assert all(trip.whole for trip in trips)
     assert trips[1].seconds < 0.8 * trips[0].seconds
     assert not any(call["is_offtrack"] or call["is_crashed"] for call in trips[0].calls)
+
+
+def test_the_drivers_drive_the_car_of_the_settings_and_complete_their_laps(course, settings_of):
+    drive_ = drive(settings_of(DR_SIM_CAR="2022").race)
+
+    slower = [drive_.trip(driver).seconds / course.drive.trip(driver).seconds for driver in ALONG]
+    assert all(drive_.trip(driver).whole for driver in ALONG)
+    assert all(ratio > 1.03 for ratio in slower)
 
 
 def test_the_driver_that_leaves_ends_off_the_road(course):

@@ -1,15 +1,31 @@
 """Settings as the simulation understands them: races, disturbances, lights, and reward trials."""
 
+import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.sample_calls import sample_params
 from drcli.config.loading import load_settings
-from drcli.config.settings import RaceConfig
-from drcli.workers.build_race import load_race, race_of, randomize_of, realism_of
+from drcli.config.settings import RaceConfig, catalogue
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_race import (
+    build_simulation,
+    load_race,
+    race_of,
+    randomize_of,
+    realism_of,
+)
+from drsim.car.car import CarBatch
+from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
 from drsim.car.realism import Realism
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.track.worlds import load_track
+
+METADATA = ModelMetadata.from_bytes(
+    b'{"sensor": ["FRONT_FACING_CAMERA"], "version": "5", '
+    b'"action_space": [{"steering_angle": 0, "speed": 2}]}'
+)
 
 
 @pytest.fixture
@@ -112,6 +128,46 @@ def test_every_sim_to_real_setting_reaches_the_simulation(settings):
 
     assert realism_of(s, "training") == realism_of(s, "evaluation")
     assert realism_of(s, "training") == Realism(4, 0.2, 1.5, 2, 0.01, 0.05, 0.02, 0.1, 0.15)
+
+
+@pytest.mark.parametrize("job", ["training", "evaluation"])
+@pytest.mark.parametrize("car", CAR_SETS)
+def test_the_car_of_the_settings_drives(settings, car, job):
+    simulation = build_simulation(
+        settings(f"DR_SIM_CAR={car}"),
+        job,
+        METADATA,
+        load_track("reinvent_base"),
+        num_cars=1,
+        reward=lambda _: 1.0,
+        rules=EpisodeRules(),
+        num_threads=1,
+        seed=0,
+    )
+    expected = CarBatch(1, 1, CAR_SETS[car].parameters)
+    begun = simulation.reset(np.array([0]), np.array([0.0]))
+    for _ in range(8):
+        row = simulation.step(np.array([0.0]), np.array([2.0]))
+        expected.drive(np.array([0.0]), np.array([2.0]))
+    simulation.close()
+
+    moved_m = np.hypot(row.x[0] - begun.x[0], row.y[0] - begun.y[0])
+    assert moved_m == pytest.approx(expected.origin_xy[0, 0], abs=1e-3)
+
+
+def test_every_car_can_be_named_in_the_settings_and_the_same_one_is_the_default():
+    setting = catalogue()["DR_SIM_CAR"]
+
+    assert setting.choices == tuple(CAR_SETS)
+    assert setting.default == DEFAULT_CAR
+
+
+def test_a_misspelt_car_is_refused_with_its_line_and_a_suggestion(settings):
+    with pytest.raises(SettingsError) as caught:
+        settings("DR_RUN_ID=1", "DR_SIM_CAR=lowgrip")
+
+    assert str(caught.value).startswith("run.env line 2: DR_SIM_CAR=lowgrip is not one of")
+    assert "Did you mean low-grip?" in caught.value.remedy
 
 
 @pytest.mark.parametrize("job", ["training", "evaluation"])

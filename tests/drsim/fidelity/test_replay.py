@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drsim.car.car import CarBatch, CarParameters
+from drsim.car.car_sets import CAR_SETS
 from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import RecordingError, load_recordings
 from drsim.fidelity.track_columns import compare_track_columns
@@ -81,6 +82,42 @@ def test_the_other_half_of_the_reference_drives_ends_within_the_bar():
     assert found.driven_median_m == pytest.approx(1.56, abs=0.05)
     assert found.bicycle_median_m == pytest.approx(0.58, abs=0.06)
     assert found.bicycle_median_yaw_deg == pytest.approx(28.0, abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("car", "run", "bar_m", "bar_deg"),
+    [
+        ("release-6", "simapp6-continuous", 0.082, 4.0),
+        ("low-grip", "simapp6-continuous", 0.09, 4.5),
+        ("2022", "drfc-time-trial", 0.12, 7.0),
+    ],
+)
+def test_each_car_follows_the_episodes_that_it_was_not_fitted_to(car, run, bar_m, bar_deg):
+    drives = load_recordings(reference(run)).drives
+    odd = [drive for drive in drives if drive.episode % 2]
+
+    found = summary(compare_motion(odd, CAR_SETS[car].parameters))
+
+    assert found.median_m < bar_m
+    assert found.median_yaw_deg < bar_deg
+    assert (
+        fidelity_page()[car][run] == f"{found.median_m:.3f} m, {found.median_yaw_deg:.1f} degrees"
+    )
+
+
+def test_the_fidelity_page_has_a_row_for_every_car():
+    assert list(fidelity_page()) == list(CAR_SETS)
+
+
+def fidelity_page() -> dict[str, dict[str, str]]:
+    """The errors of each car in the odd episodes, as the page has them."""
+    text = (Path(__file__).resolve().parents[3] / "docs" / "fidelity.md").read_text("utf-8")
+    table = text.split("| set | release 6, odd episodes |")[1].split("\n\n")[0]
+    rows = [line.split(" | ") for line in table.splitlines()[2:]]
+    return {
+        row[0].split("`")[1]: {"simapp6-continuous": row[1], "drfc-time-trial": row[2]}
+        for row in rows
+    }
 
 
 def test_a_drive_of_our_own_car_is_replayed_to_the_millimetre(tmp_path):
@@ -188,6 +225,47 @@ def test_the_report_is_one_json_object_with_the_promised_keys(tmp_path, capsys):
     assert code == 0
     assert promised <= set(found)
     assert found["track"]["rows"] == 40
+
+
+def test_a_named_car_is_replayed_and_named(tmp_path, capsys):
+    folder = folder_with(tmp_path, text_of(drive(60)))
+    arguments = [str(folder), "--world", "reinvent_base"]
+
+    assert main([*arguments, "--car", "2022", "--json"]) == 0
+    old = json.loads(capsys.readouterr().out)
+    assert main([*arguments, "--json"]) == 0
+    default = json.loads(capsys.readouterr().out)
+
+    assert old.pop("car") == "2022"
+    assert old.keys() == default.keys()
+    assert default["median_m"] < 0.002 < 0.05 < old["median_m"]
+    assert old["track"] == default["track"]
+
+
+def test_all_cars_are_replayed_one_below_the_other(tmp_path, capsys):
+    folder = folder_with(tmp_path, text_of(drive(60)))
+    arguments = [str(folder), "--world", "reinvent_base", "--car", "all"]
+
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert main([*arguments, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+
+    names = [line.split()[0] for line in text.splitlines()[1:5]]
+    assert names == [*CAR_SETS, "bicycle"]
+    assert [car["car"] for car in report["cars"]] == list(CAR_SETS)
+    assert report["cars"][0]["median_m"] < 0.002
+    assert report["track"]["rows"] == 60
+
+
+def test_an_unknown_car_is_refused_with_the_known_ones(tmp_path, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([str(tmp_path), "--world", "reinvent_base", "--car", "2023"])
+
+    assert caught.value.code == 2
+    printed = capsys.readouterr().err
+    assert "2023" in printed
+    assert "low-grip" in printed
 
 
 def test_a_world_whose_route_is_not_here_costs_only_its_own_lines(tmp_path, capsys):

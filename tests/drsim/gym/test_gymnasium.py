@@ -344,6 +344,50 @@ def test_the_extra_for_rendering_brings_what_windows_and_videos_need():
     assert "moviepy" in needed
 
 
+def distance_m(env) -> float:
+    """How far a car gets in a second with the fastest straight action."""
+    first = env.reset(seed=1, options={"start": 0.0})[1]
+    for _ in range(15):
+        info = env.step(5)[4]
+    env.close()
+    return float(np.hypot(info["x"] - first["x"], info["y"] - first["y"]))
+
+
+def test_a_car_of_another_year_is_chosen_by_name(oval):
+    default, old = (distance_m(RacerEnv(oval, **chosen)) for chosen in ({}, {"car": "2022"}))
+
+    assert old < 0.8 * default
+    assert distance_m(RacerEnv(oval, car="release-6")) == default
+    assert distance_m(gym.make("drsim/DeepRacer-v0", world=oval, car="2022")) == old
+
+
+def test_parameters_of_your_own_make_a_car(oval):
+    slow = drsim.CarParameters(speed_scale=0.5)
+
+    assert distance_m(RacerEnv(oval, car=slow)) < 0.6 * distance_m(RacerEnv(oval))
+
+
+def test_many_cars_are_of_the_chosen_year_too(oval):
+    def xs(**chosen) -> np.ndarray:
+        envs = gym.make_vec(
+            "drsim/DeepRacerContinuous-v0", num_envs=2, world=oval, start=0.0, **chosen
+        )
+        envs.reset(seed=1)
+        for _ in range(10):
+            info = envs.step(np.ones((2, 2), np.float32))[4]
+        envs.close()
+        return info["x"]
+
+    np.testing.assert_array_equal(xs(), xs(car="release-6"))
+    assert (np.abs(xs() - xs(car="2022")) > 0.01).all()
+
+
+@pytest.mark.parametrize("build", [RacerEnv, partial(RacerVectorEnv, 2)])
+def test_an_unknown_car_is_refused_with_a_suggestion(oval, build):
+    with pytest.raises(ValueError, match=r"'low_grip' is not a car. Did you mean low-grip\?"):
+        build(oval, car="low_grip")
+
+
 COPIES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
 DIFFERENT = {

@@ -17,6 +17,11 @@ from drcli.models.download import DownloadReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
+from drcli.remote.car_address import CarAddress
+from drcli.remote.car_driving import CarDrive, CarSpeed
+from drcli.remote.car_login import CarLogin
+from drcli.remote.car_models import CarLoad, CarModel, CarModels, CarUpload
+from drcli.remote.car_status import CarStatus
 from drcli.rewards.check import (
     DriverReport,
     Extreme,
@@ -202,6 +207,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         },
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
+    _answer_as_car(monkeypatch, answer)
     answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)
@@ -220,6 +226,31 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("rewards.check.check", _reward_report())
     answer("rewards.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
     answer("rewards.compare.compare", _comparison())
+
+
+def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, object], None]) -> None:
+    """Let the modules behind `dr car` answer."""
+    monkeypatch.setenv("DR_CAR_PASSWORD", "secret")
+    name = "a-model-with-a-long-name-" + "x" * 40
+    models = [
+        CarModel(name, True, "", "PPO", "Discrete", ["Single camera"], "12M"),
+        CarModel("scan", False, "its sensor (LiDAR) is not connected", sensors=["LiDAR"]),
+    ]
+    page = SimpleNamespace(address=CarAddress("10.0.0.5"))
+    answer("remote.car_web.first_login", (CarLogin("fingerprint", "ab" * 32), True))
+    answer("remote.car_web.CarWeb.log_in", None)
+    answer("remote.car_web.CarWeb.opened", page)
+    answer("remote.car_file.check_file", SimpleNamespace(name="a-file"))
+    answer("remote.car_models.list_models", CarModels("10.0.0.5", models))
+    answer("remote.car_models.upload_model", CarUpload("10.0.0.5", name, 3_200_000, True, ""))
+    answer("remote.car_models.load_model", CarLoad("10.0.0.5", name, 12.3))
+    answer("remote.car_driving.refuse_without_model", None)
+    answer("remote.car_driving.drive", CarDrive("10.0.0.5", False, 12.3))
+    answer("remote.car_driving.stop", CarDrive("10.0.0.5", False))
+    answer("remote.car_driving.set_speed", CarSpeed("10.0.0.5", 30))
+    sensors, metrics = {"camera": "connected", "lidar": "not_connected"}, {"fps_mean": 29.97}
+    status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics)
+    answer("remote.car_status.read_status", status)
 
 
 def _settings():

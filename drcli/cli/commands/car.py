@@ -1,0 +1,327 @@
+"""`dr car`: the web page of a physical car."""
+
+import getpass
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, Force
+from drcli.cli.views import car_view
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.remote.car_address import CarAddress
+    from drcli.remote.car_web import CarWeb
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Send models to the physical car, and drive it.\n\nExample: dr-car status",
+)
+
+ADDRESS, PASSWORD = "DR_CAR_ADDRESS", "DR_CAR_PASSWORD"
+
+_Car = Annotated[
+    str | None,
+    typer.Option(
+        "--car", metavar="HOST[:PORT]", help="Address of the car; DR_CAR_ADDRESS if left out."
+    ),
+]
+_Model = Annotated[str, typer.Argument(metavar="NAME", help="Name of a model on the car.")]
+
+
+@app.command()
+def login(
+    car: _Car = None,
+    password_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--password-file", metavar="FILE", help="Read the password from it; - for stdin."
+        ),
+    ] = None,
+    ca: Annotated[
+        Path | None,
+        typer.Option("--ca", metavar="FILE", help="Trust certificates of these authorities only."),
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Accept any certificate, now and later.")
+    ] = False,
+    new_certificate: Annotated[
+        bool, typer.Option("--new-certificate", help="Accept a certificate that has changed.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Log in at the car, and keep the login for the other commands.
+
+    Asks for the password of the car's web page, or takes it from DR_CAR_PASSWORD or a file. Only
+    the car's cookies are kept, in a file that only you can read. The car's certificate is accepted
+    at the first login; later it must be the same.
+
+    Example: dr-car login --car 192.168.1.50
+    """
+    from drcli.remote.car_certificate import readable
+    from drcli.remote.car_web import CarWeb, first_login
+
+    if sum((insecure, ca is not None, new_certificate)) > 1:
+        raise typer.BadParameter("Use only one of --ca, --insecure and --new-certificate.")
+    address = _address(car)
+    authorities = "" if ca is None else str(_authorities(ca))
+    trusted, first = first_login(
+        address, ca_file=authorities, insecure=insecure, new_certificate=new_certificate
+    )
+    if first:
+        console.say(
+            f"The car {address.place} has a certificate of its own making. This login accepts it, "
+            f"and later the car must show the same one. SHA-256: {readable(trusted.fingerprint)}"
+        )
+    if insecure:
+        console.warn("Any machine at this address can pose as the car and read the password.")
+    web = CarWeb(address, trusted)
+    web.log_in(_password(address, password_file))
+    report = car_view.CarLoginReport(address.place, trusted.trust, trusted.fingerprint)
+    console.emit(report, f"Logged in at the car {address.place}.", as_json=as_json)
+    console.suggest([("dr-car list", "list the models on the car")])
+
+
+@app.command()
+def logout(car: _Car = None, as_json: AsJson = False) -> None:
+    """Forget the login at the car. Its certificate is kept.
+
+    Example: dr-car logout
+    """
+    from drcli.remote.car_login import forget_login
+
+    address = _address(car)
+    was = forget_login(address)
+    report = car_view.CarLogoutReport(address.place, was)
+    text = "is forgotten" if was else "was not kept"
+    console.emit(report, f"The login at the car {address.place} {text}.", as_json=as_json)
+
+
+@app.command()
+def upload(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Archive NAME.tar.gz.")],
+    car: _Car = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check an archive by the car's rules, send it, and wait until the car lists the model.
+
+    The name of the model is that of the file. A model of the same name on the car is replaced,
+    after a question.
+
+    Example: dr-car upload my-model.tar.gz
+    """
+    from drcli.remote.car_file import check_file
+    from drcli.remote.car_models import list_models, upload_model
+
+    checked = check_file(file)
+    web = _open(car)
+    if any(model.name == checked.name for model in list_models(web).models):
+        question = f"The car {web.address.place} already has {checked.name}. Replace it?"
+        prompts.agree(question, yes=force)
+    with console.waiting(f"Sending {file.name} to {web.address.place} ..."):
+        report = upload_model(web, checked, say=console.say)
+    if not report.usable:
+        console.warn(f"The car cannot load {report.model} now: {report.why}.")
+    console.emit(report, car_view.upload(report), as_json=as_json)
+    console.suggest([(f"dr-car load {report.model}", "load it")])
+
+
+@app.command("list")
+def list_all(car: _Car = None, as_json: AsJson = False) -> None:
+    """List the models on the car, also those that it cannot use now.
+
+    Example: dr-car list
+    """
+    from drcli.remote.car_models import list_models
+
+    report = list_models(_open(car))
+    console.emit(report, car_view.models(report), as_json=as_json)
+
+
+@app.command()
+def load(name: _Model, car: _Car = None, as_json: AsJson = False) -> None:
+    """Load a model, and wait until the car reports it as loaded.
+
+    Cars report that even where the network in the file cannot be used: such a car does not move
+    after `dr-car start`.
+
+    Example: dr-car load my-model
+    """
+    from drcli.remote.car_models import load_model
+
+    web = _open(car)
+    with console.waiting(f"Loading {shown(name)}; the car may need a minute ..."):
+        report = load_model(web, name)
+    console.emit(report, car_view.load(report), as_json=as_json)
+    console.suggest([("dr-car speed 30", "limit the speed"), ("dr-car start", "drive")])
+
+
+@app.command()
+def start(
+    car: _Car = None,
+    force: Force = False,
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", min=0.1, help="Stop after this time.")
+    ] = None,
+    speed_limit: Annotated[
+        int | None,
+        typer.Option("--speed", min=0, max=100, help="Limit the throttle first, in percent."),
+    ] = None,
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Return at once; the car drives until `dr-car stop`.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Let the car drive with the loaded model, until Ctrl-C stops it.
+
+    Asks first, unless -f is given. The car is also stopped when the terminal is closed and when the
+    start fails. With --detach nothing stops it but `dr-car stop`.
+
+    Example: dr-car start --speed 30 --seconds 60
+    """
+    from drcli.remote import car_driving
+
+    if detach and seconds is not None:
+        raise typer.BadParameter("--detach does not wait; leave out --seconds.")
+    web = _open(car)
+    car_driving.refuse_without_model(web)
+    prompts.agree(f"The car {web.address.place} will drive off. Is its way clear?", yes=force)
+    if speed_limit is not None:
+        car_driving.set_speed(web, speed_limit)
+    if detach:
+        report = car_driving.start(web)
+    else:
+        report = car_driving.drive(web, seconds=seconds, warn=console.warn, say=console.say)
+    console.emit(report, car_view.drive(report), as_json=as_json)
+    if report.driving:
+        console.suggest([("dr-car stop", "stop it")])
+    if report.interrupted:
+        raise SystemExit(130)
+
+
+@app.command()
+def stop(car: _Car = None, as_json: AsJson = False) -> None:
+    """Stop the car at once.
+
+    Sends only the request to stop, and repeats it if the car does not answer.
+
+    Example: dr-car stop
+    """
+    from drcli.remote import car_driving
+
+    report = car_driving.stop(_open(car))
+    console.emit(report, car_view.drive(report), as_json=as_json)
+
+
+@app.command()
+def speed(
+    percent: Annotated[int, typer.Argument(metavar="PERCENT", help="From 0 to 100.")],
+    car: _Car = None,
+    as_json: AsJson = False,
+) -> None:
+    """Limit the throttle of autonomous driving, until the car restarts.
+
+    Example: dr-car speed 30
+    """
+    from drcli.remote.car_driving import set_speed
+
+    if not 0 <= percent <= 100:
+        raise typer.BadParameter(f"{percent} is not a number from 0 to 100.")
+    report = set_speed(_open(car), percent)
+    text = f"The throttle of the car {report.car} is limited to {report.percent} %."
+    console.emit(report, text, as_json=as_json)
+
+
+@app.command()
+def status(car: _Car = None, as_json: AsJson = False) -> None:
+    """Show the car's software, battery, sensors and loaded model.
+
+    Example: dr-car status --json
+    """
+    from drcli.remote.car_status import read_status
+
+    report = read_status(_open(car))
+    console.emit(report, car_view.status(report), as_json=as_json)
+
+
+def _open(car: str | None) -> "CarWeb":
+    """The car's page with the kept login; sends nothing."""
+    from drcli.remote.car_web import CarWeb
+
+    return CarWeb.opened(_address(car))
+
+
+def _address(car: str | None) -> "CarAddress":
+    """The car from the option, the environment or the files.
+
+    The files are read last: a mistake in them must not prevent a stop.
+    """
+    from drcli.remote.car_address import read_address
+
+    if car is not None:
+        return read_address(car, "--car")
+    named = os.environ.get(ADDRESS)
+    if named:
+        return read_address(named, f"environment: {ADDRESS}")
+    return read_address(settings().car_address, ADDRESS)
+
+
+def _authorities(file: Path) -> Path:
+    """The file of authorities, absolute, because it is kept for later commands."""
+    import ssl
+
+    try:
+        ssl.create_default_context(cafile=str(file))
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", "") or "it has no certificates in PEM format"
+        raise SettingsError(
+            f"--ca {file}: cannot be used ({reason}).",
+            remedy="Give a file with certificates in PEM format.",
+        ) from e
+    return file.resolve()
+
+
+def _password(address: "CarAddress", file: Path | None) -> str:
+    """The password from the file, the environment, or the terminal."""
+    if file is not None:
+        return _password_in(file)
+    if os.environ.get(PASSWORD):
+        return os.environ[PASSWORD]
+    if not sys.stdin.isatty():
+        raise SettingsError(
+            f"There is no password for the car {address.place}.",
+            remedy=f"Run this on a terminal, set {PASSWORD} in the environment, or give a file "
+            "with --password-file.",
+        )
+    try:
+        typed = getpass.getpass(f"Password of the car {address.place}: ")
+    except EOFError:
+        typed = ""
+    if not typed:
+        raise SettingsError("No password was typed.", remedy="Run the command again.")
+    return typed
+
+
+def _password_in(file: Path) -> str:
+    """The first line of a file."""
+    try:
+        text = sys.stdin.readline() if str(file) == "-" else file.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as e:
+        raise SettingsError(
+            f"--password-file {file}: cannot be read ({getattr(e, 'strerror', '') or 'no text'}).",
+            remedy="Write the password into the first line of a text file.",
+        ) from e
+    password = (text.splitlines() or [""])[0]
+    if not password:
+        raise SettingsError(
+            f"--password-file {file}: its first line is empty.",
+            remedy="Write the password into the first line.",
+        )
+    return password

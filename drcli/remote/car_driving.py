@@ -1,0 +1,231 @@
+"""Starts and stops a car, and limits its speed."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import inf
+from types import FrameType
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.remote.car_errors import CarError, CarRefused, NotLoggedIn
+from drcli.remote.car_models import LOADED, LOADING, loading_state
+from drcli.remote.car_web import CarWeb
+
+STOP_ATTEMPTS = 3
+STOP_TIMEOUT_S = 5.0
+"""How often a stop is sent if the car does not confirm it, and the wait for each answer."""
+
+WATCH_S = 3.0
+"""How often a driving car is asked whether it can still be reached."""
+
+_BY_HAND = "Stop the car by hand: lift it, and switch it off."
+
+
+@dataclass(frozen=True)
+class CarSpeed:
+    """The limit of the throttle.
+
+    Attributes:
+        car: Address of the car.
+        percent: The limit, 0 to 100.
+    """
+
+    car: str
+    percent: int
+
+
+@dataclass(frozen=True)
+class CarDrive:
+    """A drive, or its end.
+
+    Attributes:
+        car: Address of the car.
+        driving: Whether the car still drives, because the command did not wait.
+        seconds: How long it drove; None if that is unknown.
+        interrupted: Whether Ctrl-C or another signal ended it.
+    """
+
+    car: str
+    driving: bool
+    seconds: float | None = None
+    interrupted: bool = False
+
+
+def set_speed(car: CarWeb, percent: int) -> CarSpeed:
+    """Limit the throttle; the car keeps it until it restarts.
+
+    Raises:
+        SettingsError: It is not from 0 to 100; the car would take it unchecked.
+    """
+    if not 0 <= percent <= 100:
+        raise SettingsError(
+            f"{percent} is not a speed limit in percent.", remedy="Give a number from 0 to 100."
+        )
+    car.put("/api/max_nav_throttle", {"throttle": percent}, action="limit its speed")
+    return CarSpeed(car.address.place, percent)
+
+
+def refuse_without_model(car: CarWeb) -> None:
+    """Refuse to start a car that has no model to drive with.
+
+    Raises:
+        SettingsError: None is loaded, or it is still being loaded.
+    """
+    state = loading_state(car)
+    if state == LOADING:
+        raise SettingsError(
+            f"The car {car.address.place} is still loading a model.",
+            remedy="Start it again in a few seconds.",
+        )
+    if state != LOADED:
+        raise SettingsError(
+            f"The car {car.address.place} has no model loaded.",
+            remedy="Load one with `dr-car load NAME`.",
+        )
+
+
+def stop(car: CarWeb) -> CarDrive:
+    """Stop the car; sends nothing else before, and repeats it if there is no answer.
+
+    Raises:
+        CarError: The car did not confirm it.
+        NotLoggedIn: The car has forgotten the login.
+    """
+    failure: CarError | None = None
+    for _ in range(STOP_ATTEMPTS):
+        try:
+            content = {"start_stop": "stop"}
+            car.put("/api/start_stop", content, action="stop", timeout_s=STOP_TIMEOUT_S)
+        except NotLoggedIn as e:
+            raise NotLoggedIn(
+                f"The car may still drive! {e}",
+                remedy="Lift the car and switch it off, or run `dr-car login` and `dr-car stop`.",
+            ) from e
+        except CarError as e:
+            failure = e
+        else:
+            return CarDrive(car.address.place, driving=False)
+    raise CarError(f"The car may still drive! {failure}", remedy=_BY_HAND) from failure
+
+
+def start(car: CarWeb) -> CarDrive:
+    """Let the car drive with its model, and leave it driving. If that fails, it is stopped.
+
+    Raises:
+        KeyboardInterrupt: A signal ended the start; the car has stopped.
+        CarError: It failed.
+    """
+    _set_autonomous(car)
+    with _ending_signals() as signals:
+        try:
+            _start(car)
+        except BaseException:
+            # Without an answer, or after Ctrl-C, nobody knows whether it drives.
+            signals.raises = False
+            stop(car)
+            raise
+        signals.raises = False
+        if signals.ended.is_set():
+            stop(car)
+            raise KeyboardInterrupt
+    return CarDrive(car.address.place, driving=True)
+
+
+def drive(
+    car: CarWeb, *, seconds: float | None, warn: Callable[[str], None], say: Callable[[str], None]
+) -> CarDrive:
+    """Start the car, and stop it when the time is over, or at a signal to end.
+
+    The stop is sent whatever ends the wait, and another Ctrl-C does not prevent it.
+
+    Raises:
+        CarError: The car did not start, or did not confirm the stop.
+    """
+    _set_autonomous(car)
+    started_s = time.monotonic()
+    with _ending_signals() as signals:
+        try:
+            _start(car)
+            signals.raises = False
+            started_s = time.monotonic()
+            until = "" if seconds is None else f" for {seconds:g} s"
+            say(f"The car {car.address.place} drives{until}; Ctrl-C stops it.")
+            _watch(car, signals.ended, started_s, seconds, warn)
+        except KeyboardInterrupt:  # during the start
+            signals.ended.set()
+        finally:
+            signals.raises = False
+            stop(car)
+    driven_s = round(time.monotonic() - started_s, 1)
+    return CarDrive(car.address.place, False, driven_s, signals.ended.is_set())
+
+
+def _set_autonomous(car: CarWeb) -> None:
+    car.put("/api/drive_mode", {"drive_mode": "auto"}, action="change to autonomous driving")
+
+
+def _start(car: CarWeb) -> None:
+    car.put("/api/start_stop", {"start_stop": "start"}, action="start")
+
+
+def _watch(
+    car: CarWeb,
+    ended: threading.Event,
+    started_s: float,
+    seconds: float | None,
+    warn: Callable[[str], None],
+) -> None:
+    """Wait for the end; warn once if the car can no longer be reached, and so not be stopped."""
+    reachable = True
+    end_s = inf if seconds is None else started_s + seconds
+    while not ended.wait(max(0.0, min(WATCH_S, end_s - time.monotonic()))):
+        if time.monotonic() >= end_s:
+            return
+        try:
+            car.find("/api/get_battery_level", action="tell its battery level")
+            reachable = True
+        except CarRefused:  # a battery that is not connected
+            reachable = True
+        except DrError as e:
+            if reachable:
+                warn(f"The car may not stop when asked to: {e} {_BY_HAND}")
+            reachable = False
+
+
+@dataclass
+class _Signals:
+    """What a signal to end does.
+
+    Attributes:
+        raises: Whether the first one raises KeyboardInterrupt, to leave a request that hangs.
+        ended: Set by each of them.
+    """
+
+    raises: bool = True
+    ended: threading.Event = field(default_factory=threading.Event)
+
+    def handle(self, _number: int, _frame: FrameType | None) -> None:
+        """A signal arrived."""
+        self.ended.set()
+        if self.raises:
+            self.raises = False
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _ending_signals() -> Iterator[_Signals]:
+    """Catch Ctrl-C, SIGTERM and the end of the terminal, which would leave the car driving."""
+    signals = _Signals()
+    if threading.current_thread() is not threading.main_thread():
+        yield signals
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signals.handle) for number in numbers}
+    try:
+        yield signals
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,85 @@
+"""The login at a car between two commands: a file that only this user can read.
+
+It holds the cookies of the car's web page, never the password, and how the car proves who it is.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from drcli.base.atomic_file import load_record, write_private_json
+from drcli.base.errors import SettingsError
+from drcli.remote.car_address import CarAddress
+
+Trust = Literal["fingerprint", "ca", "none"]
+"""How a car proves that it is the same one: by the certificate seen first, by a certificate
+authority, or not at all."""
+
+LOGIN_HOURS = 12
+"""How long a login counts on cars with the community's software. Source: its login page; cars with
+the original software forget a login when somebody else logs in."""
+
+
+@dataclass(frozen=True)
+class CarLogin:
+    """What is kept about one car.
+
+    Attributes:
+        trust: How the car proves that it is the same one.
+        fingerprint: SHA-256 of its certificate in hexadecimal digits, for `fingerprint`.
+        ca_file: File with certificates of authorities, for `ca`.
+        cookies: Of the car's web page, by name; empty without a login.
+        csrf_token: Proves to the car that a change comes from somebody who has read its page.
+    """
+
+    trust: Trust = "fingerprint"
+    fingerprint: str = ""
+    ca_file: str = ""
+    cookies: Mapping[str, str] = field(default_factory=dict)
+    csrf_token: str = ""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there was a login; the car may have forgotten it."""
+        return bool(self.cookies)
+
+
+def load_login(address: CarAddress) -> CarLogin | None:
+    """What is kept about a car; None if nothing is, or if it cannot be read."""
+    return load_record(CarLogin, login_file(address))
+
+
+def save_login(address: CarAddress, login: CarLogin) -> None:
+    """Keep a login.
+
+    Raises:
+        SettingsError: The file cannot be written.
+    """
+    path = login_file(address)
+    try:
+        write_private_json(path, {**asdict(login), "cookies": dict(login.cookies)})
+    except OSError as e:
+        raise SettingsError(
+            f"{path}: the login at the car cannot be kept ({e.strerror or e}).",
+            remedy=f"Check that you can write {path.parent}, or set XDG_CACHE_HOME to another "
+            "folder.",
+        ) from e
+
+
+def forget_login(address: CarAddress) -> bool:
+    """Forget the cookies, and keep the certificate; False if there was no login."""
+    kept = load_login(address)
+    if kept is None or not kept.is_open:
+        return False
+    save_login(address, replace(kept, cookies={}, csrf_token=""))
+    return True
+
+
+def login_file(address: CarAddress) -> Path:
+    """Where the login at a car is kept."""
+    named = os.environ.get("XDG_CACHE_HOME", "")
+    cache = Path(named) if Path(named).is_absolute() else Path.home() / ".cache"
+    host = address.host.casefold().replace(":", "-")
+    return cache / "drcli" / "cars" / f"{host}_{address.port}.json"

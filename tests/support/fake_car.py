@@ -1,0 +1,300 @@
+"""A physical car's web server with its rules, over https with a certificate of its own making."""
+
+import datetime
+import hashlib
+import io
+import ipaddress
+import json
+import secrets
+import tarfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from werkzeug import Request, Response
+from werkzeug.serving import make_server
+
+PASSWORD = "sticker"
+SENSOR_NAMES = {
+    "FRONT_FACING_CAMERA": "Single camera",
+    "observation": "Single camera",
+    "LEFT_CAMERA": "Single camera",
+    "STEREO_CAMERAS": "Stereo camera",
+    "LIDAR": "LiDAR",
+    "SECTOR_LIDAR": "LiDAR",
+}
+
+
+@dataclass
+class Installed:
+    """A folder on the car; without metadata if the installation has not finished."""
+
+    metadata: dict[str, Any] | None
+    md5: str = ""
+
+
+@dataclass
+class FakeCar:
+    """The state of a car, and switches for its failures.
+
+    Attributes:
+        community: Whether it runs the community's software.
+        looks_left: Looks at the list before a slow installation is done.
+        polls_left: Questions about the load before it is done.
+        slow: Name of what was uploaded last, with its content.
+        failures: Status by path; the path answers it that often (a list is used up).
+        requests: Method and path of all requests.
+    """
+
+    community: bool = True
+    connected: set[str] = field(default_factory=lambda: {"Single camera"})
+    models: dict[str, Installed] = field(default_factory=dict)
+    looks_left: int = 0
+    slow: dict[str, Installed] = field(default_factory=dict)
+    polls_left: int = 0
+    load_polls: int = 2
+    load_ends: str = "loaded"
+    state: str = "none"
+    loaded: str = ""
+    drive_mode: str = "manual"
+    driving: bool = False
+    throttle: float = 50
+    tokens: set[str] = field(default_factory=set)
+    csrf: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, list[int]] = field(default_factory=dict)
+    refusals: dict[str, str] = field(default_factory=dict)
+    forgets: bool = False
+    requests: list[str] = field(default_factory=list)
+    hook: Callable[[str], None] = lambda path: None
+
+    def __call__(self, environ: dict[str, Any], start_response: Any) -> Any:
+        """Answer a request."""
+        request = Request(environ)
+        self.requests.append(f"{request.method} {request.path}")
+        self.hook(request.path)
+        return self._answer(request)(environ, start_response)
+
+    def _answer(self, request: Request) -> Response:
+        path = request.path
+        if self.failures.get(path):
+            return Response("<html>error</html>", self.failures[path].pop(0))
+        if path == "/login" and request.method == "POST":
+            return self._login(request) if self._has_token(request) else self._no_csrf()
+        if path in ("/", "/login", "/home"):
+            return self._page(request)
+        if request.cookies.get("deepracer_token") not in self.tokens:
+            return Response("<html>401 Authorization Required</html>", 401)
+        if request.method != "GET" and not self._has_token(request):
+            return self._no_csrf()
+        if path in self.refusals:
+            return _json({"success": False, "reason": self.refusals[path]})
+        return self._api(request, path.split("/"))
+
+    def _api(self, request: Request, parts: list[str]) -> Response:
+        match [request.method, *parts[2:]]:
+            case ["GET", "models"]:
+                return self._list()
+            case ["GET", "uploaded_model_list"]:
+                return _json([{"name": name, "size": "12M"} for name in self.models])
+            case ["POST" | "PUT", "uploadModels"]:
+                return self._upload(request)
+            case ["PUT" | "POST", "models", folder, file]:
+                return self._load(folder, file)
+            case ["GET", "isModelLoading"]:
+                return _json({"success": True, "isModelLoading": self._loading()})
+            case ["PUT" | "POST", "drive_mode"]:
+                self.drive_mode = json.loads(request.get_data())["drive_mode"]
+                return _json({"success": True})
+            case ["PUT" | "POST", "start_stop"]:
+                starts = json.loads(request.get_data())["start_stop"] == "start"
+                self.driving = starts and self.drive_mode == "auto" and self.state == "loaded"
+                return _json({"success": True})
+            case ["PUT" | "POST", "max_nav_throttle"]:
+                self.throttle = json.loads(request.get_data())["throttle"]
+                return _json({"success": True})
+            case ["GET", "supported_apis"] if self.community:
+                return _json({"success": True, "apis_supported": ["/api/models"]})
+            case ["GET", "get_device_status"] if self.community:
+                return _json({"success": True, "cpu_percent": 12.5, "fps_mean": 29.9})
+            case ["GET", "get_device_info"]:
+                return _json({"success": True, "hardware_version": "R2.1", "software_version": "2"})
+            case ["GET", "get_battery_level"]:
+                return _json({"success": True, "battery_level": 9})
+            case ["GET", "get_sensor_status"]:
+                states = {"camera_status": "connected", "lidar_status": "not_connected"}
+                return _json({"success": True, "stereo_status": "not_connected", **states})
+            case _:
+                return Response("<html>404</html>", 404)
+
+    def _page(self, request: Request) -> Response:
+        session = request.cookies.get("session") or secrets.token_hex(8)
+        token = self.csrf.setdefault(session, secrets.token_hex(8))
+        page = f'<html><head><meta name="csrf-token" content="{token}"></head></html>'
+        answer = Response(page, content_type="text/html")
+        answer.set_cookie("session", session, secure=True, httponly=True)
+        return answer
+
+    def _login(self, request: Request) -> Response:
+        if request.form.get("password") != PASSWORD:
+            return Response("failure")
+        token = secrets.token_hex(16)
+        if not self.community:
+            self.tokens.clear()
+        self.tokens.add(token)
+        answer = _json({"redirect": "/home"})
+        answer.set_cookie("deepracer_token", token, max_age=43_200, secure=True)
+        return answer
+
+    def _has_token(self, request: Request) -> bool:
+        sent = request.headers.get("X-CSRFToken") or request.form.get("csrf_token")
+        return bool(sent) and sent == self.csrf.get(request.cookies.get("session", ""))
+
+    def _no_csrf(self) -> Response:
+        return Response("<html>400 The CSRF token has expired.</html>", 400)
+
+    def _list(self) -> Response:
+        if self.slow:
+            self.looks_left -= 1
+            if self.looks_left < 0:
+                self.models.update(self.slow)
+                self.slow = {}
+        entries = [
+            {
+                "model_name": "model",
+                "model_folder_name": name,
+                "model_training_algorithm": "PPO",
+                "model_action_space_type": "Discrete",
+                "model_sensors": (names := [SENSOR_NAMES[s] for s in _sensors(one.metadata)]),
+                "is_select_disabled": not set(names) <= self.connected,
+            }
+            for name, one in self.models.items()
+            if one.metadata is not None and set(_sensors(one.metadata)) <= set(SENSOR_NAMES)
+        ]
+        entries.sort(key=lambda entry: bool(entry["is_select_disabled"]))
+        kinds = {"camera": "Single camera", "stereo": "Stereo camera", "lidar": "LiDAR"}
+        states = {
+            f"{kind}_status": "connected" if name in self.connected else "not_connected"
+            for kind, name in kinds.items()
+        }
+        return _json({"models": entries, "sensor_status": states})
+
+    def _upload(self, request: Request) -> Response:
+        with closing(request.files["file"]) as file:
+            content = file.read()
+        if not str(file.filename).endswith(".tar.gz"):
+            return _json({"success": False, "message": "Not a .tar.gz file"})
+        name = str(file.filename)[:-7]
+        self.models[name] = Installed(None)
+        if self.forgets:
+            return _json({"success": True, "message": "uploaded"})
+        found = self._unpacked(content)
+        if found is None:
+            return _json({"success": False, "message": "Failed to upload & optimize the model"})
+        if self.looks_left:
+            self.slow = {name: found}
+            return _json({"success": False, "message": "Failed to upload & optimize the model"})
+        self.models[name] = found
+        return _json({"success": True, "message": "Model uploaded successfully to your vehicle"})
+
+    def _unpacked(self, content: bytes) -> Installed | None:
+        """What the car finds in an archive; None if it refuses it."""
+        with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
+            files = {m.name: archive.extractfile(m).read() for m in archive if m.isfile()}  # type: ignore[union-attr]
+        models = [name for name in files if Path(name).suffix in ".pb"]
+        md5 = hashlib.md5(files[models[0]]).hexdigest() if models else ""
+        if len(models) != 1 or md5 in {one.md5 for one in self.models.values()}:
+            return None
+        return Installed(json.loads(files["model_metadata.json"]), md5)
+
+    def _load(self, folder: str, file: str) -> Response:
+        if folder not in self.models or file != "model":
+            return _json({"success": False, "reason": "Model optimization failed!"})
+        self.state, self.loaded, self.polls_left = "loading", folder, self.load_polls
+        return _json({"success": True})
+
+    def _loading(self) -> str:
+        if self.state == "loading":
+            self.polls_left -= 1
+            if self.polls_left < 0:
+                self.state = self.load_ends
+        return self.state
+
+
+def _sensors(metadata: dict[str, Any] | None) -> list[str]:
+    return list((metadata or {}).get("sensor", ["observation"]))
+
+
+def _json(content: Any) -> Response:
+    return Response(json.dumps(content), content_type="application/json")
+
+
+def make_certificate(folder: Path, name: str = "car") -> tuple[Path, Path]:
+    """A certificate that signs itself, for localhost, and its key."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
+    now = datetime.datetime.now(datetime.UTC)
+    names: list[x509.GeneralName] = [x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(days=1))
+        .not_valid_after(now + datetime.timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    files = folder / f"{name}.pem", folder / f"{name}.key"
+    files[0].write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    form = serialization.PrivateFormat.PKCS8
+    plain = serialization.NoEncryption()
+    files[1].write_bytes(key.private_bytes(serialization.Encoding.PEM, form, plain))
+    return files
+
+
+@contextmanager
+def served(
+    car: Callable[..., Any], certificate: tuple[Path, Path] | None, port: int = 0
+) -> Iterator[int]:
+    """Serve a car on localhost, and give the port."""
+    context = None if certificate is None else (str(certificate[0]), str(certificate[1]))
+    server = make_server("127.0.0.1", port, car, threaded=True, ssl_context=context)
+    thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+    thread.start()
+    try:
+        yield server.server_port
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def archive(path: Path, **changes: Any) -> Path:
+    """Write a file for the car: a model and its metadata; `files` replaces or removes members."""
+    metadata = {
+        "sensor": ["FRONT_FACING_CAMERA"],
+        "training_algorithm": "clipped_ppo",
+        "action_space_type": "discrete",
+        "action_space": [{"steering_angle": 0, "speed": 1}],
+        **changes.get("metadata", {}),
+    }
+    files: dict[str, bytes | None] = {
+        "agent/model.pb": path.name.encode(),
+        "model_metadata.json": json.dumps(metadata).encode(),
+        **changes.get("files", {}),
+    }
+    with tarfile.open(path, "w:gz") as out:
+        for name, content in files.items():
+            if content is not None:
+                info = tarfile.TarInfo(name)
+                info.size = len(content)
+                out.addfile(info, io.BytesIO(content))
+    return path
