@@ -138,6 +138,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
         source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
         used=used,
+        import_command=source.import_command if needs_import(listed) else "",
     )
 
 

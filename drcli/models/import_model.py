@@ -34,6 +34,7 @@ from drcli.models.transfer_buckets import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.write_probe import prove_writing
 
 if TYPE_CHECKING:
     from drcli.formats.read_graph import ReadPolicy
@@ -185,6 +186,7 @@ def _check_target(
 
     Raises:
         SettingsError: There is another model already, or it is being trained.
+        StorageError: The bucket cannot be written.
     """
     if options.source.casefold().startswith("s3://") and options.local:
         name, _, prefix = options.source[5:].partition("/")
@@ -203,6 +205,8 @@ def _check_target(
             f"s3://{here.name}/{options.prefix} already contains a model.",
             remedy="Choose another name with -t, or delete that model with -w.",
         )
+    if not options.dry_run:
+        prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first
     return len(there)
 
 

@@ -22,7 +22,6 @@ from drcli.learn.policy import PolicySpec
 from drcli.modelfiles.network_shape import Design
 from drcli.models.import_model import ImportOptions, import_model, plan_import
 from drcli.models.model_list import list_models
-from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.lease import take
 from memory_bucket import MemoryBucket
