@@ -1,4 +1,4 @@
-"""How far a policy gets with each of the simulator's cars: a worker writes it, a command reads it."""
+"""How far a policy gets with each of the simulator's cars, as a worker writes it."""
 
 import json
 from collections.abc import Sequence

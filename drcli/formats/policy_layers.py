@@ -124,7 +124,7 @@ class _Finder:
                 return first
             if node.op in ("Relu", "Softmax"):
                 return replace(first, is_open=False)
-        self.refuse(
+        return self.refuse(
             f"is no policy that can be trained here: it has {node.op} at {shown(node.name)} where "
             "a network of the reference has only convolutions and dense layers"
         )

@@ -16,6 +16,7 @@ from drcli.exchange.car_trial import CarTrials
 from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.exchange.episode_metrics import encode_metrics
 from drcli.exchange.scores import Score
+from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
 from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, PARAMETERS_FILE, Item
@@ -41,6 +42,12 @@ if TYPE_CHECKING:
 
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 WORLD = "DR_WORLD_NAME"
+
+LEARNING_RATE = 3e-4
+"""Greatest `lr` of a model that came without hyperparameters; the reference's default. With 1e-3,
+which the shipped example has for fresh weights, the first update of a trained policy changed seven
+of ten actions' probabilities by more than the clip range, and the car left the track (measured:
+mean progress fell from 84 to 28 % and needed six iterations to recover)."""
 
 _LARGEST_TEXT = 1 << 20
 """More than any file that people write has."""
@@ -135,7 +142,8 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
     policy, verified = _read(source, chosen)
     made = _Maker(settings, options, source, chosen, policy)
     items, report = made.model()
-    report = replace(report, verified=verified)
+    warnings = [*report.warnings, *_other_custom_files(settings, options, items)]
+    report = replace(report, verified=verified, warnings=warnings)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     used = _check_target(settings, options, here, items)
     target = f"s3://{here.name}/{options.prefix}"
@@ -177,6 +185,30 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
     if options.custom_files:
         written = write_own_files(here, options.prefix, settings.custom_files_dir)
     return replace(delivery.complete(report), custom_files=written)
+
+
+def _other_custom_files(settings: Settings, options: ImportOptions, items: list[Item]) -> list[str]:
+    """A warning if the racer's own files would replace the model's when it is trained on."""
+    if options.custom_files:
+        return []
+    folder = settings.custom_files_dir
+    names = {
+        keys.REWARD_FUNCTION_FILE: keys.REWARD_FUNCTION_FILE,
+        METADATA: keys.MODEL_METADATA_FILE,
+        HYPERPARAMETERS: keys.HYPERPARAMETERS_FILE,
+    }
+    other = []
+    for item in items:
+        if item.name in names:
+            own = local_file(folder, names[item.name])
+            if own is not None and own.data != item.data:
+                other.append(names[item.name])
+    if not other:
+        return []
+    return [
+        f"{folder} has another {' and another '.join(sorted(other))}, which count more than the "
+        "model's when it is trained on: replace them with -c, or move them away."
+    ]
 
 
 def _check_target(
@@ -388,6 +420,12 @@ class _Maker:
             self._not_taken(place, conflict, "The shipped hyperparameters are used.")
         self._shipped.append(keys.HYPERPARAMETERS_FILE)
         read = Hyperparameters.from_bytes(shipped.read_bytes(), str(shipped))
+        if read.lr > LEARNING_RATE:
+            self._warnings.append(
+                f"The shipped {keys.HYPERPARAMETERS_FILE} gets lr={LEARNING_RATE:g} instead of "
+                f"{read.lr:g}: larger steps would undo what a trained policy can do."
+            )
+            read = read.model_copy(update={"lr": LEARNING_RATE})
         return fit_parameters(read, str(shipped), self._policy, self._model)[0]
 
     def _reward_function(self) -> bytes:

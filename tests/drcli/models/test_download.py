@@ -334,6 +334,6 @@ def test_a_model_of_the_reference_is_recognised(mover):
 
     assert planned.import_command == "dr-import s3://uploads/theirs -t NAME"
     mover.there.delete(["theirs/ip/hyperparameters.json"])
-    with pytest.raises(SettingsError, match="hyperparameters.json is missing") as caught:
+    with pytest.raises(SettingsError, match=r"hyperparameters\.json is missing") as caught:
         plan_download(mover.settings(), options)
     assert "`dr-import s3://uploads/theirs -t NAME`" in caught.value.remedy

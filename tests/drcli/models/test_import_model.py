@@ -154,6 +154,8 @@ def test_a_frozen_graph_becomes_a_model_as_a_training_leaves_it(importer, model)
     assert weights.keys() == expected.keys()
     design = Design.of_model(importer.here, "new")
     assert design.metadata.neural_network == COMPACT
+    assert design.parameters.lr == 3e-4
+    assert any("lr=0.0003 instead of 0.001" in text for text in report.warnings)
     assert [entry.prefix for entry in list_models(importer.here).models] == ["new"]
     assert report.shipped == ["hyperparameters.json", "reward_function.py"]
     assert any("critic" in text for text in report.fresh)
@@ -503,3 +505,12 @@ def test_c_writes_the_racers_files(importer, model):
     assert json.loads((folder / "model_metadata.json").read_text())["neural_network"] == COMPACT
     assert len(report.custom_files) == 3
     assert all(Path(path).is_file() for path in report.custom_files)
+
+
+def test_files_of_the_racer_that_would_replace_the_models_are_named(importer, model):
+    lay(importer.folder / "custom_files", {"hyperparameters.json": b"{}"})
+
+    report = importer.run(model)
+
+    assert any("has another hyperparameters.json" in text for text in report.warnings)
+    assert not any("another" in t for t in importer.run(model, "b", custom_files=True).warnings)
