@@ -27,7 +27,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),
-    "models.import_model:ImportReport": ("import",),
+    "models.imported_model:ImportReport": ("import",),
     "models.model_list:ModelList": ("list-models", "list-aws-models"),
     "cli.commands.increments:UploadName": ("set-upload-model",),
     "cli.views.car_view:CarLoginReport": ("car login",),

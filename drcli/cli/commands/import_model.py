@@ -17,7 +17,7 @@ from drcli.cli.working_folder import settings
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.exchange.car_trial import CarTrials
-    from drcli.models.import_model import ImportReport
+    from drcli.models.imported_model import ImportReport
 
 
 def import_model(
@@ -71,8 +71,9 @@ def import_model(
 
     Example: dr-import model_30.pb --metadata model_metadata.json -t team/model-30
     """
-    from drcli.models.import_model import ImportOptions, plan_import
     from drcli.models.import_model import import_model as write
+    from drcli.models.import_model import plan_import
+    from drcli.models.imported_model import ImportOptions
 
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")

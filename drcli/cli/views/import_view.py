@@ -9,7 +9,7 @@ from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
     from drcli.exchange.car_trial import CarTrials
-    from drcli.models.import_model import ImportReport
+    from drcli.models.imported_model import ImportReport
 
 
 @fitted

@@ -20,7 +20,8 @@ from drcli.formats.reference_checkpoint import encode_reference_checkpoint, refe
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.modelfiles.network_shape import Design
-from drcli.models.import_model import ImportOptions, import_model, plan_import
+from drcli.models.import_model import import_model, plan_import
+from drcli.models.imported_model import ImportOptions
 from drcli.models.model_list import list_models
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.lease import take

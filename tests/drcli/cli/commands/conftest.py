@@ -15,7 +15,7 @@ from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
-from drcli.models.import_model import ImportReport
+from drcli.models.imported_model import ImportReport
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
