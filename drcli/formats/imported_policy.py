@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors.torch import save as save_tensors
+from torch import nn
 
 from drcli.base.errors import SettingsError
 from drcli.formats.build_network import load_arrays, policy_spec
@@ -169,6 +170,12 @@ def first_checkpoint(
             if not name.startswith(("value_head.", "returns."))
         }
         fresh.insert(0, _FRESH_CRITIC)
+        # A critic that expects nothing disturbs less than one that guesses: until it has learned,
+        # the advantages are those of the returns, and no gradient of it reaches the body.
+        head = model.value_head
+        last = head[-1] if isinstance(head, nn.Sequential) else head
+        for parameter in last.parameters():
+            nn.init.zeros_(parameter)
     if policy.continuous and "log_std" not in weights:
         weights["log_std"] = np.full(policy.num_actions, math.log(FIRST_STD), np.float32)
         fresh.append(

@@ -153,6 +153,7 @@ def test_a_frozen_graph_becomes_a_model_as_a_training_leaves_it(importer, model)
     policy = [name for name in expected if name.startswith(("body.", "policy_head."))]
     assert all(np.array_equal(weights[name], expected[name]) for name in policy)
     assert weights.keys() == expected.keys()
+    assert not weights["value_head.weight"].any()
     design = Design.of_model(importer.here, "new")
     assert design.metadata.neural_network == COMPACT
     assert design.parameters.lr == 3e-4
