@@ -57,9 +57,9 @@ FORBIDDEN = {
     "drcli.modelfiles": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.formats": {*SIMULATION, *STORAGE, *SCREEN},
     "drcli.models": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
-    "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.workers": {*STORAGE, *SCREEN},
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
@@ -68,7 +68,7 @@ FORBIDDEN = {
 
 LAZY = {
     "drcli.store": STORAGE | {"mypy_boto3_s3"},
-    "drcli.remote": STORAGE | {"requests", "urllib3", "ssl"},
+    "drcli.remote": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
 }
 """What a package may import inside functions only, because it takes long to load."""
 

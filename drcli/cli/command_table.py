@@ -99,10 +99,18 @@ COMMANDS: tuple[Command, ...] = (
             "import_model",
             "import_model",
         ),
+        Command("upload-car-zip", "Upload an archive for the physical car.", "export_car"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),
         Command("set-upload-model", "Choose the name of the next upload.", "increments"),
         Command("car", "Send models to the physical car, and drive it.", function="app"),
+        Command("droa-login", "Sign in to DeepRacer on AWS.", "droa"),
+        Command("droa-logout", "Forget the keys of DeepRacer on AWS.", "droa"),
+        Command("droa-list-models", "List your models at DeepRacer on AWS.", "droa"),
+        Command("droa-get-model", "Show a model at DeepRacer on AWS.", "droa"),
+        Command("droa-import-model", "Import a model into DeepRacer on AWS.", "droa"),
+        Command("droa-download-logs", "Download from DeepRacer on AWS.", "droa"),
+        Command("droa-delete-model", "Delete a model at DeepRacer on AWS.", "droa"),
     ),
     *_section(
         "Settings and files",
@@ -124,7 +132,6 @@ COMMANDS: tuple[Command, ...] = (
         Command("tracks", "List, show, add and fetch tracks.", function="app"),
         Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),
-    *_unavailable("Archives for the physical car.", "upload-car-zip"),
     *_unavailable(
         "Live pictures of the cars.",
         "start-viewer",
@@ -141,14 +148,6 @@ COMMANDS: tuple[Command, ...] = (
         "url-loganalysis",
     ),
     *_unavailable("Tournaments; dr evaluate races two models.", "start-tournament"),
-    *_unavailable(
-        "DeepRacer on AWS.",
-        "droa-list-models",
-        "droa-get-model",
-        "droa-download-logs",
-        "droa-delete-model",
-        "droa-import-model",
-    ),
 )
 
 

@@ -4,18 +4,25 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from drcli.base.errors import Aborted
+from drcli.base.errors import Aborted, SettingsError
 from drcli.cli import console
 
 _PIPE_WAIT_S = 1.0
 """Longest time to wait for an answer in a pipe."""
 
 
-def agree(question: str, *, yes: bool, remedy: str = "Add -f (or --yes) to answer yes.") -> None:
+def agree(
+    question: str,
+    *,
+    yes: bool,
+    remedy: str = "Add -f (or --yes) to answer yes.",
+    words: Sequence[str] = (),
+) -> None:
     """Ask before something is lost or replaced, unless an option has said yes already.
 
     Waits for an answer on a terminal only. Elsewhere it takes the answer from standard input, as
     in `echo y | dr-...`; without one, the answer is no. The remedy says how to avoid the question.
+    `words` are other answers that mean yes.
 
     Raises:
         Aborted: The answer is no.
@@ -28,7 +35,7 @@ def agree(question: str, *, yes: bool, remedy: str = "Add -f (or --yes) to answe
     else:
         console.say(f"{question} [y/N]")
         answer = _line_in_pipe()
-    if answer.strip().casefold() not in ("y", "yes"):
+    if answer.strip().casefold() not in ("y", "yes") and answer.strip() not in words:
         raise Aborted("Aborting. Nothing was changed.", remedy=remedy)
 
 
@@ -45,6 +52,31 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
         if answer.casefold() in spelt:
             return spelt[answer.casefold()]
         console.say(f"'{answer}' is not one of these.")
+
+
+def secret(question: str, remedy: str) -> str:
+    """Ask for a secret, which is not shown while it is typed.
+
+    Without a terminal it is taken from standard input, as in `pass show droa | droa-...`.
+
+    Raises:
+        SettingsError: There is none. The remedy says how to give it.
+    """
+    if may_ask():
+        import getpass
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", getpass.GetPassWarning)
+            try:
+                answer = getpass.getpass(f"{question}: ")
+            except (getpass.GetPassWarning, EOFError):
+                answer = ""
+    else:
+        answer = _line_in_pipe().rstrip("\r\n")
+    if not answer:
+        raise SettingsError(f"No answer to the question: {question}.", remedy=remedy)
+    return answer
 
 
 def may_ask() -> bool:

@@ -21,6 +21,7 @@ from drcli.config.groups.storage import BucketSettings, KeySettings
 from drcli.config.groups.system import (
     ContainerSettings,
     DerivedSettings,
+    DroaSettings,
     ScreenSettings,
     ServiceSettings,
 )
@@ -75,6 +76,23 @@ class TransferConfig:
 
     own: StorageConfig
     upload: UploadConfig
+
+
+@dataclass(frozen=True)
+class DroaConfig:
+    """DeepRacer on AWS.
+
+    Attributes:
+        url: DR_DROA_URL, the address of its web page; empty if not set.
+        username: DR_DROA_USERNAME; empty if not set.
+        debug: DR_DROA_DEBUG.
+        aws_endpoint_url: DR_DROA_AWS_ENDPOINT_URL; empty for Amazon's own addresses.
+    """
+
+    url: str
+    username: str
+    debug: bool
+    aws_endpoint_url: str
 
 
 @dataclass(frozen=True)
@@ -215,6 +233,7 @@ class Override:
 class Settings(
     PlacedSettings,
     DerivedSettings,
+    DroaSettings,
     ServiceSettings,
     ScreenSettings,
     ContainerSettings,
@@ -291,6 +310,13 @@ class Settings(
             self.aws_app_region,
         )
         return TransferConfig(self.storage, upload)
+
+    @property
+    def droa(self) -> DroaConfig:
+        """DeepRacer on AWS."""
+        return DroaConfig(
+            self.droa_url, self.droa_username, self.droa_debug, self.droa_aws_endpoint_url
+        )
 
     @property
     def custom_files(self) -> CustomFilesConfig:

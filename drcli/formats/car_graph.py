@@ -2,36 +2,22 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, few, shown
 from drcli.formats.reference_names import POLICY, PPO_AGENT, SAC_AGENT, input_name
 from drcli.formats.tensorflow.graph import Node, decode_graph
+from drcli.formats.tensorflow.interpreter import Graph
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
 
 _CONVERTED = frozenset(
-    [
-        "Placeholder",
-        "Const",
-        "RealDiv",
-        "Conv2D",
-        "BiasAdd",
-        "Relu",
-        "Tanh",
-        "Reshape",
-        "MatMul",
-        "Softmax",
-        "Identity",
-        "ConcatV2",
-        "Sub",
-        "Mul",
-        "Add",
-        "AddV2",
-        "StopGradient",
-        "Rsqrt",
-        "Shape",
-        "StridedSlice",
-        "Pack",
-    ]
+    (
+        *("Placeholder", "Const", "Identity", "StopGradient"),
+        *("Conv2D", "BiasAdd", "MatMul", "Relu", "Tanh", "Softmax"),
+        *("RealDiv", "Sub", "Mul", "Add", "AddV2", "Rsqrt"),
+        *("Reshape", "ConcatV2", "Shape", "StridedSlice", "Pack"),
+    )
 )
 """Operations that all engines of the car are known to convert; the reference's graphs have others
 than ours. Source: graphs that went through them."""
@@ -45,6 +31,9 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
 
 _SAC_OUTPUT = "network_0/sac_policy_head_0/policy"
 """Where the reference's SAC has its output, and where the car does not look for it."""
+
+_SMALL = 1024
+"""Values of a constant from which others may be computed."""
 
 _REMEDY = "Export the model again, with `dr-export car`."
 
@@ -66,12 +55,24 @@ def graph_problems(
     except SettingsError as error:
         return [Problem("C-09", "error", file, None, str(error), error.remedy)]
     agent = SAC_AGENT if algorithm == "sac" else PPO_AGENT
-    by_name = {node.name: node for node in nodes}
-    return [
+    problems = [
+        *_value_problems(nodes, file),
         *_input_problems(nodes, agent, sensors, file),
-        *_output_problems(nodes, by_name, agent, num_actions, file),
+        *_output_problems(nodes, agent, num_actions, file),
         *_operation_problems(nodes, file),
     ]
+    if not problems:
+        problems += _shape_problems(nodes, agent, sensors, num_actions, file)
+    return problems
+
+
+def _value_problems(nodes: Sequence[Node], file: str) -> Iterator[Problem]:
+    for node in nodes:
+        if node.value is not None and not np.isfinite(node.value).all():
+            what = f"the values of {shown(node.name)} are not all finite numbers."
+            yield _problem(
+                "C-09", file, what, "Export a checkpoint from before the training failed."
+            )
 
 
 def _input_problems(
@@ -86,7 +87,7 @@ def _input_problems(
             yield _problem("C-10", file, what, _REMEDY)
             continue
         shape = found[name].attrs.get("shape")
-        given = _SHAPES.get(sensor, (FRAME_HEIGHT, FRAME_WIDTH, 1))
+        given = _shape_of(sensor)
         if not isinstance(shape, tuple) or len(shape) < 2:
             continue
         fits = len(shape) == len(given) + 1 and shape[0] in (-1, 1)
@@ -106,12 +107,9 @@ def _input_problems(
 
 
 def _output_problems(
-    nodes: Sequence[Node],
-    by_name: Mapping[str, Node],
-    agent: str,
-    num_actions: int | None,
-    file: str,
+    nodes: Sequence[Node], agent: str, num_actions: int | None, file: str
 ) -> Iterator[Problem]:
+    by_name = {node.name: node for node in nodes}
     output = f"{agent}/{POLICY}"
     if output not in by_name:
         raw = f"{agent}/{_SAC_OUTPUT}"
@@ -141,6 +139,53 @@ def _output_problems(
         )
 
 
+def _shape_problems(
+    nodes: Sequence[Node],
+    agent: str,
+    sensors: Sequence[str],
+    num_actions: int | None,
+    file: str,
+) -> Iterator[Problem]:
+    """Whether the shapes of all nodes fit, found by running the graph on no picture at all.
+
+    That takes no time, whatever the graph of a stranger would compute. It needs a graph for any
+    number of pictures; the other ones are made for a single one.
+    """
+    try:
+        graph = Graph(nodes, file)
+        if any(not shape or shape[0] != -1 for shape in graph.inputs.values()):
+            return
+        if constant := _computed_constant(graph):
+            what = f"it computes {shown(constant)} from constants alone, so it cannot be checked."
+            yield Problem("C-12", "warning", file, None, what, _REMEDY)
+            return
+        given = {input_name(agent, sensor): (0, *_shape_of(sensor)) for sensor in sensors}
+        with np.errstate(all="ignore"):
+            output = graph.run({name: np.zeros(shape, np.float32) for name, shape in given.items()})
+    except SettingsError as error:
+        yield Problem("C-09", "error", file, None, str(error), error.remedy)
+        return
+    width = output.shape[-1] if output.ndim == 2 else 0
+    if num_actions is not None and width != num_actions:
+        yield _wrong_width(width, num_actions, file)
+
+
+def _computed_constant(graph: Graph) -> str | None:
+    """A node that does not depend on any input, and whose result may be large; usually None."""
+    depends: set[str] = set()
+    large = {n.name for n in graph.nodes if n.value is not None and n.value.size > _SMALL}
+    for node in graph.nodes:
+        if node.op == "Placeholder" or depends.intersection(node.inputs):
+            depends.add(node.name)
+        elif large.intersection(node.inputs):
+            if node.op != "Identity":
+                return node.name
+            large.add(node.name)
+        elif node.op not in ("Const", "Identity"):
+            large.add(node.name)  # it was computed, so nothing else may be computed from it
+    return None
+
+
 def _operation_problems(nodes: Sequence[Node], file: str) -> Iterator[Problem]:
     unknown = sorted({node.op for node in nodes} - _CONVERTED)
     if unknown:
@@ -149,6 +194,11 @@ def _operation_problems(nodes: Sequence[Node], file: str) -> Iterator[Problem]:
             f"{', '.join(few(map(shown, unknown)))}."
         )
         yield Problem("C-12", "warning", file, None, what, "Try it on the car before a race.")
+
+
+def _wrong_width(width: int, num_actions: int, file: str) -> Problem:
+    what = f"its output has {width} values, but the metadata file needs {num_actions}."
+    return _problem("C-11", file, what, "Take the metadata file that the model was trained with.")
 
 
 def _width(by_name: Mapping[str, Node], output: str) -> int | None:
@@ -178,6 +228,10 @@ def _constant(by_name: Mapping[str, Node], name: str) -> int | None:
             return None
         name = node.inputs[0]
     return None
+
+
+def _shape_of(sensor: str) -> tuple[int, ...]:
+    return _SHAPES.get(sensor, (FRAME_HEIGHT, FRAME_WIDTH, 1))
 
 
 def _sizes(shape: Sequence[int]) -> str:

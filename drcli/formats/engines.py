@@ -97,6 +97,18 @@ def check_runtime(form: Form, runtime: Runtime, origin: str) -> None:
             require("tensorflow")
 
 
+def check_converter(form: Form) -> None:
+    """Check that what writes files of a form, and runs them, is installed; loads nothing.
+
+    Raises:
+        NotAvailable: It is not.
+    """
+    runtime = RUNS[form][0]
+    if runtime == "tflite":
+        require("tensorflow")
+    check_runtime(form, runtime, f"a file of the form {form}")
+
+
 def open_engine(
     form: Form, data: bytes, weights: bytes, runtime: Runtime, origin: str, threads: int = 1
 ) -> Engine:

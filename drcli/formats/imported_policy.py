@@ -24,9 +24,11 @@ FIRST_STD = 0.25
 range. The reference begins with 1, which would hide what a trained policy knows, and ends with
 about this."""
 
-CRITIC_WARMUP = 5
-"""Most updates in which a fresh critic learns alone. With the shipped example it is useful after
-one or two."""
+CRITIC_WARMUP = 2
+"""Most updates in which a fresh critic learns alone. Measured with a model of the reference that
+laps four of five starts: without them its mean progress fell from 84 to 43 % and stayed there for
+five iterations, with two it never fell below 67 % and reached 94 % in the eighth; five of them only
+took longer."""
 
 _SEED = 14
 """Of a fresh critic: the same file gives the same weights, so that an import can be repeated."""

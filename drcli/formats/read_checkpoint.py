@@ -130,7 +130,7 @@ def _names(bundle: Bundle) -> dict[str, str]:
         raise SettingsError(
             f"{bundle.origin} is a SAC model of the reference simulator, whose policy has other "
             "layers than ours.",
-            remedy="Race its frozen graph instead: `dr-evaluate --runtime pb --model model_N.pb`.",
+            remedy="Race its frozen graph, model_<N>.pb, as it is with `dr-evaluate --model FILE`.",
         )
     some = ", ".join(shown(name) for name in list(bundle.entries)[:_LISTED]) or "nothing"
     return _refuse(bundle.origin, f"has no policy of the reference simulator; it has {some}")

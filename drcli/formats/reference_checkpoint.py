@@ -107,13 +107,18 @@ def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, byt
     return {INDEX: index, DATA: data}
 
 
-def export_notes(spec: PolicySpec) -> list[str]:
+def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
     """What a racer should know about the critic of an exported checkpoint."""
     if spec.state_dims:
         return [
             "critic=state: the critic of this model sees the simulation's state, which the "
             "reference's cannot. Its value head starts at 0 there, so training on costs it some "
             "iterations; the policy is complete."
+        ]
+    if not weights["returns.scale"]:
+        return [
+            "The critic of this model has not learned yet, so its value head starts at 0 in the "
+            "reference; the policy is complete."
         ]
     return [
         "The reference trains a body for the policy and one for the value; both got the one body "

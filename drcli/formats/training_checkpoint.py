@@ -58,4 +58,5 @@ def encode_training_checkpoint(
     nodes = policy_nodes(arrays, spec, metadata.sensor)
     parts = encode_reference_checkpoint(variables)
     parts[META] = encode_meta_graph(nodes, variables)
-    return TrainingCheckpoint(parts, encode_graph(nodes), len(variables), export_notes(spec))
+    notes = export_notes(arrays, spec)
+    return TrainingCheckpoint(parts, encode_graph(nodes), len(variables), notes)

@@ -127,6 +127,12 @@ def export_droa(
     )
 
 
+def package_files(exported: CheckpointExport) -> dict[str, bytes]:
+    """All files of an import by name, the two that name the checkpoint last."""
+    items = [*exported.items, *pointer_items(exported.score)]
+    return {item.name: item.data for item in items}
+
+
 def _parameters(
     settings: Settings, bucket: Bucket, prefix: str, world: str | None
 ) -> tuple[bytes, list[str]]:
@@ -225,9 +231,9 @@ def _archive(exported: CheckpointExport) -> bytes:
         gzip.GzipFile(fileobj=packed, mode="wb", compresslevel=_LEVEL, mtime=0) as zipped,
         tarfile.open(fileobj=zipped, mode="w") as archive,
     ):
-        for item in [*exported.items, *pointer_items(exported.score)]:
-            member = tarfile.TarInfo(item.name)
-            member.size = len(item.data)
+        for name, data in package_files(exported).items():
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
             member.mode = 0o644
-            archive.addfile(member, io.BytesIO(item.data))
+            archive.addfile(member, io.BytesIO(data))
     return packed.getvalue()

@@ -3,15 +3,18 @@
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import Settings
+from drcli.config.settings import Settings, catalogue
 from drcli.modelfiles.network_shape import Design
 from drcli.models.checkpoint_files import OUR_PARTS, CheckpointGone, Choice, Chosen, choose
 from drcli.models.repair_model import repair_or_warn
+from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+_WORLD = "DR_WORLD_NAME"
 
 _PICKS = 5
 """How often another checkpoint is chosen because a running training has deleted the last one."""
@@ -36,6 +39,7 @@ class ExportSource:
         design: The model's parameter files, as values and as bytes.
         weights: The weights, a safetensors file.
         origin: Address of the weights, for messages.
+        world: DR_WORLD_NAME of its training; None if that is not known.
     """
 
     bucket: str
@@ -44,6 +48,7 @@ class ExportSource:
     design: Design
     weights: bytes
     origin: str
+    world: str | None = None
 
     @property
     def url(self) -> str:
@@ -83,8 +88,15 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
             continue
         break
     key = keys.checkpoint_tensors(prefix, chosen.name)
-    design = _design(bucket, prefix)
-    return ExportSource(bucket.name, prefix, chosen, design, weights, f"s3://{bucket.name}/{key}")
+    return ExportSource(
+        bucket.name,
+        prefix,
+        chosen,
+        _design(bucket, prefix),
+        weights,
+        f"s3://{bucket.name}/{key}",
+        _world(bucket, prefix),
+    )
 
 
 def _design(bucket: Bucket, prefix: str) -> Design:
@@ -96,6 +108,18 @@ def _design(bucket: Bucket, prefix: str) -> Design:
             remedy="Restore that file from a copy, or choose another model with -p "
             "(`dr-list-models` lists all models).",
         ) from e
+
+
+def _world(bucket: Bucket, prefix: str) -> str | None:
+    """The track that a model was last trained on; None without a readable record of it."""
+    try:
+        start = read_start(bucket, prefix)
+    except (ObjectDamaged, ObjectNewer):
+        return None
+    if start is None or start.settings is None:
+        return None
+    world = start.settings.get(_WORLD, catalogue()[_WORLD].default)
+    return world if isinstance(world, str) else None
 
 
 def _not_imported(bucket: Bucket, prefix: str, chosen: Chosen) -> SettingsError:

@@ -10,7 +10,7 @@ from drcli.modelfiles.custom_files import local_file
 from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, Item
 from drcli.models.copy_custom_files import write_own_files
 from drcli.models.find_checkpoint import Candidate, find_checkpoint
-from drcli.models.imported_model import ImportOptions, ImportReport, ModelMaker
+from drcli.models.imported_model import ImportedModel, ImportOptions, ModelMaker
 from drcli.models.put_model import POINTERS, Delivery, Progress
 from drcli.models.source_files import SourceFiles, open_source
 from drcli.models.transfer_buckets import (
@@ -43,7 +43,7 @@ class PlannedImport:
     options: ImportOptions
     items: list[Item]
     score: Score
-    report: ImportReport
+    report: ImportedModel
     used: int
 
 
@@ -69,7 +69,7 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
     )
 
 
-def import_model(planned: PlannedImport, settings: Settings, progress: Progress) -> ImportReport:
+def import_model(planned: PlannedImport, settings: Settings, progress: Progress) -> ImportedModel:
     """Write the model; without its pointers, nobody can use an incomplete one.
 
     Raises:

@@ -65,7 +65,7 @@ class ImportOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportReport(TransferReport):
+class ImportedModel(TransferReport):
     """The result of `dr-import`.
 
     Attributes:
@@ -120,7 +120,7 @@ class ModelMaker:
         self._shipped: list[str] = []
         self._warnings: list[str] = []
 
-    def model(self) -> tuple[list[Item], ImportReport]:
+    def model(self) -> tuple[list[Item], ImportedModel]:
         """All files but the pointers, and the report without its target."""
         from drcli.formats import imported_policy
 
@@ -153,7 +153,7 @@ class ModelMaker:
             Item(self._settings.model.parameters_file, described),
             Item(metrics, encode_metrics([], self._settings.train_best_model_metric)),
         ]
-        report = ImportReport(
+        report = ImportedModel(
             source=self._model,
             target=prefix,
             checkpoint=name,

@@ -75,11 +75,13 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
 def chosen_settings(settings: Settings) -> dict[str, Any]:
     """DR_ settings with other values than their defaults, as plain values.
 
-    Leaves out settings that do nothing here, and hides secrets.
+    Leaves out settings that do nothing here or for a training, and hides secrets.
     """
     chosen = {}
     for name, setting in catalogue().items():
         value = getattr(settings, setting.field)
+        if name.startswith("DR_DROA_"):  # who uses which other system is nobody's business
+            continue
         if name in settings.sources and setting.effect != "accepted" and value != setting.default:
             is_text = isinstance(value, str | Path)
             chosen[name] = hidden(name, str(value)) if is_text else value

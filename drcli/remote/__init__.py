@@ -1,1 +1,1 @@
-"""Other systems that models are sent to and fetched from, over the network."""
+"""Other systems over the network: DeepRacer on AWS, and the web page of the physical car."""

@@ -4,6 +4,7 @@ A checkpoint has tensors, maybe an optimizer state, and a record with sizes, has
 Readers use it when the pointer names it, which is written last. Only the trainer writes here.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -102,6 +103,10 @@ class CheckpointStore:
         before = max((name for name in states.values() if name < newest), default=None)
         self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
         return complete
+
+    def attach_graph(self, number: int, graph: bytes) -> None:
+        """Add the frozen graph of a published checkpoint, which the physical car loads."""
+        self._bucket.put(keys.checkpoint_graph(self._prefix, number), graph)
 
     def point_to(self, record: CheckpointRecord) -> None:
         """Make this checkpoint the one that all processes use.
@@ -280,19 +285,25 @@ class CheckpointStore:
 
         One with a higher number than the newest was never published, or was skipped as damaged.
         """
-        objects = checkpoint_objects(self._bucket, self._prefix)
+        listed = [info.key for info in self._bucket.list(keys.model_folder(self._prefix))]
+        objects = _of_checkpoints(self._prefix, listed)
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
         old = {name for name in names if str(name) not in kept}
-        numbers = {name.number for name in old} - {name.number for name in names - old}
-        graphs = [keys.checkpoint_graph(self._prefix, number) for number in numbers]
-        self._bucket.delete([key for key, name in objects.items() if name in old] + graphs)
+        # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
+        gone = {name.number for name in old} - {name.number for name in names - old}
+        graphs = {keys.checkpoint_graph(self._prefix, n) for n in (*gone, newest.number)}
+        self._bucket.delete(
+            [key for key, name in objects.items() if name in old] + sorted(graphs & set(listed))
+        )
 
 
 def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
     """Keys of all objects of checkpoints of a model, each with its checkpoint."""
-    found = {
-        o.key: keys.checkpoint_of(prefix, o.key) for o in bucket.list(keys.model_folder(prefix))
-    }
+    return _of_checkpoints(prefix, [info.key for info in bucket.list(keys.model_folder(prefix))])
+
+
+def _of_checkpoints(prefix: str, listed: Iterable[str]) -> dict[str, CheckpointName]:
+    found = {key: keys.checkpoint_of(prefix, key) for key in listed}
     return {key: name for key, name in found.items() if name is not None}

@@ -5,7 +5,9 @@ Run by the supervisor as `python -m drcli.workers.trainer`.
 
 import math
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import ParamSpec
 
 import numpy as np
 import torch
@@ -36,8 +38,11 @@ from drcli.workers.restore_learner import forget_evaluations, restore_optimizer
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+from drcli.workers.write_graph import GraphWriter
 
 _logger = get_logger(__name__)
+
+P = ParamSpec("P")
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of iterations apart."""
@@ -80,6 +85,12 @@ class Trainer:
         self._scoring = Scoring(
             self._bucket, self._prefix, self._checkpoints, self._history, model.metric
         )
+        self._graphs = GraphWriter(
+            self._checkpoints,
+            self._learner.model.spec,
+            metadata,
+            enabled=train.train_frozen_graph,
+        )
         self._goals = Goals(job, parameters)
         self._reader = RolloutReader(self._bucket, self._prefix, job.session)
         self._collector = Collector(
@@ -90,8 +101,8 @@ class Trainer:
         self._elapsed_before_s = counters.elapsed_s
         self._started = self._cycle_began = self._rechecked = time.monotonic()
         self._collapsed = False
-        self._uploader = ThreadPoolExecutor(1, thread_name_prefix="optimizer-upload")
-        self._optimizer_upload: Future[object] | None = None
+        self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
+        self._uploads: list[Future[object]] = []
 
     def run(self) -> None:
         """Learn until there is a reason to end, and score the evaluations that have arrived."""
@@ -287,14 +298,15 @@ class Trainer:
     def _publish(self, learned: IterationRecord | None = None) -> None:
         """Publish the weights and the iteration that made them, None for the first ones.
 
-        The optimizer state is uploaded while the workers already drive with the new weights.
+        Optimizer state and graph are uploaded while the workers already drive with the new weights.
         """
-        self._join_upload()
+        self._join_uploads()
         state = {name: t.contiguous() for name, t in self._learner.model.state_dict().items()}
+        weights = save_tensors(state)
         record = self._checkpoints.save(
             self._newest.number,
             self._newest.steps,
-            save_tensors(state),
+            weights,
             counters=Counters(
                 episodes=self._episodes,
                 elapsed_s=self._elapsed_s(),
@@ -308,15 +320,18 @@ class Trainer:
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
         tensors = self._learner.optimizer.tensors()
         if tensors:
-            self._optimizer_upload = self._uploader.submit(
-                self._checkpoints.attach_optimizer, record, save_tensors(tensors)
-            )
+            moments = save_tensors(tensors)
+            self._submit(self._checkpoints.attach_optimizer, record, moments)
+        self._submit(self._graphs.write, record.number, weights)
 
-    def _join_upload(self) -> None:
-        """Wait for the upload of the last optimizer state, and raise its error."""
-        if self._optimizer_upload is not None:
-            self._optimizer_upload.result()
-            self._optimizer_upload = None
+    def _submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
+        """Do something in the thread of uploads."""
+        self._uploads.append(self._uploader.submit(task, *arguments, **named))
+
+    def _join_uploads(self) -> None:
+        """Wait for the uploads of the last checkpoint, and raise their error."""
+        while self._uploads:
+            self._uploads.pop(0).result()
 
     def _elapsed_s(self) -> float:
         return self._elapsed_before_s + time.monotonic() - self._started
@@ -329,7 +344,7 @@ class Trainer:
     def _finish(self, reason: str) -> None:
         """Complete everything, and give the supervisor the reason."""
         self._scoring.score_all(self._newest)
-        self._join_upload()
+        self._join_uploads()
         self._mark_end(reason)
         self._forget_rollouts(before=self._newest.number)
         self._uploader.shutdown()  # waits until the metrics are written

@@ -19,6 +19,7 @@ NAMES = (
     "memory",
     "reference",
     "rewards",
+    "runtimes",
     "startup",
     "learn_lap_sb3",
     "fit_car",

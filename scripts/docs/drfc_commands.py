@@ -34,7 +34,6 @@ class Row:
 _VIEWER = "no viewer yet; `dr-status` shows curves"
 _NOTEBOOKS = "no notebook server yet; traces and metrics have the reference's format"
 _METRICS = "no curves in a browser yet; use `dr-status` or `dr-status --json`"
-_DROA = "no exchange with DeepRacer on AWS yet"
 _X_SERVER = "no X server is used"
 
 REFERENCE: tuple[Row, ...] = (
@@ -133,7 +132,12 @@ REFERENCE: tuple[Row, ...] = (
     Row("dr-download-model", "better", "same flags; verified before and after the copy"),
     Row("dr-list-aws-models", "better", "broken there; lists the models in the upload bucket"),
     Row("dr-set-upload-model", "better", "broken there; writes DR_UPLOAD_S3_PREFIX"),
-    Row("dr-upload-car-zip", "later", "no archives for the car yet"),
+    Row(
+        "dr-upload-car-zip",
+        "better",
+        "same flags; any checkpoint (`-c`); the archive is checked by the rules of the car, its "
+        "graph compared with the weights, before it is uploaded",
+    ),
     Row("dr-local-aws", "same", "adds address, keys and region; starts the server"),
     # Looking.
     Row(
@@ -155,11 +159,32 @@ REFERENCE: tuple[Row, ...] = (
     Row("dr-stop-loganalysis", "later", "prints that nothing is running and exits 0"),
     Row("dr-logs-loganalysis", "later", _NOTEBOOKS),
     Row("dr-url-loganalysis", "later", _NOTEBOOKS),
-    Row("droa-list-models", "later", _DROA),
-    Row("droa-get-model", "later", _DROA),
-    Row("droa-download-logs", "later", _DROA),
-    Row("droa-delete-model", "later", _DROA),
-    Row("droa-import-model", "later", _DROA),
+    Row(
+        "droa-list-models",
+        "better",
+        "one row per model, no fixed widths; `--json` prints an object with the list inside",
+    ),
+    Row(
+        "droa-get-model",
+        "better",
+        "also takes the name of a model; `--json` has what the interface says under `values`",
+    ),
+    Row(
+        "droa-download-logs",
+        "better",
+        "the whole file or nothing; never replaces a file without asking",
+    ),
+    Row(
+        "droa-delete-model",
+        "better",
+        "also takes the name of a model; asks unless `-f` or `-y`, and exits 1 after a no",
+    ),
+    Row(
+        "droa-import-model",
+        "better",
+        "checks the rules of DeepRacer on AWS before anything is sent, takes archives too, and "
+        "waits for the verdict",
+    ),
     # utils/
     Row(
         "utils/timed-stop.sh",
@@ -189,9 +214,9 @@ REFERENCE: tuple[Row, ...] = (
     ),
     Row(
         "utils/download-car-model.py",
-        "later",
-        "as `dr-upload-car-zip`",
-        "dr-upload-car-zip",
+        "better",
+        "`dr-export car -p PREFIX` makes the archive of any model in the bucket",
+        "dr-export",
     ),
     Row("utils/setup-xorg.sh", "not needed", _X_SERVER),
     Row("utils/start-xorg.sh", "not needed", _X_SERVER),

@@ -123,7 +123,6 @@ AFTERWARDS = [
     Call("completion install bash --json", "shell script"),
     Call("car status", "No car is named", 3),
     Call("car logout --car 127.0.0.1:9 --json", "car was_logged_in"),
-    Call("upload-car-zip -fL", "not available in this version", 7),
     Call("start-viewer -w 640 -h 480", "not available in this version", 7),
     Call("update-viewer", "not available in this version", 7),
     Call("view-stream", "not available in this version", 7),
@@ -138,11 +137,13 @@ AFTERWARDS = [
     Call("stop-loganalysis", "No log analysis is running."),
     Call("stop-loganalysis --json", "stopped"),
     Call("start-tournament", "DR_RACE_TYPE=HEAD_TO_MODEL", 7),
-    Call("droa-list-models --json", "DeepRacer on AWS", 7),
-    Call("droa-get-model ID --json", "DeepRacer on AWS", 7),
-    Call("droa-download-logs ID -o there", "DeepRacer on AWS", 7),
-    Call("droa-delete-model ID -y", "DeepRacer on AWS", 7),
-    Call("droa-import-model --best", "DeepRacer on AWS", 7),
+    Call("droa-login --json", "DR_DROA_URL", 3),
+    Call("droa-logout --json", "DR_DROA_URL", 3),
+    Call("droa-list-models --json", "DR_DROA_URL", 3),
+    Call("droa-get-model ID --json", "DR_DROA_URL", 3),
+    Call("droa-download-logs ID -o there --json", "DR_DROA_URL", 3),
+    Call("droa-delete-model ID -y --json", "DR_DROA_URL", 3),
+    Call("droa-import-model --best --json", "dr-export droa", 3),
 ]
 
 TRANSFERS = [
@@ -150,6 +151,8 @@ TRANSFERS = [
     Call("upload-model -f -b --to best-1 --json", "target"),
     Call("download-model -s s3://uploads/model-1 -t copy-1 -f", "copy-1"),
     Call("download-model -s s3://uploads/best-1 -t copy-2 -f --json", "target"),
+    Call("export car -b", "Wrote "),
+    Call("upload-car-zip -fL --json", "source files actions same_actions"),
 ]
 
 EVALUATIONS = [

@@ -33,13 +33,14 @@ def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace, 
         DR_EVAL_OPP_S3_MODEL_PREFIX=workspace.prefix,
         DR_EVAL_NUMBER_OF_TRIALS=1,
     )
-    raced = workspace.run("evaluate", "--json")
+    raced = workspace.run("evaluate", "--opponent-runtime", "pb", "--json")
 
     assert trained.returncode == 0, trained.stderr
     assert avoided.returncode == 0, avoided.stderr
     assert raced.returncode == 0, raced.stderr
     report = json.loads(raced.stdout.splitlines()[-1])
     assert report["prefix"] == report["opponent"]["prefix"] == workspace.prefix
+    assert (report["runtime"], report["opponent"]["runtime"]) == ("torch", "pb")
     bucket = workspace.model.parent
     own, other = (bucket / r["simtrace"] for r in (report, report["opponent"]))
     starts = [next(csv.DictReader(trace.read_text().splitlines())) for trace in (own, other)]

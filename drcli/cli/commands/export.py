@@ -1,5 +1,6 @@
 """`dr export`: a model in the form of other systems."""
 
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.cli import candidates, console
+from drcli.cli.commands import export_car, export_forms
 from drcli.cli.options import AsJson, prefix_option
 from drcli.cli.views import export_view
 from drcli.cli.working_folder import settings
@@ -16,8 +18,12 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Write a model in the form of other systems.\n\nExample: dr-export tf-checkpoint -b",
+    help="Write a model in the form of other systems.\n\nExample: dr-export car -b",
 )
+
+app.command("car")(export_car.export_car)
+for _command in (export_forms.pb, export_forms.onnx, export_forms.tflite, export_forms.openvino):
+    app.command()(_command)
 
 _Best = Annotated[bool, typer.Option("-b", "--best", help="Export the best checkpoint.")]
 _Number = Annotated[
@@ -129,7 +135,8 @@ def droa(
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
     console.emit(report, export_view.reference(report), as_json=as_json)
     if target is not None and target.folder is not None:
-        console.suggest([(f"droa-import-model {place}", "import it into DeepRacer on AWS")])
+        import_it = f"droa-import-model --from {shlex.quote(place)}"
+        console.suggest([(import_it, "import it into DeepRacer on AWS")])
 
 
 def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":

@@ -17,7 +17,7 @@ from drcli.cli.working_folder import settings
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
     from drcli.exchange.car_trial import CarTrials
-    from drcli.models.imported_model import ImportReport
+    from drcli.models.imported_model import ImportedModel
 
 
 def import_model(
@@ -110,7 +110,7 @@ def import_model(
         )
 
 
-def _tried(loaded: "Settings", prefix: str, model: "ImportReport") -> "CarTrials | None":
+def _tried(loaded: "Settings", prefix: str, model: "ImportedModel") -> "CarTrials | None":
     """How far the model gets with each car; None, and a warning, if that cannot be tried."""
     from drcli.runs.car_trials import settings_of_model, try_cars
 

@@ -6,11 +6,6 @@ from drcli.base.errors import NotAvailable
 from drcli.cli import console
 from drcli.cli.options import AsJson
 
-_DROA = (
-    "DeepRacer on AWS is not supported yet: models, logs and imports stay there.",
-    "Use its web page for now. `dr-upload-model` copies a model to any bucket, in the layout that "
-    "its import accepts.",
-)
 _VIEWER = (
     "The viewer is not available in this version.",
     "`dr-start-training` and `dr-status` show the progress as curves in the terminal.",
@@ -46,11 +41,6 @@ def _nothing(command: str, message: str) -> Callable[[], None]:
     return answer
 
 
-upload_car_zip = _refusal(
-    "dr-upload-car-zip -fL",
-    "Car archives are not available in this version.",
-    "`dr-upload-model` copies the model itself; keep its checkpoint for a later version.",
-)
 start_viewer = _refusal("dr-start-viewer", *_VIEWER)
 update_viewer = _refusal("dr-update-viewer", *_VIEWER)
 view_stream = _refusal("dr-view-stream", *_VIEWER)
@@ -70,8 +60,3 @@ start_tournament = _refusal(
     "Tournaments are not available; an evaluation can race two models.",
     "Set DR_RACE_TYPE=HEAD_TO_MODEL and DR_EVAL_OPP_S3_MODEL_PREFIX, then run `dr-evaluate`.",
 )
-droa_list_models = _refusal("droa-list-models", *_DROA)
-droa_get_model = _refusal("droa-get-model ID", *_DROA)
-droa_download_logs = _refusal("droa-download-logs ID", *_DROA)
-droa_delete_model = _refusal("droa-delete-model ID", *_DROA)
-droa_import_model = _refusal("droa-import-model --best", *_DROA)

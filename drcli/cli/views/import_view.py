@@ -9,11 +9,11 @@ from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
     from drcli.exchange.car_trial import CarTrials
-    from drcli.models.imported_model import ImportReport
+    from drcli.models.imported_model import ImportedModel
 
 
 @fitted
-def imported(columns: int, report: "ImportReport") -> RenderableType:
+def imported(columns: int, report: "ImportedModel") -> RenderableType:
     """The result of an import."""
     lines = _model(report)
     if report.trials is None:
@@ -21,7 +21,7 @@ def imported(columns: int, report: "ImportReport") -> RenderableType:
     return Group(lines, "", *_cars(report.trials))
 
 
-def _model(report: "ImportReport") -> str:
+def _model(report: "ImportedModel") -> str:
     would = "Would import" if report.dry_run else "Imported"
     same = f", {len(report.unchanged)} already there" if report.unchanged else ""
     size = f"{counted(len(report.copied), 'file')}, {decimal(report.copied_bytes)}{same}"

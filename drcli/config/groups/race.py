@@ -149,6 +149,11 @@ class TrainSettings(Group, title="Training"):
         "Maximum number of steps for one update of the policy.",
         low=1,
     )
+    train_frozen_graph: bool = setting(
+        "DR_TRAIN_FROZEN_GRAPH",
+        True,
+        "Also write each checkpoint as the graph that the physical car loads.",
+    )
     train_rtf: float | None = setting(
         "DR_TRAIN_RTF", None, "Speed of the simulated clock.", low=0, ignored=_FULL_SPEED
     )

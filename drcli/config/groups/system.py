@@ -13,7 +13,6 @@ WINDOW = "drcli opens no window and needs no X server"
 _STREAM = "no camera stream is published"
 DERIVED = "the activation script of DeepRacer-for-Cloud sets it for its containers"
 _SPOT = "only the scripts of deepracer-on-the-spot read it"
-_CONSOLE = "models are not exchanged with DeepRacer on AWS"
 _REAL_TIME = "metrics are written to the bucket only"
 
 
@@ -105,7 +104,7 @@ class ScreenSettings(
     )
 
 
-class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSOLE):
+class ServiceSettings(Group, title="Services", file="system.env"):
     """Services during the training."""
 
     telegraf_host: str = setting(
@@ -114,9 +113,6 @@ class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSO
     telegraf_port: int = setting(
         "DR_TELEGRAF_PORT", 8092, "Port on that host.", between=(1, 65_535), ignored=_REAL_TIME
     )
-    droa_url: str = setting("DR_DROA_URL", "", "DeepRacer on AWS.")
-    droa_username: str = setting("DR_DROA_USERNAME", "", "User there.")
-    droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print its requests.")
     regular_upload: int = setting(
         "DR_REGULAR_UPLOAD",
         0,
@@ -149,6 +145,19 @@ class ServiceSettings(Group, title="Services", file="system.env", ignored=_CONSO
     )
     import_model_regular_upload: bool = setting(
         "DR_IMPORT_MODEL_REGULAR_UPLOAD", False, "Read by nothing.", ignored=_SPOT, file="run.env"
+    )
+
+
+class DroaSettings(Group, title="DeepRacer on AWS", file="system.env"):
+    """Where the `droa-*` commands find DeepRacer on AWS."""
+
+    droa_url: str = setting("DR_DROA_URL", "", "Address of your DeepRacer on AWS.")
+    droa_username: str = setting("DR_DROA_USERNAME", "", "Your user name there.")
+    droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print each request, without secrets.")
+    droa_aws_endpoint_url: str = setting(
+        "DR_DROA_AWS_ENDPOINT_URL",
+        "",
+        "Another address of Cognito and S3, in a private network or a test.",
     )
 
 

@@ -3,6 +3,7 @@
 It knows the operations of the reference's policies and of ours, and refuses all others.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn, cast
 
@@ -140,6 +141,13 @@ def _matmul(node: Node, left: Array, right: Array) -> Array:
     return left @ right
 
 
+def _reshape(node: Node, values: Array, shape: Array) -> Array:
+    wanted = shape.tolist()
+    if values.size == 0 and wanted == [0, -1]:
+        wanted = [0, math.prod(values.shape[1:])]  # NumPy cannot tell a length of nothing
+    return values.reshape(wanted)
+
+
 def _softmax(node: Node, logits: Array) -> Array:
     powers = np.exp(logits - logits.max(axis=-1, keepdims=True))
     shares: Array = powers / powers.sum(axis=-1, keepdims=True)
@@ -193,7 +201,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "Prod": lambda node, a, axis: a.prod(axis=tuple(np.atleast_1d(axis).tolist()), dtype=a.dtype),
     "RealDiv": lambda node, a, b: a / b,
     "Relu": lambda node, a: np.maximum(a, 0),
-    "Reshape": lambda node, a, shape: a.reshape(shape.tolist()),
+    "Reshape": _reshape,
     "Rsqrt": lambda node, a: 1.0 / np.sqrt(a),
     "Shape": lambda node, a: np.array(a.shape, np.int32),
     "Softmax": _softmax,

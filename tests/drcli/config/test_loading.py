@@ -170,10 +170,10 @@ def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
 
 
 def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder, travelled):
-    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_DROA_URL=$NOBODY/x\n")
+    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_GAZEBO_ARGS=$NOBODY/x\n")
 
     assert settings.webviewer_port == 8100
-    assert settings.droa_url == ""
+    assert settings.gazebo_args == ""
     assert travelled(settings.run) == settings.run
     assert len(settings.warnings) == 2
 

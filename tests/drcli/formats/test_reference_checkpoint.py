@@ -124,9 +124,21 @@ def test_a_critic_that_sees_the_state_leaves_the_value_at_zero_and_says_so():
     read = read_reference_checkpoint(files[INDEX], files[DATA], "x.ckpt")
 
     assert not found[f"{ONLINE}network_0/v_values_head_0/output/kernel"].any()
-    assert "critic=state" in export_notes(spec)[0]
+    assert "critic=state" in export_notes(weights_of(model), spec)[0]
     assert read.fresh_critic
     assert "value_head.weight" not in read.weights
+
+
+def test_a_critic_that_has_not_learned_yet_is_said():
+    model, spec = policy_of(DEEP)
+    learned = export_notes(weights_of(model), spec)[0]
+    with torch.no_grad():
+        model.returns.scale.fill_(0.0)
+
+    fresh = export_notes(weights_of(model), spec)[0]
+
+    assert "units of reward" in learned
+    assert "has not learned yet" in fresh
 
 
 @pytest.mark.parametrize(

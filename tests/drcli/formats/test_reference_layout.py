@@ -6,11 +6,14 @@ from pathlib import Path
 import pytest
 
 from drcli.formats.reference_layout import SCOPE, differences, reference_layout
+from drcli.formats.tensorflow.graph import decode_graph
 
 GOLDEN = json.loads(
     (Path(__file__).parents[2] / "data" / "tensorflow" / "variables.json").read_text()
 )
 """Made by TensorFlow 2.12.1; the file says how."""
+
+REFERENCE_GRAPH = Path(__file__).parents[4] / "shared" / "reference-models" / "model_30.pb"
 
 LIDAR_VALUES = {"LIDAR": 64, "SECTOR_LIDAR": 8, "DISCRETIZED_SECTOR_LIDAR": 64}
 
@@ -53,3 +56,29 @@ def test_differences_name_what_is_missing_unknown_and_of_another_shape():
         "b has the shape (2, 3) instead of (2, 4)",
     ]
     assert differences({"a": ()}, {"a": ()}) == []
+
+
+def test_a_graph_that_the_reference_wrote_has_these_variables():
+    if not REFERENCE_GRAPH.exists():
+        pytest.skip("the frozen graph of the reference is not here")
+    nodes = decode_graph(REFERENCE_GRAPH.read_bytes(), "model_30.pb")
+    written = {
+        node.name.removeprefix(SCOPE): node.value.shape
+        for node in nodes
+        if node.value is not None and node.name.endswith(("/kernel", "/bias"))
+    }
+
+    wanted = reference_layout(
+        "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+        ["FRONT_FACING_CAMERA"],
+        scan_dims=0,
+        num_actions=12,
+        continuous=False,
+    )
+
+    policy = {
+        name: shape
+        for name, shape in wanted.items()
+        if name.startswith("network_1/") and not name.endswith("rescalers")
+    }
+    assert written == policy

@@ -153,3 +153,26 @@ def names() -> Callable[[MemoryBucket, str], list[str]]:
         return [info.key.removeprefix(folder) for info in bucket.list(folder)]
 
     return of
+
+
+@pytest.fixture
+def exporter(mover: Mover, monkeypatch: pytest.MonkeyPatch) -> Mover:
+    """A racer without a model yet, whose exports into buckets go to `there`."""
+    mover.here.delete([info.key for info in mover.here.list("")])
+    for module in ("export_model", "export_checkpoint", "export_droa", "write_export"):
+        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: mover.here)
+    monkeypatch.setattr("drcli.models.write_export.source_bucket", lambda *_, **__: mover.there)
+    monkeypatch.chdir(mover.folder)
+    return mover
+
+
+@pytest.fixture
+def small_checkpoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports have a few bytes instead of weights, for tests of all that is around them."""
+    from drcli.formats.training_checkpoint import TrainingCheckpoint
+
+    parts = {end: end.encode() for end in (".index", ".data-00000-of-00001", ".meta")}
+    small = TrainingCheckpoint(parts, b"graph", 22, ["A note."])
+    monkeypatch.setattr(
+        "drcli.formats.training_checkpoint.encode_training_checkpoint", lambda *_: small
+    )

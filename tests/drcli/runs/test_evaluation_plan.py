@@ -2,8 +2,12 @@
 
 import pytest
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import NotAvailable, SettingsError
+from drcli.exchange.policy_source import PolicySource
+from drcli.formats.build_network import weights_of
+from drcli.formats.frozen_graph import encode_policy
 from drcli.runs.evaluation_plan import prepare_evaluation
+from small_policies import metadata_json, small_metadata, small_network
 
 
 @pytest.mark.parametrize("world", ["nowhere", "Oval_track"])
@@ -18,3 +22,56 @@ def test_a_track_that_is_not_installed_is_refused_before_anything_is_said(
         prepare_evaluation(trained.settings(), on_progress=said.append)
 
     assert said == []
+
+
+@pytest.fixture
+def graph_file(tmp_path):
+    """A policy's file with its metadata, and no model in the bucket."""
+    metadata = small_metadata()
+    model = small_network(metadata)
+    path = tmp_path / "policy.pb"
+    path.write_bytes(encode_policy(weights_of(model), model.spec, metadata.sensor))
+    (tmp_path / "model_metadata.json").write_bytes(metadata_json())
+    return path
+
+
+@pytest.fixture
+def empty(racer, monkeypatch):
+    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: racer.bucket)
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_WORLD_NAME=reinvent_base")
+    return racer
+
+
+def test_a_file_drives_where_no_model_is(empty, graph_file):
+    plan = prepare_evaluation(empty.settings(), own=PolicySource(None, graph_file))
+
+    assert plan.checkpoints == ["policy.pb"]
+    [source] = plan.job.sources
+    assert (source.runtime, source.file, len(source.sha256)) == ("pb", graph_file, 64)
+    assert plan.simtrace.startswith("model-1/evaluation-")
+
+
+def test_a_file_that_does_not_fit_is_refused_before_anything_is_written(empty, graph_file):
+    (graph_file.parent / "model_metadata.json").write_bytes(metadata_json("continuous"))
+
+    with pytest.raises(SettingsError, match=r"policy\.pb gives .* has 2 continuous actions"):
+        prepare_evaluation(empty.settings(), own=PolicySource(None, graph_file))
+
+    assert list(empty.bucket.list("model-1/")) == []
+
+
+def test_an_engine_that_is_not_installed_is_named_before_anything_is_written(
+    empty, graph_file, monkeypatch
+):
+    monkeypatch.setattr("drcli.formats.extras.is_installed", lambda name: False)
+
+    for own in (PolicySource("openvino"), PolicySource("openvino", graph_file)):
+        with pytest.raises(NotAvailable, match="openvino"):
+            prepare_evaluation(empty.settings(), own=own)
+
+    assert list(empty.bucket.list("model-1/")) == []
+
+
+def test_an_opponent_needs_a_race_between_models(empty, graph_file):
+    with pytest.raises(SettingsError, match="DR_RACE_TYPE is TIME_TRIAL"):
+        prepare_evaluation(empty.settings(), opponent=PolicySource(None, graph_file))

@@ -240,6 +240,20 @@ def test_only_the_newest_checkpoints_and_the_best_are_kept(store, memory):
     assert memory.exists(f"{PREFIX}/model/model_metadata.json")
 
 
+def test_the_graph_of_a_lost_checkpoint_does_not_outlive_the_next_of_its_number(store, memory):
+    store.save(4, 400, b"weights")
+    store.attach_graph(4, b"its graph")
+    memory.put(keys.checkpoint_graph(PREFIX, 99), b"of somebody else")
+
+    store.save(5, 500, b"lost weights")
+    store.attach_graph(5, b"graph of the lost weights")
+    store.save(5, 480, b"weights after going back")
+
+    assert memory.get(keys.checkpoint_graph(PREFIX, 4)) == b"its graph"
+    assert not memory.exists(keys.checkpoint_graph(PREFIX, 5))
+    assert memory.exists(keys.checkpoint_graph(PREFIX, 99))
+
+
 def test_a_neighbour_with_a_longer_name_is_never_pruned(memory):
     CheckpointStore(memory, "model-10").save(0, 0, b"theirs")
 

@@ -7,6 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from drcli.formats.build_network import weights_of
+from drcli.formats.frozen_graph import policy_nodes
+from drcli.formats.onnx_graph import encode_onnx
+from small_policies import metadata_json, small_metadata, small_network
+
 EXAMPLES = Path(__file__).resolve().parents[3] / "scripts" / "examples"
 
 
@@ -33,3 +38,17 @@ def test_the_other_example_says_in_a_sentence_what_it_needs():
     assert done.stderr.strip() == (
         "This example needs Stable-Baselines3: pip install stable-baselines3"
     )
+
+
+def test_an_onnx_file_drives_without_a_trainer(tmp_path):
+    pytest.importorskip("onnxruntime")
+    metadata = small_metadata()
+    model = small_network(metadata)
+    nodes = policy_nodes(weights_of(model), model.spec, metadata.sensor)
+    (tmp_path / "policy.onnx").write_bytes(encode_onnx(nodes, "policy.onnx"))
+    (tmp_path / "policy.model_metadata.json").write_bytes(metadata_json())
+
+    done = run("drive_onnx.py", str(tmp_path / "policy.onnx"))
+
+    assert done.returncode == 0, done.stderr
+    assert " progress " in done.stdout

@@ -1,6 +1,7 @@
 """Runs and reports that exist only on paper, in place of processes, buckets and drives."""
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,18 +13,25 @@ from drcli.checks.check_report import Report, Skipped
 from drcli.exchange.car_trial import CarTrial, CarTrials
 from drcli.exchange.job import Job
 from drcli.exchange.training_start import Pretrained
+from drcli.formats.car_actions import CarAction
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
-from drcli.models.imported_model import ImportReport
+from drcli.models.export_car import CarReport
+from drcli.models.export_checkpoint import ExportReport
+from drcli.models.imported_model import ImportedModel
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
+from drcli.models.write_export import ExportTarget
 from drcli.remote.car_address import CarAddress
 from drcli.remote.car_driving import CarDrive, CarSpeed
 from drcli.remote.car_login import CarLogin
 from drcli.remote.car_models import CarLoad, CarModel, CarModels, CarUpload
 from drcli.remote.car_status import CarStatus
+from drcli.remote.droa_import import ImportReport
+from drcli.remote.droa_metrics import PhaseMeans
+from drcli.remote.droa_models import read_model
 from drcli.rewards.check import (
     DriverReport,
     Extreme,
@@ -41,6 +49,8 @@ from drcli.tracks.track_facts import TrackFacts, TrackList
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
 URL = f"s3://bucket/{MODEL}"
+DROA_ID = "2w7R6h2PNexQ9kC"
+DROA_SITE = "https://deepracer-on-aws.example.com"
 TRACK = "a_track_with_a_name_that_no_small_terminal_has_room_for"
 
 
@@ -151,6 +161,7 @@ def paper_reports(
     run.looks = [make_report("finished", 12, prefix=MODEL)]
     monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
     _lay_down(run.folder, monkeypatch)
+    _lay_down_droa(run.folder, monkeypatch)
 
 
 def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +189,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "models.download.plan_download", SimpleNamespace(**plan, options=options, import_command="")
     )
     answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
-    imported = ImportReport(
+    imported = ImportedModel(
         **source,
         target=URL,
         form="frozen graph",
@@ -203,6 +214,20 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     answer("runs.car_trials.settings_of_model", None)
     answer("runs.car_trials.try_cars", CarTrials(TRACK, cars, "low-grip", "release-6"))
+    exported = SimpleNamespace(source=SimpleNamespace(chosen=SimpleNamespace(line="c")))
+    export = ExportReport(
+        **{"source": URL, "checkpoint": "8_Step-4000.ckpt", "target": URL, "files": files},
+        **{"size_bytes": 123_456_789, "archive": f"{folder}/model.tar.gz"},
+        **{key: ["A sentence about it."] for key in ("notes", "verified", "not_verified")},
+    )
+    answer("models.write_export.export_target", ExportTarget(f"{folder}/out", folder / "out"))
+    for module, read, write in (
+        # First the one that imports the other: it would keep an answer that is there already.
+        ("export_droa", "read_droa_export", "export_droa"),
+        ("export_checkpoint", "read_checkpoint_export", "export_checkpoint"),
+    ):
+        answer(f"models.{module}.{read}", exported)
+        answer(f"models.{module}.{write}", export)
     custom = CustomFilesReport(f"{folder}/custom_files", URL, files, files, [])
     answer("models.copy_custom_files.upload_custom_files", custom)
     answer("models.copy_custom_files.download_custom_files", custom)
@@ -237,6 +262,22 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
     _answer_as_car(monkeypatch, answer)
+    exported = {"source": URL, "choice": "last", "checkpoint": "8_Step-4000.ckpt", "metric": 1.0}
+    compared = {"world": TRACK, "frames": 200, "same_actions": 200, "greatest_difference": 1e-7}
+    archive = CarReport(
+        **exported,
+        **compared,
+        files=[f"{URL}/{name}" for name in files],
+        size_bytes=23_456_789,
+        actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
+    )
+    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    answer("models.export_model.read_export_source", chosen)
+    answer("models.export_car.export_car", None)
+    answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))
+    answer("models.export_car.upload_names", files)
+    answer("models.export_car.write_archive", archive)
+    answer("models.export_car.upload_archive", archive)
     answer("tracks.track_list.list_tracks", TrackList(f"{folder}/tracks", [facts], []))
     answer("tracks.tracks_folder.add_track", facts)
     answer("tracks.community.fetch_track", facts)
@@ -280,6 +321,53 @@ def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, objec
     sensors, metrics = {"camera": "connected", "lidar": "not_connected"}, {"fps_mean": 29.97}
     status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics)
     answer("remote.car_status.read_status", status)
+
+
+def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A DeepRacer on AWS with one model."""
+    values = {
+        "modelId": DROA_ID,
+        "name": "a-car-" + "x" * 50,
+        "status": "READY",
+        "trainingStatus": "COMPLETED",
+        "createdAt": "2026-11-22T10:00:00.000Z",
+        "fileSizeInBytes": 12_000_000,
+        "metadata": {
+            "hyperparameters": {"num_episodes_between_training": 20},
+            "actionSpace": {"discrete": [{"speed": 1.0, "steeringAngle": -30}]},
+            "rewardFunction": "def reward_function(params):\n    return 1.0\n",
+        },
+    }
+    found = read_model(values, DROA_SITE)
+    means = [PhaseMeans("training", 2, 20.0, 75.0, 1, 12.5)]
+    session = SimpleNamespace(
+        site=SimpleNamespace(place=DROA_SITE),
+        username="me@example.com",
+        renew=lambda: SimpleNamespace(expires=datetime(2026, 11, 22, tzinfo=UTC)),
+        forget=lambda: True,
+    )
+    droa = SimpleNamespace(
+        place=DROA_SITE,
+        session=session,
+        models=lambda: [found],
+        find=lambda wanted: found,
+        delete=lambda model_id: None,
+    )
+    file = folder / "training-logs.tar.gz"
+    file.write_bytes(b"logs")
+    imported = ImportReport(DROA_SITE, DROA_ID, "car", "READY", 12, 12_000_000, "uploads/models/x")
+    answers: dict[str, Callable[..., Any]] = {
+        "cli.droa_options.Connection.session": lambda _: session,
+        "cli.droa_options.Connection.droa": lambda _: droa,
+        "remote.droa_package.read_package": lambda path: {},
+        "remote.droa_metrics.metrics_summary": lambda *_: means,
+        "remote.droa_import.plan_import": lambda *_, **__: None,
+        "remote.droa_import.import_files": lambda *_, **__: imported,
+        "remote.droa_download.find_asset": lambda *_: "",
+        "remote.droa_download.download": lambda *_, **__: file,
+    }
+    for name, answer in answers.items():
+        monkeypatch.setattr(f"drcli.{name}", answer)
 
 
 def _settings():

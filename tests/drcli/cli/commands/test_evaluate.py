@@ -1,12 +1,15 @@
 """`dr evaluate` as its caller meets it."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from drcli.base.errors import WorkerDied
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job
+from drcli.exchange.policy_source import PolicySource
 from drcli.runs.evaluation_plan import EvaluationPlan
 
 
@@ -15,8 +18,8 @@ def asked(working_folder, evaluation_report, monkeypatch):
     """What the command asks for; the answer is two laps of three."""
     seen = {}
 
-    def evaluate(settings, *, clone, on_progress):
-        seen.update(clone=clone, directory=settings.directory)
+    def evaluate(settings, *, clone, own, opponent, on_progress):
+        seen.update(clone=clone, directory=settings.directory, own=own, opponent=opponent)
         on_progress("Evaluating 8_Step-4000.ckpt ...")
         return evaluation_report
 
@@ -30,7 +33,12 @@ def test_an_evaluation_shows_its_trials_under_both_names(dr, asked, working_fold
 
     printed = capsys.readouterr()
     assert code == 0
-    assert asked == {"clone": False, "directory": working_folder}
+    assert asked == {
+        "clone": False,
+        "directory": working_folder,
+        "own": PolicySource(),
+        "opponent": None,
+    }
     assert "2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt" in printed.out
     assert printed.err.startswith("Evaluating 8_Step-4000.ckpt ...\nNext:\n")
 
@@ -72,6 +80,45 @@ def test_a_copy_is_evaluated_on_request(dr, asked):
     assert asked["clone"] is True
 
 
+def test_files_and_engines_reach_the_evaluation_with_absolute_paths(dr, asked, monkeypatch):
+    monkeypatch.chdir(asked.get("directory", "."))
+
+    dr("evaluate", "--model", "a.onnx", "--metadata", "/m.json", "--opponent-runtime", "pb")
+
+    assert asked["own"] == PolicySource(None, Path.cwd() / "a.onnx", Path("/m.json"))
+    assert asked["opponent"] == PolicySource("pb")
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (("--runtime", "onxx"), "onxx"),
+        (("--metadata", "m.json"), "--metadata belongs to --model"),
+        (("--opponent-metadata", "m.json"), "--opponent-metadata belongs to --opponent-model"),
+        (("-c", "--model", "a.onnx"), "-c copies a model"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(dr, asked, capsys, options, why):
+    assert dr("evaluate", *options) == 2
+
+    assert why in " ".join(capsys.readouterr().err.split())
+    assert asked == {}
+
+
+def test_the_result_names_file_and_engine(
+    dr, working_folder, evaluation_report, monkeypatch, capsys
+):
+    driven = replace(
+        evaluation_report, runtime="openvino", file="/x/policy.pb", checkpoint="policy.pb"
+    )
+    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: driven)
+
+    dr("evaluate")
+
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "2 of 3 laps, best 13.42 s, policy.pb with --runtime openvino on" in printed
+
+
 @pytest.mark.parametrize(
     ("failure", "code"),
     [(WorkerDied("It died.", remedy="Read its log."), 5), (KeyboardInterrupt(), 130)],
@@ -93,7 +140,7 @@ def launched(working_folder, monkeypatch):
     """What is started in the background; it is nothing."""
     seen = {}
 
-    def prepare(settings, *, clone, on_progress):
+    def prepare(settings, *, clone, own, opponent, on_progress):
         seen["clone"] = clone
         on_progress("Evaluation of model s3://bucket/model starting.")
         job = Job(settings.run, "abc", 7, None, None, settings.directory / "data", 1)

@@ -43,10 +43,6 @@ def test_ending_what_cannot_run_tells_scripts_so_too(dr, working_folder, capsys,
     [
         ["start-viewer", "-w", "640", "-h", "480", "-q", "90", "-t", "/x", "-b", "f", "-p", "8"],
         ["view-stream", "-h", "480"],
-        ["upload-car-zip", "-fL"],
-        ["droa-list-models", "--json"],
-        ["droa-import-model", "--model-prefix", "p", "--best", "--model-name", "n"],
-        ["droa-download-logs", "ID", "--asset-type", "VIDEOS", "-o", "there"],
     ],
 )
 def test_flags_of_the_reference_are_no_wrong_command_line(dr, working_folder, capsys, command):

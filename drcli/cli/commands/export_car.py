@@ -1,0 +1,178 @@
+"""`dr export car` and `dr upload-car-zip`: archives for the physical car."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli import candidates, console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, prefix_option
+from drcli.cli.views import car_archive_view
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.base.problems import Problem
+    from drcli.config.settings import RaceConfig, Settings
+    from drcli.formats.graph_comparison import GraphComparison
+    from drcli.models.export_car import CarExport
+    from drcli.models.export_model import ExportSource, Selection
+
+_Best = Annotated[bool, typer.Option("-b", "--best", help="Take the best checkpoint.")]
+_Number = Annotated[
+    int | None,
+    typer.Option(
+        "-c",
+        "--checkpoint",
+        metavar="N",
+        min=0,
+        help="Take checkpoint N.",
+        autocompletion=candidates.checkpoints,
+    ),
+]
+
+
+def export_car(
+    best: _Best = False,
+    number: _Number = None,
+    prefix: Annotated[str | None, prefix_option("Take this model instead.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", help="File or folder to write to; an older archive is replaced."
+        ),
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            "--check", metavar="FILE", help="Only check this archive, which anybody may have made."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the archive that the physical car loads, and show what the car makes of the model.
+
+    The archive is a file such as model-1.tar.gz in the current folder, with a frozen TensorFlow
+    graph and the metadata. Takes the last checkpoint unless -b or -c chooses another. The archive
+    is checked by the rules of the car, and its graph is compared with the weights on camera frames
+    of a short drive; what the car would refuse is not written (exit code 3).
+
+    Example: dr-export car -b
+    """
+    from drcli.models.export_car import archive_path, write_archive
+    from drcli.models.export_model import read_export_source
+
+    if check is not None:
+        if best or number is not None or prefix or out:
+            raise typer.BadParameter("--check takes a file, and no other option with it.")
+        _check(check, as_json=as_json)
+        return
+    loaded = settings()
+    source = read_export_source(loaded, _selection(best, number, prefix))
+    path = archive_path(out, source.name)
+    console.say(source.chosen.line)
+    report = write_archive(_made(loaded, source, path.name), path)
+    _warn(report.problems)
+    console.emit(report, car_archive_view.export(report), as_json=as_json)
+
+
+def upload_car_zip(
+    force: Force = False,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: Annotated[
+        str | None, prefix_option("Take this model instead, under its own name.")
+    ] = None,
+    local: Annotated[
+        bool, typer.Option("-L", "--local", help="Upload to the local bucket.")
+    ] = False,
+    numbered: Annotated[
+        bool,
+        typer.Option("-n", "--numbered", help="Also keep it under a name with the checkpoint."),
+    ] = False,
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Upload the archive that the physical car loads.
+
+    It goes below DR_UPLOAD_S3_PREFIX in DR_UPLOAD_S3_BUCKET under two names: carfile.tar.gz, and
+    that of the model, such as model-1.tar.gz. With -n, a third one has the number of the
+    checkpoint, such as model-1-chk12.tar.gz. Checks everything that `dr-export car` checks. The
+    model may be training at the same time.
+
+    Example: dr-upload-car-zip -fL
+    """
+    from drcli.models.export_car import (
+        CAR_FILE,
+        plan_car_upload,
+        upload_archive,
+        upload_names,
+    )
+    from drcli.models.export_model import read_export_source
+
+    loaded = settings()
+    selection = _selection(best, number, prefix)
+    if dry_run:
+        console.say("*** DRYRUN MODE ***")
+    target = plan_car_upload(loaded, prefix, local=local, dry_run=dry_run)
+    source = read_export_source(loaded, selection)
+    if as_json:
+        console.say(source.chosen.line)
+    else:
+        console.write(f"{source.chosen.line}\n")  # on stdout, where scripts look for it
+    console.say(f"Uploading the car archive of {source.url} to {target.url}/{CAR_FILE}")
+    if not dry_run:
+        prompts.agree("Are you sure?", yes=force)
+    names = upload_names(source, numbered=numbered)
+    export = _made(loaded, source, names[1])
+    progress = partial(console.progress, unit="bytes")
+    report = upload_archive(export, target, names, progress, dry_run=dry_run)
+    _warn(report.problems)
+    console.emit(report, car_archive_view.export(report), as_json=as_json)
+
+
+def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
+    """The checkpoint that the options choose."""
+    from drcli.models.export_model import Selection
+
+    if best and number is not None:
+        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
+    if number is not None:
+        return Selection(number, prefix)
+    return Selection("best" if best else "last", prefix)
+
+
+def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
+    """The archive of a checkpoint, checked."""
+    from drcli.models.export_car import export_car
+
+    with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
+        return export_car(loaded, source, file_name, _compare)
+
+
+def _compare(race: "RaceConfig", source: "ExportSource", graph: bytes) -> "GraphComparison":
+    from drcli.models.export_car import FRAMES
+    from drcli.workers.compare_on_drive import compare_on_drive
+
+    return compare_on_drive(
+        race, source.design, source.weights, source.chosen.name, graph, frames=FRAMES
+    )
+
+
+def _check(path: Path, *, as_json: bool) -> None:
+    """Report on an archive; ends with exit code 3 if the car would refuse it."""
+    from drcli.base.problems import refuse
+    from drcli.models.export_car import check_archive
+
+    report = check_archive(path)
+    _warn(report.warnings)
+    console.emit(report, car_archive_view.check(report), as_json=as_json)
+    refuse(report.errors)
+
+
+def _warn(problems: "list[Problem]") -> None:
+    for problem in problems:
+        if problem.severity == "warning":
+            console.warn(f"{problem} {problem.remedy}")
+        elif problem.severity == "note":
+            console.say(f"Note: {problem}")

@@ -1,0 +1,137 @@
+"""`dr export pb`, `onnx`, `tflite` and `openvino`: a policy as one file for other engines."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from drcli.cli import candidates, console
+from drcli.cli.options import AsJson, prefix_option
+from drcli.cli.views import forms_view
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.formats.policy_file import Form
+
+_Best = Annotated[bool, typer.Option("-b", "--best", help="Export the best checkpoint.")]
+_Number = Annotated[
+    int | None,
+    typer.Option(
+        "-c",
+        "--checkpoint",
+        metavar="N",
+        min=0,
+        help="Export checkpoint N.",
+        autocompletion=candidates.checkpoints,
+    ),
+]
+_Prefix = Annotated[str | None, prefix_option("Export this model instead.")]
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="File or folder; NAME-chkN if left out."),
+]
+_Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
+
+
+def pb(
+    out: _Out = None,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: _Prefix = None,
+    force: _Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
+
+    The file is run and compared with PyTorch before it is kept; its model_metadata.json is written
+    beside it. Exports the last checkpoint unless -b or -c chooses another.
+
+    Example: dr-export pb -b --out policy.pb
+    """
+    _export("pb", out, best, number, prefix, force, as_json)
+
+
+def onnx(
+    out: _Out = None,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: _Prefix = None,
+    force: _Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write an ONNX file, which onnxruntime and most other engines read.
+
+    Pictures are grey values from 0 to 255 of shape (batch, 120, 160, cameras). The file is run by
+    onnxruntime and compared with PyTorch before it is kept; its model_metadata.json is written
+    beside it. Exports the last checkpoint unless -b or -c chooses another.
+
+    Example: dr-export onnx -b --out policy.onnx
+    """
+    _export("onnx", out, best, number, prefix, force, as_json)
+
+
+def tflite(
+    out: _Out = None,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: _Prefix = None,
+    force: _Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
+
+    TensorFlow converts it. The file is run and compared with PyTorch before it is kept; its
+    model_metadata.json is written beside it. Exports the last checkpoint unless -b or -c chooses
+    another.
+
+    Example: dr-export tflite -b --out policy.tflite
+    """
+    _export("tflite", out, best, number, prefix, force, as_json)
+
+
+def openvino(
+    out: _Out = None,
+    fp16: Annotated[
+        bool, typer.Option("--fp16", help="Store weights in half precision, half the size.")
+    ] = False,
+    best: _Best = False,
+    number: _Number = None,
+    prefix: _Prefix = None,
+    force: _Replace = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write OpenVINO's two files, .xml and .bin.
+
+    The files are run by OpenVINO and compared with PyTorch before they are kept; the
+    model_metadata.json is written beside them. Exports the last checkpoint unless -b or -c chooses
+    another.
+
+    Example: dr-export openvino -b --out policy.xml
+    """
+    _export("openvino", out, best, number, prefix, force, as_json, fp16=fp16)
+
+
+def _export(
+    form: "Form",
+    out: Path | None,
+    best: bool,
+    number: int | None,
+    prefix: str | None,
+    force: bool,
+    as_json: bool,
+    *,
+    fp16: bool = False,
+) -> None:
+    from drcli.models.export_forms import export_form, plan_form
+    from drcli.models.export_model import Selection
+
+    if best and number is not None:
+        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
+    by_name: Literal["best", "last"] = "best" if best else "last"
+    selection = Selection(by_name if number is None else number, prefix)
+    target = None if out is None else out.expanduser()
+    planned = plan_form(settings(), selection, form, target, fp16=fp16, force=force)
+    console.say(planned.source.chosen.line)
+    report = export_form(planned)
+    console.emit(report, forms_view.exported(report), as_json=as_json)
+    console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])

@@ -1,0 +1,110 @@
+"""Compares a frozen graph with the network that it was written from, on the same observations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from drcli.base.errors import SettingsError
+from drcli.formats.tensorflow.graph import decode_graph
+from drcli.formats.tensorflow.interpreter import Graph
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import Observation
+from drcli.learn.sac_networks import SACAgent
+from drcli.modelfiles.model_metadata import LIDARS
+
+TOLERANCE = 1e-4
+"""Greatest difference between two outputs that count as equal; rounding alone stays below 1e-5."""
+
+LEAST_SAME_ACTIONS = 0.999
+"""Share of the frames in which the likeliest action must be the same."""
+
+_BATCH = 32
+"""Frames at a time, which keeps the interpreter's memory small."""
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class GraphComparison:
+    """How a graph and its network differ.
+
+    Attributes:
+        frames: Number of observations.
+        same_actions: In how many of them the likeliest action is the same. Continuous actions are
+            the same if they differ by less than a ten thousandth.
+        greatest_difference: Of any output: a probability, or a continuous action from -1 to 1.
+    """
+
+    frames: int
+    same_actions: int
+    greatest_difference: float
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether the graph can stand for the network."""
+        same = self.same_actions >= LEAST_SAME_ACTIONS * self.frames
+        return same and self.greatest_difference <= TOLERANCE
+
+
+def compare_graph(
+    data: bytes, model: ActorCritic | SACAgent, seen: Observation, origin: str
+) -> GraphComparison:
+    """Run the file of a graph and a network on the same observations.
+
+    Raises:
+        SettingsError: The graph, which messages call `origin`, cannot be run on them.
+    """
+    graph = Graph(decode_graph(data, origin), origin)
+    steps = len(seen.frames)
+    wanted, got = [], []
+    for first in range(0, steps, _BATCH):
+        part = seen.part(slice(first, first + _BATCH))
+        wanted.append(policy_output(model, part))
+        got.append(graph.run(graph_inputs(graph, part)))
+    expected, found = np.concatenate(wanted), np.concatenate(got)
+    if found.shape != expected.shape:
+        raise SettingsError(
+            f"{origin} has {found.shape[-1]} outputs, but its network has {expected.shape[-1]}.",
+            remedy="Export the model again.",
+        )
+    return compare_outputs(expected, found, continuous=model.spec.continuous)
+
+
+def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> GraphComparison:
+    """Compare two policies' outputs on the same observations, each of shape (n, num_actions)."""
+    if not np.isfinite(found).all():
+        return GraphComparison(len(found), 0, float("inf"))
+    differences = np.abs(expected.astype(np.float64) - found)
+    if continuous:
+        same = (np.abs(expected.clip(-1, 1) - found.clip(-1, 1)) <= TOLERANCE).all(axis=1)
+    else:
+        # Two actions that are equally likely may change places when they are rounded.
+        chosen = np.take_along_axis(expected, found.argmax(axis=1)[:, None], axis=1)[:, 0]
+        same = chosen >= expected.max(axis=1) - TOLERANCE / 10
+    return GraphComparison(len(found), int(same.sum()), float(differences.max(initial=0.0)))
+
+
+def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
+    """What the graph of a network has to compute: probabilities, or continuous actions.
+
+    Returns:
+        Shape (n, num_actions).
+    """
+    with torch.inference_mode():
+        if isinstance(model, SACAgent):
+            output = torch.tanh(model(model.features(seen))[0])
+        else:
+            output = model(seen).policy
+            if not model.spec.continuous:
+                output = torch.softmax(output, dim=-1)
+    array: Floats = output.float().numpy()
+    return array
+
+
+def graph_inputs(graph: Graph, seen: Observation) -> dict[str, Floats]:
+    """Observations as the inputs of a graph: pictures with their channels last, lidar values."""
+    frames = seen.frames.permute(0, 2, 3, 1).float().numpy()
+    scan = seen.scan.float().numpy()
+    return {name: scan if name.rpartition("/")[2] in LIDARS else frames for name in graph.inputs}

@@ -1,0 +1,283 @@
+"""Makes the archive that the physical car loads, and copies it to a bucket."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from drcli.base.atomic_file import rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.problems import Problem, ProblemsError, of_severity, refuse
+from drcli.config.settings import RaceConfig, Settings
+from drcli.config.track_names import is_installed
+from drcli.formats.archive import read_packed
+from drcli.formats.build_network import build_policy, load_weights, policy_spec, weights_of
+from drcli.formats.car_actions import CarAction, stack_problems
+from drcli.formats.car_archive import car_archive, check_car_archive
+from drcli.formats.car_rules import END, car_file_name, file_name_problems
+from drcli.formats.frozen_graph import encode_policy
+from drcli.formats.graph_comparison import LEAST_SAME_ACTIONS, TOLERANCE, GraphComparison
+from drcli.models.checkpoint_files import Item
+from drcli.models.export_model import ExportSource
+from drcli.models.put_model import Delivery, Progress
+from drcli.models.transfer_buckets import (
+    COPY_PATIENCE_S,
+    checked_prefix,
+    target_bucket,
+)
+from drcli.store.connect import COMMAND_PATIENCE_S
+from drcli.store.write_probe import prove_writing
+
+CAR_FILE = "carfile.tar.gz"
+"""The name that scripts for the reference look for."""
+
+FRAMES = 200
+"""Observations on which a graph is compared with its network."""
+
+Compare = Callable[[RaceConfig, ExportSource, bytes], GraphComparison]
+"""Drives on the track of a race with a checkpoint, and compares it with a graph."""
+
+
+@dataclass(frozen=True)
+class CarReport:
+    """An archive for the car.
+
+    Attributes:
+        source: The model, as an s3:// address.
+        choice: last, best, or the requested number.
+        checkpoint: Name of its checkpoint.
+        metric: Mean score of the checkpoint's evaluation; null if it was not evaluated.
+        files: Where the archive is: a path, or s3:// addresses.
+        size_bytes: Size of the archive.
+        world: The track on which its graph was compared with the weights.
+        frames: Number of camera frames that were compared.
+        same_actions: In how many of them both chose the same action.
+        greatest_difference: Of any output: a probability, or a continuous action from -1 to 1.
+        actions: The actions as the car drives them.
+        problems: What the car does differently, or cannot do.
+        dry_run: Whether -d was given, so that nothing was written.
+    """
+
+    source: str
+    choice: str
+    checkpoint: str
+    metric: float | None
+    files: list[str]
+    size_bytes: int
+    world: str
+    frames: int
+    same_actions: int
+    greatest_difference: float
+    actions: list[CarAction]
+    problems: list[Problem] = field(default_factory=list)
+    dry_run: bool = False
+
+
+@dataclass(frozen=True)
+class ArchiveReport:
+    """The check of an archive that anybody may have made.
+
+    Attributes:
+        file: The archive.
+        errors: Why the car refuses it, or cannot drive it.
+        warnings: What the car does differently.
+        actions: The actions as the car drives them; empty if it cannot read them.
+    """
+
+    file: str
+    errors: list[Problem]
+    warnings: list[Problem]
+    actions: list[CarAction]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the car loads it."""
+        return not self.errors
+
+
+@dataclass(frozen=True)
+class CarExport:
+    """An archive in memory, which passed all checks, and the report on it."""
+
+    archive: bytes
+    report: CarReport
+
+
+def export_car(
+    settings: Settings, source: ExportSource, file_name: str, compare: Compare
+) -> CarExport:
+    """Make the archive of a checkpoint, and check it by the car's rules and on real frames.
+
+    Args:
+        settings: Name a track, if that of the model is not known or not installed.
+        source: The checkpoint.
+        file_name: Of the archive.
+        compare: Runs the comparison.
+
+    Raises:
+        ProblemsError: The car cannot drive the model.
+        SettingsError: The weights do not fit the parameter files, or the graph computes something
+            else than the network.
+    """
+    design = source.design
+    metadata, parameters = design.metadata, design.parameters
+    stacked = list(stack_problems(parameters.stack_size, design.parameters_origin))
+    refuse(stacked)
+    model = build_policy(metadata, parameters)
+    load_weights(model, source.weights, source.chosen.name)
+    graph = encode_policy(weights_of(model), policy_spec(metadata, parameters), metadata.sensor)
+    archive = car_archive(graph, metadata)
+    check = check_car_archive(archive, file_name)
+    errors = of_severity(check.problems, "error")
+    if errors:
+        raise ProblemsError(errors)
+    race = _race(settings, source)
+    comparison = compare(race, source, graph)
+    if not comparison.is_equal:
+        raise _differs(source, comparison)
+    report = CarReport(
+        source=source.url,
+        choice=str(source.chosen.choice),
+        checkpoint=source.chosen.name,
+        metric=source.chosen.score.avg_eval_metric,
+        files=[],
+        size_bytes=len(archive),
+        world=race.world_name,
+        frames=comparison.frames,
+        same_actions=comparison.same_actions,
+        greatest_difference=comparison.greatest_difference,
+        actions=list(check.actions),
+        problems=list(check.problems),
+    )
+    return CarExport(archive, report)
+
+
+def check_archive(path: Path) -> ArchiveReport:
+    """Check an archive on this machine by the rules of the car.
+
+    Raises:
+        SettingsError: The file cannot be read, or is far too large.
+    """
+    check = check_car_archive(read_packed(path), str(path))
+    return ArchiveReport(
+        str(path),
+        list(of_severity(check.problems, "error")),
+        [problem for problem in check.problems if problem.severity != "error"],
+        list(check.actions),
+    )
+
+
+def archive_path(out: Path | None, source_name: str) -> Path:
+    """Where to write an archive: a file of a name that the car takes.
+
+    Args:
+        out: A file; or a folder, which need not exist if its name has no dot; None for the current
+            folder.
+        source_name: Of the model.
+
+    Raises:
+        ProblemsError: The car does not take a file of that name.
+    """
+    path = Path() if out is None else out
+    if path.is_dir() or (not path.exists() and "." not in path.name):
+        path /= car_file_name(source_name)
+    refuse(file_name_problems(path.name))
+    return path
+
+
+def write_archive(export: CarExport, path: Path) -> CarReport:
+    """Write the archive to a file, whole or not at all; an older one is replaced.
+
+    Raises:
+        SettingsError: The file or its folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise SettingsError(
+            f"{path.parent}: cannot be created ({e.strerror or e}).",
+            remedy="Choose another folder with --out.",
+        ) from e
+    rewrite(path, export.archive)
+    return replace(export.report, files=[str(path)])
+
+
+@dataclass(frozen=True)
+class CarTarget:
+    """Where archives go: a bucket of uploads or our own, and a prefix there."""
+
+    settings: Settings
+    prefix: str
+    local: bool
+    url: str
+
+
+def plan_car_upload(
+    settings: Settings, prefix: str | None, *, local: bool, dry_run: bool
+) -> CarTarget:
+    """Check that archives can be uploaded, before one is made.
+
+    Args:
+        settings: Name the bucket, and the prefix unless `prefix` does.
+        prefix: The model to upload, under whose own name the archive goes then.
+        local: Whether to upload into our own bucket.
+        dry_run: Whether nothing may be written.
+
+    Raises:
+        DrError: There is no such bucket, or it does not take objects.
+    """
+    target = checked_prefix(prefix, "-p") if prefix else settings.upload_s3_prefix
+    there = target_bucket(
+        settings.transfer,
+        local=local,
+        patience_s=COMMAND_PATIENCE_S,
+        otherwise="or upload into the local bucket with -L",
+    )
+    if not dry_run:
+        prove_writing(there, target, deletes=False)
+    return CarTarget(settings, target, local, f"s3://{there.name}/{target}")
+
+
+def upload_names(source: ExportSource, *, numbered: bool) -> list[str]:
+    """Names of an archive below its target: two that scripts look for, and one of its own."""
+    plain = car_file_name(source.name)
+    names = [CAR_FILE, plain]
+    if numbered:
+        names.append(f"{plain.removesuffix(END)}-chk{source.chosen.number}{END}")
+    return list(dict.fromkeys(names))
+
+
+def upload_archive(
+    export: CarExport, target: CarTarget, names: list[str], progress: Progress, *, dry_run: bool
+) -> CarReport:
+    """Upload the archive under several names, and check that it arrived.
+
+    Raises:
+        StorageError: It did not.
+    """
+    report = replace(export.report, files=[f"{target.url}/{name}" for name in names])
+    if dry_run:
+        return replace(report, dry_run=True)
+    there = target_bucket(target.settings.transfer, local=target.local, patience_s=COPY_PATIENCE_S)
+    with progress("Uploading archive", len(names) * len(export.archive)) as watch:
+        Delivery(there, target.prefix, watch).send(Item(name, export.archive) for name in names)
+    return report
+
+
+def _race(settings: Settings, source: ExportSource) -> RaceConfig:
+    """An installed track for the comparison: the model's own, else that of the settings."""
+    race = settings.race
+    own = race if source.world is None else race.replaced(world_name=source.world)
+    if is_installed(own):
+        return own
+    default = RaceConfig.declared["DR_WORLD_NAME"].default
+    return race if is_installed(race) else race.replaced(world_name=default)
+
+
+def _differs(source: ExportSource, comparison: GraphComparison) -> SettingsError:
+    return SettingsError(
+        f"The graph of {source.chosen.name} does not compute what its weights do: the likeliest "
+        f"action is the same in {comparison.same_actions} of {comparison.frames} frames (at least "
+        f"{LEAST_SAME_ACTIONS:.1%} are needed), the greatest difference is "
+        f"{comparison.greatest_difference:.2g} (at most {TOLERANCE:g}). Nothing was written.",
+        remedy="Export another checkpoint with -c N, and report this as a fault of the program.",
+    )

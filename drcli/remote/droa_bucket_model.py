@@ -1,0 +1,89 @@
+"""Takes a model of the racer's bucket in the form that DeepRacer on AWS imports."""
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import Settings
+from drcli.exchange.scores import encode_single
+from drcli.modelfiles.droa_params import (
+    CLOCKWISE,
+    COUNTER_CLOCKWISE,
+    DROA_TRACKS,
+    Direction,
+    droa_parameters,
+    read_parameters,
+    split_world,
+)
+from drcli.modelfiles.params_yaml import training_parameters
+from drcli.models.checkpoint_files import (
+    PARAMETERS_FILE,
+    Choice,
+    choose,
+    read_checkpoint,
+    read_model_files,
+    refuse_incomplete,
+)
+from drcli.models.transfer_buckets import bucket_to_look_at
+from drcli.remote.droa_package import Files
+from drcli.remote.droa_rules import INDEX, POINTER
+from drcli.store import keys
+from drcli.tracks.track_list import list_tracks
+
+
+def read_bucket_model(settings: Settings, prefix: str, choice: Choice) -> Files:
+    """The files of a model with a TensorFlow checkpoint, by their names in an import.
+
+    Raises:
+        SettingsError: There is no such model or checkpoint, or it has only drcli's own format.
+        StorageError: The bucket cannot be read.
+    """
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    refuse_incomplete(settings.model, bucket, prefix)
+    chosen = choose(bucket, prefix, choice)
+    if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
+        raise SettingsError(
+            f"{chosen.name} of s3://{bucket.name}/{prefix} is in drcli's own format; DeepRacer on "
+            "AWS needs a TensorFlow checkpoint.",
+            remedy="Write one with `dr-export droa`, and import that with --from.",
+        )
+    items = [
+        *read_checkpoint(bucket, prefix, chosen),
+        *read_model_files(
+            settings.model,
+            bucket,
+            prefix,
+            (bucket.name, prefix),
+            training_parameters(settings),
+        ),
+    ]
+    files = {item.name: item.data for item in items if not item.name.endswith(".safetensors")}
+    files[POINTER] = chosen.name.encode()
+    files[INDEX] = encode_single(chosen.score)
+    files[PARAMETERS_FILE] = _parameters(settings, files[PARAMETERS_FILE], prefix)
+    metrics = files.pop("metrics/TrainingMetrics.json", None)
+    if metrics:
+        files[f"metrics/training/training-{chosen.number}.json"] = metrics
+    return files
+
+
+def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
+    try:
+        return droa_parameters(data, _route(settings, data))
+    except ValueError as e:
+        raise SettingsError(
+            f"{PARAMETERS_FILE} of {prefix} cannot be used: {e}.",
+            remedy="Add TRACK_DIRECTION_CLOCKWISE: true or false to it, in a folder that you "
+            "import with --from.",
+        ) from e
+
+
+def _route(settings: Settings, data: bytes) -> Direction | None:
+    """How the route of the model's track runs; None if that is not needed, or not known here."""
+    world = str(read_parameters(data).get("WORLD_NAME", ""))
+    track, named = split_world(world)
+    if named is not None or len(DROA_TRACKS.get(track, ())) == 1:
+        return None  # measuring all tracks takes two seconds
+    memory = settings.directory / "data" / "cache" / "tracks.json"
+    known = {"clockwise": CLOCKWISE, "counterclockwise": COUNTER_CLOCKWISE}
+    for facts in list_tracks(settings.tracks_folder, memory).tracks:
+        if facts.name == world:
+            return known.get(facts.direction)
+    return None

@@ -1,0 +1,175 @@
+"""Imports a model into DeepRacer on AWS: check, upload, call, wait for its verdict."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+
+from drcli.base import notices
+from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.problems import ProblemsError, of_severity
+from drcli.remote.droa_api import Droa
+from drcli.remote.droa_models import RemoteModel
+from drcli.remote.droa_package import is_wanted
+from drcli.remote.droa_rules import check_description, check_name, package_problems
+from drcli.remote.droa_upload import Watch, remove_files, upload_files
+from drcli.remote.web_request import polls
+
+POLL_S = 5.0
+"""Seconds between two questions for a status."""
+
+IMPORT_PATIENCE_S = 1800.0
+"""Longest wait for an import; the server's own check may take 15 minutes, and it has a queue."""
+
+Progress = Callable[[str, int], AbstractContextManager[Watch]]
+"""Shows a progress bar inside a `with` block; takes a title and the number of bytes."""
+
+Waiting = Callable[[str], AbstractContextManager[None]]
+"""Shows inside a `with` block what is waited for."""
+
+
+@dataclass(frozen=True)
+class ImportPlan:
+    """A model that passed the checks before an import.
+
+    Attributes:
+        name: Its name at DeepRacer on AWS.
+        description: Its description; empty for none.
+        files: Contents by name below the folder of the model.
+    """
+
+    name: str
+    description: str
+    files: Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """The result of `droa-import-model`.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        model_id: Id of the new model; empty after -d.
+        name: Its name.
+        status: READY, or IMPORTING if nobody waited; empty after -d.
+        files: How many files were uploaded.
+        uploaded_bytes: Their size.
+        folder: Where they are in the upload bucket; empty after -d.
+        dry_run: Whether -d was given, so that nothing was sent.
+    """
+
+    site: str
+    model_id: str
+    name: str
+    status: str
+    files: int
+    uploaded_bytes: int
+    folder: str
+    dry_run: bool = False
+
+
+class ImportFailed(SettingsError):
+    """DeepRacer on AWS has looked at the model and refused it."""
+
+
+def plan_import(
+    files: Mapping[str, bytes], name: str, description: str = "", *, unchecked: bool = False
+) -> ImportPlan:
+    """Check a model, its name and its description, before anything is sent.
+
+    Warnings are shown. This is the way in for models that are not on disk.
+
+    Args:
+        files: Contents by name below the folder of the model, as in `package_problems`.
+        name: Its name.
+        description: Its description; empty for none.
+        unchecked: Show errors in the files as warnings too.
+
+    Raises:
+        SettingsError: DeepRacer on AWS would refuse the name, the description or the files.
+    """
+    check_name(name)
+    check_description(description)
+    wanted = {each: data for each, data in files.items() if is_wanted(each)}
+    found = package_problems(wanted)
+    for each in of_severity(found, "warning"):
+        notices.warn(str(each))
+    errors = of_severity(found, "error")
+    if errors and not unchecked:
+        raise ProblemsError(errors)
+    for each in errors:
+        notices.warn(f"{each} Imported nevertheless, because of --unchecked.")
+    return ImportPlan(name, description, wanted)
+
+
+def planned_report(site: str, plan: ImportPlan) -> ImportReport:
+    """The report of a dry run."""
+    size = sum(map(len, plan.files.values()))
+    return ImportReport(site, "", plan.name, "", len(plan.files), size, "", dry_run=True)
+
+
+def import_files(
+    droa: Droa,
+    plan: ImportPlan,
+    *,
+    progress: Progress,
+    waiting: Waiting | None = None,
+) -> ImportReport:
+    """Import a model.
+
+    Args:
+        droa: Where.
+        plan: What.
+        progress: Shows how much has been sent.
+        waiting: Shows the wait for the verdict; None not to wait.
+
+    Raises:
+        ImportFailed: The server refused the model.
+        StorageError: The upload or a call failed, or the wait took too long.
+    """
+    size = sum(map(len, plan.files.values()))
+    with progress("Uploading model", size) as watch:
+        folder = upload_files(droa.session, plan.files, watch)
+    try:
+        model_id = droa.import_model(folder, plan.name, plan.description)
+    except DrError:
+        remove_files(droa.session, folder, list(plan.files))
+        raise
+    report = ImportReport(
+        droa.place, model_id, plan.name, "IMPORTING", len(plan.files), size, folder
+    )
+    if waiting is None:
+        return report
+    with waiting(f"{droa.place} checks the model {model_id} ..."):
+        model = wait_for_import(droa, model_id)
+    return replace(report, status=model.status)
+
+
+def wait_for_import(droa: Droa, model_id: str) -> RemoteModel:
+    """Wait until a model is imported.
+
+    Raises:
+        ImportFailed: The server refused it.
+        StorageError: A call failed, or it took too long.
+    """
+    later = f"Ask again with `droa-get-model {model_id}`."
+    for _ in polls(POLL_S, IMPORT_PATIENCE_S, droa.pause):
+        model = droa.model(model_id)
+        if model.status == "READY":
+            return model
+        if model.status == "ERROR":
+            reason = " ".join((model.import_error or "no reason given").split()).rstrip(".")
+            raise ImportFailed(
+                f"{droa.place} refused the model {model.name} ({model_id}): {reason}.",
+                remedy=f"Correct the model and import it again; `droa-delete-model {model_id}` "
+                "removes this one.",
+            )
+        if model.status == "DELETING":
+            raise StorageError(
+                f"The model {model.name} ({model_id}) is being deleted while it is imported.",
+                remedy="Import it again.",
+            )
+    raise StorageError(
+        f"{droa.place} is still busy with the model {model_id} after "
+        f"{IMPORT_PATIENCE_S / 60:g} minutes.",
+        remedy=later,
+    )

@@ -1,0 +1,188 @@
+"""Means of the metrics of a model at DeepRacer on AWS."""
+
+import json
+import math
+import tarfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.remote.droa_api import Droa
+from drcli.remote.droa_models import RemoteModel
+
+_LARGEST_BYTES = 256 << 20
+"""Larger metrics are something else."""
+
+
+@dataclass(frozen=True)
+class PhaseMeans:
+    """Means over all episodes of a phase.
+
+    Attributes:
+        phase: training or evaluation.
+        episodes: How many episodes there are.
+        mean_reward: Mean reward of an episode.
+        mean_progress: Mean part of the lap, percent.
+        full_laps: How many episodes completed the lap.
+        best_lap_s: Shortest time of a complete lap; None if there is none.
+    """
+
+    phase: str
+    episodes: int
+    mean_reward: float
+    mean_progress: float
+    full_laps: int
+    best_lap_s: float | None
+
+
+@dataclass(frozen=True)
+class ModelReport:
+    """The result of `droa-get-model`.
+
+    Attributes:
+        site: Address of DeepRacer on AWS.
+        model_id: Id of the model.
+        name: Its name.
+        status: Such as READY, ERROR, IMPORTING or TRAINING.
+        training_status: Such as COMPLETED; empty if unknown.
+        created_at: When it was created, ISO 8601; empty if unknown.
+        import_error: Why its import failed; empty if it did not.
+        values: Everything that the interface says about it, with its keys, such as metadata.
+        means: With --summary: means of its training metrics.
+    """
+
+    site: str
+    model_id: str
+    name: str
+    status: str
+    training_status: str
+    created_at: str
+    import_error: str
+    values: dict[str, Any]
+    means: list[PhaseMeans]
+
+    @staticmethod
+    def of(site: str, model: RemoteModel, means: list[PhaseMeans]) -> "ModelReport":
+        """The report of a model."""
+        return ModelReport(
+            site,
+            model.model_id,
+            model.name,
+            model.status,
+            model.training_status,
+            model.created_at,
+            model.import_error,
+            dict(model.values),
+            means,
+        )
+
+
+def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
+    """The means of a model's training metrics.
+
+    Raises:
+        StorageError: They cannot be read.
+        SettingsError: It has none.
+    """
+    import requests
+
+    url = model.text("trainingMetricsUrl")
+    none = SettingsError(
+        f"The model {model.name} ({model.model_id}) has no training metrics.",
+        remedy="Train it there, or import it with metrics/training/training-*.json.",
+    )
+    if not url.startswith("http"):
+        raise none
+    answer = droa.web.send(lambda: requests.Request("GET", url), repeat=True)
+    if answer.status_code in (403, 404):
+        raise none
+    if answer.status_code != 200:
+        raise StorageError(
+            f"The training metrics of {model.model_id} cannot be read: the server answered "
+            f"{answer.status_code} {answer.reason}.",
+            remedy="Try again later.",
+        )
+    means = means_of([answer.content])
+    if not means:
+        raise none
+    return means
+
+
+def archive_summary(file: Path) -> list[PhaseMeans]:
+    """The means of all metrics in an archive of logs.
+
+    Raises:
+        SettingsError: It is not an archive, or has no metrics.
+    """
+    try:
+        means = means_of(list(_metrics_files(file)))
+    except (tarfile.TarError, OSError, EOFError) as e:
+        raise SettingsError(
+            f"{file} is not an archive of logs, or is damaged.",
+            remedy="Look at it; without --summary it is only downloaded.",
+        ) from e
+    if not means:
+        raise SettingsError(
+            f"{file} has no metrics.", remedy="Its other files are there; unpack it."
+        )
+    return means
+
+
+def means_of(files: list[bytes]) -> list[PhaseMeans]:
+    """The means of the episodes in metrics files, by phase; others are skipped."""
+    by_phase: dict[str, list[tuple[float, float, float]]] = {}
+    for data in files:
+        for entry in _entries(data):
+            numbers = [
+                _number(entry.get(key))
+                for key in (
+                    "reward_score",
+                    "completion_percentage",
+                    "elapsed_time_in_milliseconds",
+                )
+            ]
+            reward, progress, elapsed_ms = numbers
+            if progress is None:
+                continue
+            phase = str(entry.get("phase") or "evaluation")
+            by_phase.setdefault(phase, []).append((reward or 0.0, progress, elapsed_ms or math.nan))
+    return [_means(phase, episodes) for phase, episodes in sorted(by_phase.items(), reverse=True)]
+
+
+def _metrics_files(file: Path) -> Iterator[bytes]:
+    with tarfile.open(file) as archive:
+        for member in archive:
+            if member.isreg() and member.name.endswith(".json") and member.size <= _LARGEST_BYTES:
+                data = archive.extractfile(member)
+                if data is not None:
+                    yield data.read()
+
+
+def _entries(data: bytes) -> list[dict[str, Any]]:
+    try:
+        values = json.loads(data)
+    except (ValueError, RecursionError):
+        return []
+    found = values.get("metrics") if isinstance(values, dict) else None
+    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+
+
+def _number(value: Any) -> float | None:
+    usable = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if usable else None
+
+
+def _means(phase: str, episodes: list[tuple[float, float, float]]) -> PhaseMeans:
+    laps = [ms / 1000 for _, progress, ms in episodes if progress >= 100]
+    timed = [seconds for seconds in laps if math.isfinite(seconds)]
+    number = len(episodes)
+    return PhaseMeans(
+        phase,
+        number,
+        sum(reward for reward, _, _ in episodes) / number,
+        sum(progress for _, progress, _ in episodes) / number,
+        len(laps),
+        min(timed) if timed else None,
+    )

@@ -1,0 +1,118 @@
+"""Copies the files of a model to the bucket from which DeepRacer on AWS imports."""
+
+import io
+import uuid
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import PurePosixPath
+from typing import Any
+
+from drcli.base.errors import StorageError
+from drcli.remote.droa_aws import aws_client, aws_failure, code_of
+from drcli.remote.droa_package import is_wanted
+from drcli.remote.droa_session import DroaSession
+
+FOLDER = "uploads/models"
+"""Where its importer expects models. Source: deepracer-on-aws, its website."""
+
+_REFUSED = ("AccessDenied", "403", "AllAccessDisabled", "InvalidAccessKeyId", "ExpiredToken")
+
+_TYPES = {
+    ".json": "application/json",
+    ".yaml": "application/x-yaml",
+    ".yml": "application/x-yaml",
+    ".py": "text/x-python",
+    ".csv": "text/csv",
+    ".txt": "text/plain",
+}
+"""Content types by the end of a name; all others are plain bytes."""
+
+Watch = Callable[[int], None]
+"""Takes the number of bytes sent since its last call."""
+
+
+def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch) -> str:
+    """Copy files to a new folder of the upload bucket.
+
+    The smallest file goes first: it proves that writing is allowed before anything large is sent.
+    After a failure, what was sent is deleted again as far as that is allowed.
+
+    Args:
+        session: Whose keys to use.
+        files: Contents by name below the folder of the model.
+        watch: Gets the progress.
+
+    Returns:
+        The folder, without a slash at the end.
+
+    Raises:
+        StorageError: The bucket cannot be written.
+    """
+    from boto3.exceptions import S3UploadFailedError
+    from botocore.exceptions import BotoCoreError, ClientError
+
+    folder = f"{FOLDER}/{uuid.uuid4()}"
+    bucket = session.site.upload_bucket
+    client = aws_client("s3", session.site, session.keys())
+    wanted = [name for name in files if is_wanted(name)]
+    sent: list[str] = []
+    try:
+        for name in sorted(wanted, key=lambda name: len(files[name])):
+            sent.append(name)
+            _put(client, bucket, f"{folder}/{name}", files[name], watch)
+    except (BotoCoreError, ClientError, S3UploadFailedError, ValueError) as e:
+        remove_files(session, folder, sent)
+        raise _failure(e, name, len(sent) == 1, session) from e
+    except BaseException:
+        remove_files(session, folder, sent)
+        raise
+    return folder
+
+
+def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
+    """Delete files that were uploaded, as far as that is allowed; a failure changes nothing."""
+    with suppress(Exception):
+        client = aws_client("s3", session.site, session.keys())
+        for name in names:
+            client.delete_object(Bucket=session.site.upload_bucket, Key=f"{folder}/{name}")
+
+
+def _put(client: Any, bucket: str, key: str, data: bytes, watch: Watch) -> None:
+    from boto3.s3.transfer import TransferConfig, create_transfer_manager
+    from s3transfer.subscribers import BaseSubscriber
+
+    class Progress(BaseSubscriber):
+        """Tells the watch what was sent."""
+
+        def on_progress(self, future: Any, bytes_transferred: int, **_: Any) -> None:
+            """Called by s3transfer after each piece."""
+            watch(bytes_transferred)
+
+    kind = _TYPES.get(PurePosixPath(key).suffix.casefold(), "application/octet-stream")
+    with create_transfer_manager(client, TransferConfig(max_concurrency=4)) as transfers:
+        transfers.upload(
+            io.BytesIO(data), bucket, key, {"ContentType": kind}, [Progress()]
+        ).result()
+
+
+def _failure(error: Exception, name: str, first: bool, session: DroaSession) -> StorageError:
+    site = session.site
+    where = f"s3://{site.upload_bucket}/{FOLDER}/"
+    cause = error.__cause__ or error.__context__
+    code = code_of(error) or (code_of(cause) if isinstance(cause, Exception) else "")
+    if code in _REFUSED:
+        return StorageError(
+            f"{session.username} may not write to {where} ({code}).",
+            remedy="Run `droa-login` again; if that does not help, ask who runs that site whether "
+            "your account may import models.",
+        )
+    if code == "NoSuchBucket":
+        return StorageError(
+            f"The upload bucket '{site.upload_bucket}' of {site.place} does not exist.",
+            remedy="Check uploadBucketName in env.js of that site, or --upload-bucket.",
+        )
+    action = f"upload {name} to {where}"
+    failure = aws_failure(error, action, site)
+    if first:
+        return failure
+    return StorageError(f"{failure} Nothing was imported.", remedy=failure.remedy)

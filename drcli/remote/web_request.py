@@ -1,0 +1,181 @@
+"""Sends web requests: repeats those that may be repeated, and explains what went wrong."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from drcli import __version__
+from drcli.base.backoff import delays_s
+from drcli.base.errors import StorageError
+from drcli.config.setting_problems import hidden
+
+if TYPE_CHECKING:
+    import requests
+
+USER_AGENT = f"drcli/{__version__}"
+
+CONNECT_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 60.0
+"""How long a server may take to accept a connection, and between two pieces of an answer."""
+
+ATTEMPTS = 4
+"""How often a request is sent that may be repeated."""
+
+_PASSING = frozenset({429, 500, 502, 503, 504})
+"""Answers that the next attempt may not get again."""
+
+Pause = Callable[[float], None]
+Trace = Callable[[str], None]
+Make = Callable[[], "requests.Request"]
+"""Makes a request anew for each attempt, because a signature holds the time."""
+
+
+def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
+    """Yield at once, and then after each pause, until the pauses reach the patience."""
+    for number in range(int(patience_s / interval_s) + 1):
+        if number:
+            pause(interval_s)
+        yield
+
+
+class Web:
+    """Sends requests.
+
+    Args:
+        setting: What names the server, for the remedy of an error: a setting or an option.
+        pause: Waits that many seconds; tests replace it.
+        trace: Gets a line for each request, without secrets.
+    """
+
+    def __init__(
+        self, setting: str, *, pause: Pause = time.sleep, trace: Trace | None = None
+    ) -> None:
+        import requests
+
+        self.setting = setting
+        self.pause = pause
+        self._trace = trace
+        self._session = requests.Session()
+        self._session.headers["User-Agent"] = USER_AGENT
+
+    def send(
+        self, make: Make, *, repeat: bool, stream: bool = False, redirects: bool = False
+    ) -> "requests.Response":
+        """Send a request, and return the answer whatever its status.
+
+        Args:
+            make: Makes the request.
+            repeat: Whether it may be sent again after an answer was lost.
+            stream: Whether the caller reads the body in pieces.
+            redirects: Whether to follow other addresses.
+
+        Raises:
+            StorageError: There is no answer.
+        """
+        import requests
+
+        pauses = delays_s(0.5, 4.0)
+        for attempt in range(1, ATTEMPTS + 1):
+            last = attempt == ATTEMPTS or not repeat
+            request = make()
+            # Otherwise requests would replace our signature with a password from ~/.netrc.
+            request.auth = request.auth or (lambda prepared: prepared)
+            try:
+                answer = self._once(request, stream=stream, redirects=redirects)
+            except requests.RequestException as error:
+                self._say(request, type(error).__name__)
+                if last or not _may_pass(error):
+                    raise explain(error, str(request.url), self.setting) from error
+            else:
+                self._say(request, str(answer.status_code))
+                if last or answer.status_code not in _PASSING:
+                    return answer
+                answer.close()
+            self.pause(next(pauses))
+        raise AssertionError("the last attempt returns or raises")
+
+    def _once(
+        self, request: "requests.Request", *, stream: bool, redirects: bool
+    ) -> "requests.Response":
+        prepared = self._session.prepare_request(request)
+        settings = self._session.merge_environment_settings(
+            prepared.url or "", {}, stream, None, None
+        )
+        return self._session.send(
+            prepared,
+            timeout=(CONNECT_TIMEOUT_S, READ_TIMEOUT_S),
+            allow_redirects=redirects,
+            **settings,
+        )
+
+    def _say(self, request: "requests.Request", result: str) -> None:
+        if self._trace is not None:
+            self._trace(f"{request.method} {hidden('', str(request.url))}: {result}")
+
+
+def explain(error: Exception, url: str, setting: str) -> StorageError:
+    """The error of a request without an answer, as one sentence."""
+    import requests
+
+    host = urlsplit(url).netloc.rpartition("@")[2]
+    if isinstance(error, requests.exceptions.SSLError):
+        return StorageError(
+            f"The certificate of {host} is not valid, or it does not speak HTTPS: {_cause(error)}.",
+            remedy=f"Check {setting} and the clock of this machine; behind a company's proxy, set "
+            "REQUESTS_CA_BUNDLE to its certificate.",
+        )
+    if isinstance(error, requests.exceptions.ProxyError):
+        return StorageError(
+            f"The proxy on the way to {host} does not work: {_cause(error)}.",
+            remedy="Correct HTTPS_PROXY, or unset it.",
+        )
+    if isinstance(error, requests.Timeout):
+        return StorageError(
+            f"{host} does not answer in time.", remedy="Check the network, and try again later."
+        )
+    if isinstance(error, requests.exceptions.InvalidURL | requests.exceptions.MissingSchema):
+        return StorageError(
+            f"'{hidden('', url)}' is not a web address ({setting}).",
+            remedy=f"Correct {setting}, as in https://deepracer.example.com.",
+        )
+    return StorageError(
+        f"{host} cannot be reached: {_cause(error)}.",
+        remedy=f"Check the network connection and {setting}.",
+    )
+
+
+def _may_pass(error: Exception) -> bool:
+    """Whether another attempt may do better."""
+    import requests
+
+    lasting = (requests.exceptions.SSLError, requests.exceptions.InvalidURL)
+    passing = (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError)
+    return isinstance(error, passing) and not isinstance(error, lasting)
+
+
+_WORDS = {
+    "NameResolutionError": "its name is unknown",
+    "gaierror": "its name is unknown",
+    "ConnectionRefusedError": "it refuses the connection",
+    "ConnectionResetError": "it closed the connection",
+    "RemoteDisconnected": "it closed the connection",
+    "IncompleteRead": "it closed the connection too early",
+    "SSLCertVerificationError": "nobody whom this machine trusts has signed it",
+}
+"""Causes of failures in words, by the names of their exceptions."""
+
+
+def _cause(error: BaseException) -> str:
+    """The innermost known cause of a failure, in a few words."""
+    seen: list[BaseException] = []
+    waiting: list[object] = [error]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, BaseException) and one not in seen:
+            seen.append(one)
+            waiting += [one.__cause__, one.__context__, getattr(one, "reason", None), *one.args]
+    known = [_WORDS[type(one).__name__] for one in seen if type(one).__name__ in _WORDS]
+    if known:
+        return known[-1]
+    systems = [one.strerror for one in seen if isinstance(one, OSError) and one.strerror]
+    return (systems[-1] if systems else type(error).__name__).rstrip(".")

@@ -1,0 +1,103 @@
+"""Compares an exported graph with its network on what the car sees while the network drives."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import torch
+from torch import Tensor
+
+from drcli.config.settings import RaceConfig
+from drcli.formats.build_network import build_policy, load_weights
+from drcli.formats.graph_comparison import GraphComparison, compare_graph
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import Observation, PolicySpec
+from drcli.learn.sac_networks import SACAgent
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
+from drcli.workers.build_race import actions_of, build_simulation, load_world
+from drcli.workers.cores import cores
+from drcli.workers.driving import Driver, Plan, Racer
+from drcli.workers.worker_process import StopRequested
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.reward import centre_line_reward
+
+_CARS = 4
+"""Cars at a time, each from another start."""
+
+_EPISODES = 10_000
+"""More than are ever driven: the drive ends after enough frames."""
+
+
+def compare_on_drive(
+    race: RaceConfig, design: Design, weights: bytes, name: str, graph: bytes, *, frames: int
+) -> GraphComparison:
+    """Drive on the track of a race with a model, and compare its graph with its weights.
+
+    Args:
+        race: Names the track.
+        design: Parameter files of the model.
+        weights: A safetensors file.
+        name: Of the checkpoint, for messages.
+        graph: A frozen graph.
+        frames: How many observations to compare.
+
+    Raises:
+        DrError: The track is not installed, the weights do not fit, or the graph cannot be run.
+    """
+    model = build_policy(design.metadata, design.parameters)
+    load_weights(model, weights, name)
+    seen = record_drive(race, design.metadata, model, frames)
+    return compare_graph(graph, model, seen, f"The graph of {name}")
+
+
+def record_drive(
+    race: RaceConfig, metadata: ModelMetadata, model: ActorCritic | SACAgent, frames: int
+) -> Observation:
+    """What some cars see while they drive on an empty track, with drawn actions."""
+    track = load_world(race)
+    simulation = build_simulation(
+        race.replaced(race_type="TIME_TRIAL"),
+        "training",
+        metadata,
+        track,
+        num_cars=_CARS,
+        reward=centre_line_reward,
+        rules=EpisodeRules(),
+        num_threads=cores(),
+        seed=0,
+    )
+    recorder = _Recorder(model)
+    plans = [
+        Plan(number, "training", (0.25 * number + 0.013 * (number // 4)) % 1.0)
+        for number in range(_EPISODES)
+    ]
+    with suppress(StopRequested):
+        Driver(simulation, [Racer(recorder, actions_of(metadata))], 0).drive(
+            plans, lambda episode: None, lambda: recorder.steps >= frames
+        )
+    simulation.close()
+    return recorder.observations(frames)
+
+
+class _Recorder:
+    """A policy that keeps what it sees."""
+
+    def __init__(self, model: ActorCritic | SACAgent) -> None:
+        self._model = model
+        self._seen: list[Observation] = []
+        self.steps = 0
+
+    @property
+    def spec(self) -> PolicySpec:
+        return self._model.spec
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        self._seen.append(seen)
+        self.steps += len(seen.frames)
+        return self._model.act(seen, noise, deterministic, epsilon)
+
+    def observations(self, frames: int) -> Observation:
+        parts: Sequence[Sequence[Tensor]] = list(zip(*self._seen, strict=True))
+        return Observation(*(torch.cat(list(part))[:frames] for part in parts))

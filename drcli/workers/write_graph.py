@@ -1,0 +1,30 @@
+"""Writes the frozen graph of a checkpoint, which the physical car loads, beside its weights."""
+
+from safetensors.torch import load as load_tensors
+
+from drcli.formats.frozen_graph import encode_policy
+from drcli.learn.policy import PolicySpec
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.store.checkpoints import CheckpointStore
+
+
+class GraphWriter:
+    """Writes the graphs of one model; without `enabled`, nothing.
+
+    It reads the weights from their file, so it can work while the trainer already changes them.
+    """
+
+    def __init__(
+        self, store: CheckpointStore, spec: PolicySpec, metadata: ModelMetadata, *, enabled: bool
+    ) -> None:
+        self._store = store
+        self._spec = spec
+        self._sensors = metadata.sensor
+        self._enabled = enabled
+
+    def write(self, number: int, tensors: bytes) -> None:
+        """Write the graph of a checkpoint with these weights, a safetensors file."""
+        if not self._enabled:
+            return
+        weights = {name: tensor.float().numpy() for name, tensor in load_tensors(tensors).items()}
+        self._store.attach_graph(number, encode_policy(weights, self._spec, self._sensors))

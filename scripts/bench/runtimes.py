@@ -1,0 +1,140 @@
+"""Compares exported policies with PyTorch on frames of real drives, for every network and head.
+
+    python scripts/bench runtimes [--frames 1000] [--runtimes pb,onnx,openvino] [--all] [--json]
+
+Each head of each network is tried with one camera, and with two and a lidar; with --all in all four
+combinations.
+
+Cars drive along `reinvent_base` with random steering. Each network has fresh weights, changed so
+that its actions differ. With --json the last line of stdout is one object: `frames`, and `cases`
+with `network`, `eyes`, `lidar`, `head`, `runtime`, `same_actions` and `greatest_difference`.
+"""
+
+import argparse
+import itertools
+import json
+from dataclasses import asdict
+from typing import get_args
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+import drsim
+from drcli.formats.runtimes import EnginePolicy, policy_of_model
+from drcli.formats.write_form import Network, compare_outputs, torch_outputs
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import PolicySpec
+from drcli.learn.sac_networks import SACAgent
+from drcli.modelfiles import model_metadata
+from drcli.modelfiles.model_metadata import ModelMetadata
+
+CARS = 20
+
+HEADS = ("discrete", "continuous", "sac")
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--runtimes", default="pb,onnx,openvino")
+    parser.add_argument("--all", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+
+    frames, scans = real_inputs(arguments.frames)
+    cases = []
+    networks = sorted(get_args(model_metadata.Network), key=len)
+    inputs = [(eyes, lidar) for eyes in (1, 2) for lidar in (False, True)]
+    if not arguments.all:
+        inputs = [(1, False), (2, True)]
+    for network, (eyes, lidar), head in itertools.product(networks, inputs, HEADS):
+        metadata = metadata_of(network, eyes, lidar, head)
+        model = random_network(metadata)
+        spec = model.spec
+        seen = frames[:, : spec.eyes], scans[:, : spec.scan_dims]
+        ours = torch_outputs(model, *seen)
+        for runtime in arguments.runtimes.split(","):
+            case = {"network": network, "eyes": eyes, "lidar": lidar, "head": head}
+            policy = policy_of_model(model, metadata, runtime, "the network")
+            assert isinstance(policy, EnginePolicy)
+            compared = asdict(compare_outputs(ours, policy, *seen, continuous=spec.continuous))
+            cases.append({**case, "runtime": runtime, **compared})
+            print(
+                f"{network:36} {eyes} {'lidar' if lidar else '-----'} {head:10} {runtime:9}"
+                f"{compared['same_actions']:8.2%} {compared['greatest_difference']:9.1e}",
+                flush=True,
+            )
+    if arguments.json:
+        print(json.dumps({"frames": len(frames), "cases": cases}))
+
+
+def real_inputs(count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Stereo pictures and lidar values of cars that drive with random steering."""
+    sensors = drsim.Sensors(("STEREO_CAMERAS", "LIDAR"))
+    simulation = drsim.Simulation(
+        drsim.load_track("reinvent_base"),
+        num_cars=CARS,
+        reward_function=drsim.centre_line_reward,
+        sensors=sensors,
+    )
+    random = np.random.default_rng(0)
+    frames, scans = [], []
+    free = np.arange(CARS)
+    steering = np.zeros(CARS)
+    while len(frames) * CARS < count:
+        if len(free):
+            simulation.reset(free, random.random(len(free)))
+        steering = np.clip(steering + random.normal(0.0, 8.0, CARS), -30.0, 30.0)
+        result = simulation.step(steering, random.uniform(1.0, 3.0, CARS))
+        frames.append(simulation.frames.copy())
+        scans.append(simulation.scans.copy())
+        free = np.flatnonzero(result.done)
+    simulation.close()
+    return np.concatenate(frames)[:count], np.concatenate(scans)[:count]
+
+
+def metadata_of(network: str, eyes: int, lidar: bool, head: str) -> ModelMetadata:
+    """The metadata of a model with this network and head."""
+    ranges = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 3}}
+    listed = [
+        {"steering_angle": float(a), "speed": 1.0 + (a % 20) / 20} for a in range(-30, 31, 10)
+    ]
+    values = {
+        "version": "5",
+        "neural_network": network,
+        "training_algorithm": "sac" if head == "sac" else "clipped_ppo",
+        "sensor": ["STEREO_CAMERAS" if eyes == 2 else "observation", *(["LIDAR"] if lidar else [])],
+        "action_space_type": "discrete" if head == "discrete" else "continuous",
+        "action_space": listed if head == "discrete" else ranges,
+    }
+    return ModelMetadata.from_bytes(json.dumps(values).encode())
+
+
+def random_network(metadata: ModelMetadata, seed: int = 0) -> Network:
+    """A network whose output depends on its input as much as a trained one's."""
+    torch.manual_seed(seed)
+    space = metadata.action_space
+    spec = PolicySpec(
+        space.num_actions,
+        space.continuous,
+        metadata.neural_network,
+        metadata.eyes,
+        scan_dims=metadata.scan_dims,
+    )
+    kind = SACAgent if metadata.training_algorithm == "sac" else ActorCritic
+    model = kind(spec).eval()
+    with torch.no_grad():
+        for parameter in model.parameters():
+            if parameter.dim() == 1:
+                parameter += 0.02 * torch.randn_like(parameter)
+            elif parameter.dim() > 1:
+                parameter *= 1.3
+        if isinstance(model, ActorCritic):
+            model.policy_head.weight *= 30.0
+    return model
+
+
+if __name__ == "__main__":
+    main()

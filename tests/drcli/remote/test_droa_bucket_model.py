@@ -1,0 +1,160 @@
+"""A model of the bucket, as it arrives at DeepRacer on AWS."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from droa_models import accepted_model, write_files
+
+PARAMETERS = (
+    "---\n'WORLD_NAME': '{world}'\n'REVERSE_DIR': 'False'\n'BODY_SHELL_TYPE': 'deepracer'\n"
+    "'CAR_COLOR': 'Red'\n'RACE_TYPE': 'TIME_TRIAL'\n'CHANGE_START_POSITION': 'True'\n"
+)
+
+
+@pytest.fixture
+def bucket(working_folder):
+    """Lays a model of the reference with checkpoints 12 (the best) and 30 (the last)."""
+
+    def lay(prefix="rl-deepracer-1", world="reInvent2019_wide_cw"):
+        files = accepted_model()
+        metadata = files.pop("model_metadata.json")
+        entries = {
+            f"{kind}_checkpoint": {"name": name, "time_stamp": 1.0, "avg_eval_metric": 90.0}
+            for kind, name in (("best", "12_Step-4000.ckpt"), ("last", "30_Step-9000.ckpt"))
+        }
+        for end in (".index", ".meta", ".data-00000-of-00001"):
+            files[f"model/12_Step-4000.ckpt{end}"] = b"best"
+        files |= {
+            "model/model_metadata.json": metadata,
+            "model/deepracer_checkpoints.json": json.dumps(entries).encode(),
+            "model/model_12.pb": b"graph of 12",
+            "metrics/TrainingMetrics.json": b'{"metrics": []}',
+            "training_params.yaml": PARAMETERS.format(world=world).encode(),
+        }
+        del files["metrics/training/training-20261122.json"]
+        folder = working_folder / "data" / "s3" / "bucket" / prefix
+        return write_files(folder, files)
+
+    return lay
+
+
+def sent(fake):
+    return {key.split("/", 3)[3]: data for key, data in fake.objects.items()}
+
+
+@pytest.mark.parametrize(
+    ("options", "number", "name"),
+    [
+        ((), 30, "30_Step-9000.ckpt"),
+        (("--best",), 12, "12_Step-4000.ckpt"),
+        (("--checkpoint", "12"), 12, "12_Step-4000.ckpt"),
+    ],
+)
+def test_a_model_of_the_reference_is_imported_with_one_checkpoint(
+    droa, fake, bucket, options, number, name
+):
+    bucket()
+
+    code = droa("droa-import-model", "--model-prefix", "rl-deepracer-1", *options)
+
+    files = sent(fake)
+    parameters = yaml.safe_load(files["training_params.yaml"])
+    (model,) = fake.models.values()
+    assert code == 0
+    assert model["status"] == "READY"
+    assert model["name"] == "rl-deepracer-1"
+    assert files["model/.coach_checkpoint"].decode().strip() == name
+    assert {each for each in files if ".ckpt" in each and each.startswith("model/1")} == (
+        {f"model/{name}{end}" for end in (".index", ".meta", ".data-00000-of-00001")}
+        if number == 12
+        else set()
+    )
+    assert f"model/model_{number}.pb" in files
+    assert f"metrics/training/training-{number}.json" in files
+    assert parameters["WORLD_NAME"] == "reInvent2019_wide"
+    assert parameters["TRACK_DIRECTION_CLOCKWISE"] is True
+    assert parameters["CHANGE_START_POSITION"] is True
+
+
+def test_the_model_of_the_settings_is_the_default(droa, fake, bucket):
+    bucket("model")
+
+    assert droa("droa-import-model", "--model-name", "my-car") == 0
+    assert [model["name"] for model in fake.models.values()] == ["my-car"]
+
+
+@pytest.mark.parametrize(
+    ("direction", "clockwise"), [("clockwise", True), ("counterclockwise", False)]
+)
+def test_the_route_says_the_direction_where_the_name_does_not(
+    droa, fake, bucket, monkeypatch, direction, clockwise
+):
+    facts = SimpleNamespace(name="reInvent2019_wide", direction=direction)
+    monkeypatch.setattr(
+        "drcli.remote.droa_bucket_model.list_tracks", lambda *_: SimpleNamespace(tracks=[facts])
+    )
+    bucket(world="reInvent2019_wide")
+
+    assert droa("droa-import-model", "--model-prefix", "rl-deepracer-1") == 0
+    parameters = yaml.safe_load(sent(fake)["training_params.yaml"])
+    assert parameters["TRACK_DIRECTION_CLOCKWISE"] is clockwise
+
+
+def test_a_direction_that_nobody_knows_is_asked_for(droa, fake, bucket, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "drcli.remote.droa_bucket_model.list_tracks", lambda *_: SimpleNamespace(tracks=[])
+    )
+    bucket(world="arctic_open")
+
+    assert droa("droa-import-model", "--model-prefix", "rl-deepracer-1") == 3
+    assert "does not say in which direction" in capsys.readouterr().err
+    assert fake.calls == []
+
+
+def test_a_prefix_that_is_no_name_asks_for_one(droa, fake, bucket, capsys):
+    bucket("team/car_1")
+
+    assert droa("droa-import-model", "--model-prefix", "team/car_1") == 3
+    assert "Give --model-name team-car-1" in capsys.readouterr().err
+    assert fake.sign_ins == 0
+
+
+def test_a_model_of_drcli_says_how_to_export_it(droa, fake, trained, capsys, monkeypatch):
+    monkeypatch.setattr(
+        "drcli.remote.droa_bucket_model.bucket_to_look_at", lambda *_, **__: trained.bucket
+    )
+    trained.bucket.put("model-1/reward_function.py", b"def reward_function(params): return 1.0")
+    trained.bucket.put("model-1/model/model_metadata.json", b"{}")
+    trained.bucket.put("model-1/ip/hyperparameters.json", b"{}")
+    trained.bucket.put("model-1/metrics/TrainingMetrics.json", b"{}")
+
+    code = droa("droa-import-model", "--model-prefix", "model-1")
+
+    printed = capsys.readouterr().err
+    assert code == 3
+    assert "is in drcli's own format" in printed
+    assert "dr-export droa" in printed
+    assert fake.calls == []
+
+
+def test_a_model_that_does_not_exist_is_said(droa, fake, capsys, bucket):
+    bucket()
+
+    assert droa("droa-import-model", "--model-prefix", "nothing") == 3
+    assert "There is no model at s3://bucket/nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--from", "x", "--best"),
+        ("--from", "x", "--model-prefix", "y"),
+        ("--best", "--checkpoint", "3"),
+        ("--checkpoint", "-1"),
+    ],
+)
+def test_options_that_contradict_each_other_are_a_wrong_command_line(droa, words):
+    assert droa("droa-import-model", *words) == 2

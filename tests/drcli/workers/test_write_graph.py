@@ -1,0 +1,33 @@
+"""The graph of a checkpoint lies beside it, unless it is switched off."""
+
+import pytest
+import torch
+
+from drcli.formats.build_network import build_policy, load_weights, policy_spec
+from drcli.formats.graph_comparison import compare_graph
+from drcli.modelfiles.network_shape import Design
+from drcli.store import keys
+from drcli.store.checkpoints import CheckpointStore
+from drcli.workers.write_graph import GraphWriter
+from memory_bucket import MemoryBucket
+from observations import camera_only
+from small_model import put_small_model
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_graph_computes_what_the_checkpoint_does(enabled):
+    bucket = MemoryBucket()
+    put_small_model(bucket, "model")
+    store, design = CheckpointStore(bucket, "model"), Design.of_model(bucket, "model")
+    spec = policy_spec(design.metadata, design.parameters)
+    found = store.load("5_Step-500.ckpt")
+
+    GraphWriter(store, spec, design.metadata, enabled=enabled).write(5, found.tensors)
+
+    key = keys.checkpoint_graph("model", 5)
+    assert bucket.exists(key) == enabled
+    if enabled:
+        model = build_policy(design.metadata, design.parameters)
+        load_weights(model, found.tensors, "5")
+        frames = torch.full((2, 1, 120, 160), 99, dtype=torch.uint8)
+        assert compare_graph(bucket.get(key), model, camera_only(frames), "it").is_equal
