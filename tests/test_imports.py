@@ -83,6 +83,7 @@ UNIMPORTED = {
     "drcli.workers.sim",
     "drcli.workers.trainer",
     "drcli.workers.evaluator",
+    "drcli.workers.try_cars",
     "drsim.replay",
 }
 """Modules that are started by name, as programs or processes."""

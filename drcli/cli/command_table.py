@@ -93,6 +93,12 @@ COMMANDS: tuple[Command, ...] = (
         ),
         Command("download-model", "Copy a model from another bucket.", "copy_model"),
         Command("export", "Write a model in the form of other systems.", function="app"),
+        Command(
+            "import",
+            "Make a model of another system a model here.",
+            "import_model",
+            "import_model",
+        ),
         Command("upload-car-zip", "Upload an archive for the physical car.", "export_car"),
         Command("list-models", "List the models in the bucket."),
         Command("list-aws-models", "List the models in the upload bucket.", "list_models"),

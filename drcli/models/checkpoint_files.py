@@ -110,6 +110,18 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
     return theirs if is_tensorflow else ours
 
 
+def needs_import(listed: Listing) -> bool:
+    """Whether a model has TensorFlow's checkpoints only, which `dr-import` makes usable here."""
+    names = [info.key for info in listed]
+    theirs = any(name.endswith(".ckpt.index") for name in names)
+    return theirs and not any(name.endswith(".ckpt.safetensors") for name in names)
+
+
+def import_command(url: str, *, local: bool = False, prefix: str = "NAME") -> str:
+    """The command that makes a model at an address one of ours."""
+    return f"dr-import {'-L ' if local else ''}{url} -t {prefix}"
+
+
 def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
     """Read the files of a checkpoint, and check ours against its record.
 

@@ -13,6 +13,7 @@ from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.config.settings import CustomFilesConfig, StorageConfig
 from drcli.store import keys
+from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
 from drcli.store.write_probe import prove_writing
@@ -103,6 +104,21 @@ def download_custom_files(
         else:
             unchanged.append(name)
     return CustomFilesReport(str(folder), place, copied, unchanged, refused)
+
+
+def write_own_files(bucket: Bucket, prefix: str, folder: Path) -> list[str]:
+    """Copy the three files that a model was made from to the racer's folder.
+
+    Returns:
+        The paths of those that have changed; each old one is kept as `NAME.bak`.
+    """
+    origins = {
+        keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
+        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
+    }
+    written = {folder / name: bucket.get(key) for name, key in origins.items()}
+    return [str(path) for path, data in written.items() if write_file(path, data)]
 
 
 def write_file(path: Path, data: bytes) -> bool:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError, StorageError
@@ -18,9 +17,11 @@ from drcli.models.checkpoint_files import (
     PARAMETERS_FILE,
     SHAPING,
     Item,
+    import_command,
     missing_parts,
+    needs_import,
 )
-from drcli.models.copy_custom_files import write_file
+from drcli.models.copy_custom_files import write_own_files
 from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
@@ -62,12 +63,19 @@ class DownloadOptions:
 
 @dataclass(frozen=True)
 class PlannedDownload:
-    """A download that passed all checks; `used` counts the objects at the target."""
+    """A download that passed all checks.
+
+    Attributes:
+        used: How many objects are at the target.
+        import_command: Makes the model usable here, if it is one of the reference simulator's;
+            else empty.
+    """
 
     options: DownloadOptions
     source_url: str
     target_url: str
     used: int
+    import_command: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,12 @@ class Source:
     bucket: Bucket
     prefix: str
     listing: str
+    local: bool = False
+
+    @property
+    def import_command(self) -> str:
+        """The command that makes it a model here, if it is one of the reference simulator's."""
+        return import_command(self.url, local=self.local)
 
     @property
     def folder(self) -> str:
@@ -110,7 +124,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
-    _list_whole(source)
+    listed = _list_whole(source)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
@@ -124,6 +138,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
         source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
         used=used,
+        import_command=source.import_command if needs_import(listed) else "",
     )
 
 
@@ -163,7 +178,9 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         delivery.complete(report),
         checkpoint=_last(here, options.prefix),
         strays=[] if options.wipe else delivery.strays("", kept),
-        custom_files=_write_custom_files(here, settings.custom_files_dir, options),
+        custom_files=write_own_files(here, options.prefix, settings.custom_files_dir)
+        if options.custom_files
+        else [],
     )
 
 
@@ -196,25 +213,12 @@ def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) 
     if name != (settings.bucket if options.local else settings.upload_s3_bucket):
         names = SettingNames() if options.local else UPLOADS
         command = f"{names.bucket}={name} {command}"
-    return Source(bucket, prefix, command)
+    return Source(bucket, prefix, command, options.local)
 
 
 def _last(bucket: Bucket, prefix: str) -> str:
     scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
     return "" if scores is None else scores.last_checkpoint.name
-
-
-def _write_custom_files(bucket: Bucket, folder: Path, options: DownloadOptions) -> list[str]:
-    """Copy the three files that the model was made from to the racer's folder."""
-    if not options.custom_files:
-        return []
-    origins = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(options.prefix),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(options.prefix),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(options.prefix),
-    }
-    written = {folder / name: bucket.get(key) for name, key in origins.items()}
-    return [str(path) for path, data in written.items() if write_file(path, data)]
 
 
 def _list_model(source: Source) -> Listing:
@@ -236,9 +240,15 @@ def _list_model(source: Source) -> Listing:
     ]
     if wrong:
         why = ", ".join(wrong) if listed else "There is nothing"
+        remedy = f"Correct the address after -s; `{source.listing}` lists all models there."
+        if needs_import(listed):
+            remedy = (
+                "It is a model of the reference simulator: make it one here with "
+                f"`{source.import_command}`, which can do without these files."
+            )
         raise SettingsError(
             f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
-            remedy=f"Correct the address after -s; `{source.listing}` lists all models there.",
+            remedy=remedy,
         )
     return listed
 

@@ -8,6 +8,7 @@ from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import PretrainedConfig
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, weight_problems
+from drcli.models.checkpoint_files import import_command, needs_import
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import Checkpoint, CheckpointStore
@@ -96,9 +97,10 @@ def read_weights(
             raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
         found = store.load(chosen)
     except (ObjectMissing, ObjectDamaged) as e:
-        if any(item.key.endswith(".ckpt.index") for item in bucket.list(keys.model_folder(prefix))):
-            what = f"the checkpoints at {folder} are TensorFlow's, which cannot be read here."
-            remedy = "Name a model that was trained here, or start with fresh weights."
+        if needs_import(bucket.list(keys.model_folder(prefix))):
+            what = f"the checkpoints at {folder} are TensorFlow's, from the reference simulator."
+            command = import_command(f"s3://{bucket.name}/{prefix}", local=True)
+            remedy = f"Make them a model here with `{command}`, and name that model."
             raise _wrong(name, place, prefix, what, remedy) from e
         other = "last" if checkpoint == "best" else "best"
         what = f"its {checkpoint} checkpoint cannot be used: {e}"

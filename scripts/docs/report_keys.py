@@ -27,6 +27,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),
+    "models.imported_model:ImportedModel": ("import",),
     "models.export_car:CarReport": ("export car", "upload-car-zip"),
     "models.export_car:ArchiveReport": ("export car --check",),
     "models.export_checkpoint:ExportReport": ("export tf-checkpoint", "export droa"),

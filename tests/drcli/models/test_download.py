@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.models.download import DownloadOptions, plan_download
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
 from evaluations import evaluated
@@ -318,3 +319,21 @@ def test_a_model_that_trains_on_while_it_is_fetched_comes_with_its_newest_checkp
     mover.download(URL, "mine")
 
     assert driven(mover.here, "mine") == "weights 40 of design a"
+
+
+def test_a_model_of_the_reference_is_recognised(mover):
+    put_model(mover.there, "theirs", numbers=(3,))
+    folder = "theirs/model/3_Step-300.ckpt"
+    mover.there.delete([f"{folder}.safetensors", f"{folder}.json"])
+    for end in (".index", ".meta", ".data-00000-of-00001"):
+        mover.there.put(folder + end, b"tensors")
+    mover.use_as_source()
+    options = DownloadOptions("s3://uploads/theirs", "model-1")
+
+    planned = plan_download(mover.settings(), options)
+
+    assert planned.import_command == "dr-import s3://uploads/theirs -t NAME"
+    mover.there.delete(["theirs/ip/hyperparameters.json"])
+    with pytest.raises(SettingsError, match=r"hyperparameters\.json is missing") as caught:
+        plan_download(mover.settings(), options)
+    assert "`dr-import s3://uploads/theirs -t NAME`" in caught.value.remedy

@@ -208,8 +208,10 @@ def test_checkpoints_of_tensorflow_are_called_what_they_are(racer):
     racer.bucket.put("model-1/model/12_Step-7824.ckpt.index", b"")
     racer.run_env(*CLONE)
 
-    with pytest.raises(SettingsError, match="are TensorFlow's, which cannot be read here"):
+    with pytest.raises(SettingsError, match="are TensorFlow's") as caught:
         racer.start()
+
+    assert "`dr-import -L s3://bucket/model-1 -t NAME`" in caught.value.remedy
 
 
 def test_a_model_without_its_metadata_is_not_complete(trained):

@@ -10,6 +10,7 @@ import pytest
 
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report, Skipped
+from drcli.exchange.car_trial import CarTrial, CarTrials
 from drcli.exchange.job import Job
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.car_actions import CarAction
@@ -19,6 +20,7 @@ from drcli.models.download import DownloadReport
 from drcli.models.export_car import CarReport
 from drcli.models.export_checkpoint import ExportReport
 from drcli.models.export_forms import FormReport
+from drcli.models.imported_model import ImportedModel
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
@@ -184,8 +186,35 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
     )
     options = SimpleNamespace(prefix="model")
-    answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
+    answer(
+        "models.download.plan_download", SimpleNamespace(**plan, options=options, import_command="")
+    )
     answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
+    imported = ImportedModel(
+        **source,
+        target=URL,
+        form="frozen graph",
+        network="DEEP_CONVOLUTIONAL_NETWORK_SHALLOW",
+        num_actions=12,
+        action_space_type="discrete",
+        sensors=["FRONT_FACING_CAMERA"],
+        world=TRACK,
+        taken=files,
+        shipped=files,
+        fresh=["The optimizer starts with an empty state."],
+        verified=["Both networks gave the same results for the same pictures."],
+        warnings=["A file was corrected."],
+        custom_files=files,
+    )
+    planned = SimpleNamespace(report=imported, used=3, options=options)
+    answer("models.import_model.plan_import", planned)
+    answer("models.import_model.import_model", imported)
+    cars = [
+        CarTrial("release-6", 0, 16, 12.345, []),
+        CarTrial("low-grip", 16, 16, 100.0, [7.123, 8.0]),
+    ]
+    answer("runs.car_trials.settings_of_model", None)
+    answer("runs.car_trials.try_cars", CarTrials(TRACK, cars, "low-grip", "release-6"))
     exported = SimpleNamespace(source=SimpleNamespace(chosen=SimpleNamespace(line="c")))
     export = ExportReport(
         **{"source": URL, "checkpoint": "8_Step-4000.ckpt", "target": URL, "files": files},

@@ -32,6 +32,7 @@ CALLS = {
     "upload-model -f": "Uploaded",
     "increment-upload-model -f": "The next upload goes to",
     "download-model -f -s s3://uploads/model -t model": "Downloaded",
+    "import -f model_30.pb -t model": "DR_SIM_CAR=low-grip",
     "export tf-checkpoint": "Verified: ",
     "export droa": "Verified: ",
     "export pb": "greatest difference",

@@ -1,0 +1,123 @@
+"""`dr import`."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from drcli.base.errors import DrError
+from drcli.cli import candidates, console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, prefix_option, wipe_option
+from drcli.cli.views import import_view
+from drcli.cli.views.layout import counted
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.exchange.car_trial import CarTrials
+    from drcli.models.imported_model import ImportedModel
+
+
+def import_model(
+    source: Annotated[
+        str,
+        typer.Argument(metavar="SOURCE", help="A file, folder or archive, or s3://bucket/prefix."),
+    ],
+    target: Annotated[str | None, prefix_option("Its name here.", "-t", "--target")] = None,
+    force: Force = False,
+    wipe: Annotated[bool, wipe_option("Delete a model of that name first.")] = False,
+    dry_run: DryRun = False,
+    best: Annotated[
+        bool, typer.Option("-b", "--best", help="Import its best checkpoint, not its last.")
+    ] = False,
+    number: Annotated[
+        int | None,
+        typer.Option("--checkpoint", metavar="N", min=0, help="Import checkpoint N."),
+    ] = None,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(
+            "--metadata", metavar="FILE", help="Use this model_metadata.json, not the source's."
+        ),
+    ] = None,
+    world: Annotated[
+        str | None,
+        typer.Option(
+            "--world",
+            metavar="TRACK",
+            help="Name this track instead of the model's.",
+            autocompletion=candidates.worlds,
+        ),
+    ] = None,
+    drive: Annotated[
+        bool, typer.Option("--drive/--no-drive", help="Try the cars of all years afterwards.")
+    ] = True,
+    custom_files: Annotated[
+        bool,
+        typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/."),
+    ] = False,
+    local: Annotated[
+        bool, typer.Option("-L", "--local", help="SOURCE is a bucket of the local server.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make a model of another system a model here: it drives, trains on and can be exported.
+
+    SOURCE can be a frozen graph (.pb), a TensorFlow checkpoint (any of its files), an .onnx of
+    dr-export, an archive of a console, of DeepRacer on AWS or of the car (.tar.gz), or a model's
+    folder, on this machine or in a bucket. Buckets are read as by dr-download-model.
+
+    Example: dr-import model_30.pb --metadata model_metadata.json -t team/model-30
+    """
+    from drcli.models.import_model import import_model as write
+    from drcli.models.import_model import plan_import
+    from drcli.models.imported_model import ImportOptions
+
+    if not target:
+        raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
+    if best and number is not None:
+        raise typer.BadParameter("-b and --checkpoint both choose a checkpoint; use only one.")
+    loaded = settings()
+    by_name: Literal["best"] | None = "best" if best else None
+    wanted = by_name if number is None else number
+    options = ImportOptions(
+        source, target, wanted, metadata, world, local, wipe, dry_run, custom_files
+    )
+    if dry_run:
+        console.say("*** DRYRUN MODE ***")
+    with console.waiting("Reading and comparing the model ..."):
+        planned = plan_import(loaded, options)
+    console.say(f"Importing {planned.report.source} to {planned.report.target}")
+    console.warn(*planned.report.warnings)
+    if planned.used:
+        console.warn(f"{planned.report.target} is not empty: {counted(planned.used, 'file')}.")
+    if not dry_run:
+        prompts.agree("Are you sure?", yes=force)
+    report = write(planned, loaded, partial(console.progress, unit="bytes"))
+    if drive and not dry_run:
+        report = replace(report, trials=_tried(loaded, planned.options.prefix, report))
+    console.emit(report, import_view.imported(report), as_json=as_json)
+    if not dry_run:
+        model = f"DR_LOCAL_S3_MODEL_PREFIX={planned.options.prefix}"
+        console.suggest(
+            [
+                (f"{model} dr-evaluate", "drive it"),
+                (f"{model} dr-start-training --resume", "continue its training"),
+                (f"dr-list-models {planned.options.prefix}", "show its checkpoints"),
+            ]
+        )
+
+
+def _tried(loaded: "Settings", prefix: str, model: "ImportedModel") -> "CarTrials | None":
+    """How far the model gets with each car; None, and a warning, if that cannot be tried."""
+    from drcli.runs.car_trials import settings_of_model, try_cars
+
+    try:
+        own = settings_of_model(loaded, prefix, model.world)
+        with console.waiting(f"Trying the cars of all years on {model.world} ..."):
+            return try_cars(own, model.checkpoint)
+    except DrError as error:  # the model is imported all the same
+        console.warn(f"The cars were not tried: {error} {error.remedy}")
+        return None

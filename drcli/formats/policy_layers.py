@@ -1,0 +1,196 @@
+"""Finds the layers of a policy in a frozen graph by what its operations do, not by their names.
+
+Frozen graphs of different versions name their layers differently, and a dense layer on every pixel
+is a convolution here and a chain of reshapes there. So the graph is followed from its inputs to its
+output, and every product with a constant kernel is a layer.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import shown
+from drcli.formats.tensorflow.graph import REMEDY, Array, Node
+from drcli.formats.tensorflow.interpreter import Graph
+
+Floats = NDArray[np.float32]
+
+_PASSING = ("Identity", "Pack", "Reshape", "StopGradient", "StridedSlice", "Transpose")
+"""Operations that change no value, as the reference's graphs use them."""
+
+_AFFINE = ("Add", "AddV2", "BiasAdd", "Mul", "RealDiv", "Sub")
+"""Operations of a value with a constant, which may belong to the layer before them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A layer: a convolution, or a dense layer.
+
+    Attributes:
+        kernel: Shape (rows, columns, channels, filters) or (inputs, outputs); a convolution of one
+            pixel is a dense layer.
+        bias: Shape (filters,) or (outputs,).
+    """
+
+    kernel: Floats
+    bias: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Trunk:
+    """The layers of a graph.
+
+    Attributes:
+        branches: The layers on each input before all are joined, by the input's name, in the order
+            in which they are joined. Empty lists for a single input.
+        layers: The layers after that.
+    """
+
+    branches: Mapping[str, tuple[Linear, ...]]
+    layers: tuple[Linear, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """What a node's result was made from; `is_open` while a constant still belongs to a layer."""
+
+    branches: Mapping[str, tuple[Linear, ...]]
+    layers: tuple[Linear, ...] = ()
+    is_open: bool = False
+
+    def same_as(self, other: "_Path") -> bool:
+        """Whether both results come from the same layers."""
+        return self.layers == other.layers and self.branches == other.branches
+
+
+def find_layers(graph: Graph) -> Trunk:
+    """The layers of a policy's graph.
+
+    Raises:
+        SettingsError: It is not a chain of convolutions and dense layers.
+    """
+    finder = _Finder(graph)
+    path = finder.paths.get(graph.output.name)
+    if path is None:
+        finder.refuse("has an output that does not depend on a picture")
+    return Trunk(path.branches, path.layers)
+
+
+class _Finder:
+    """Follows a graph; `paths` are those of all nodes that depend on an input's values."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
+        self._by_name = {node.name: node for node in graph.nodes}
+        self._constant: set[str] = set()
+        self.paths: dict[str, _Path] = {}
+        for node in graph.nodes:
+            if node.op == "Placeholder":
+                self.paths[node.name] = _Path({node.name: ()})
+            elif all(name in self._constant for name in node.inputs) and node.op != "Shape":
+                self._constant.add(node.name)
+            elif (path := self._path(node)) is not None:
+                self.paths[node.name] = path
+
+    def refuse(self, what: str) -> NoReturn:
+        """Refuse the graph."""
+        raise SettingsError(f"{self._graph.origin} {what}.", remedy=REMEDY)
+
+    def _path(self, node: Node) -> _Path | None:
+        """The path of a node's result; None if it depends on the inputs' shapes only."""
+        before = [self.paths[name] for name in node.inputs if name in self.paths]
+        if node.op == "Shape" or not before:
+            return None
+        first = before[0]
+        if node.op == "ConcatV2" and len(before) > 1:
+            return self._joined(node, before)
+        if (
+            node.op in ("Add", "AddV2")
+            and len(before) > 1
+            and all(path.same_as(first) for path in before[1:])
+        ):
+            # The reference adds the features to themselves, once with the weight 0.
+            return replace(first, is_open=False)
+        if len(before) == 1:
+            if node.op in ("Conv2D", "MatMul") and node.inputs[1] in self._constant:
+                return replace(first, layers=(*first.layers, self._linear(node)), is_open=True)
+            if node.op in _AFFINE:
+                return self._affine(node, first)
+            if node.op in _PASSING:
+                return first
+            if node.op in ("Relu", "Softmax"):
+                return replace(first, is_open=False)
+        return self.refuse(
+            f"is no policy that can be trained here: it has {node.op} at {shown(node.name)} where "
+            "a network of the reference has only convolutions and dense layers"
+        )
+
+    def _joined(self, node: Node, parts: list[_Path]) -> _Path:
+        names = [name for part in parts for name in part.branches]
+        if len(set(names)) < len(names) or any(len(part.branches) > 1 for part in parts):
+            self.refuse(f"joins the same sensor twice at {shown(node.name)}")
+        return _Path({next(iter(part.branches)): part.layers for part in parts})
+
+    def _linear(self, node: Node) -> Linear:
+        kernel = self._value(node.inputs[1])
+        if node.op == "MatMul" and node.attrs.get("transpose_b"):
+            kernel = kernel.T
+        if node.op == "Conv2D" and kernel.shape[:2] == (1, 1):
+            kernel = kernel[0, 0]
+        if kernel.ndim not in (2, 4):
+            self.refuse(f"has a kernel of the shape {list(kernel.shape)} at {shown(node.name)}")
+        bias = np.zeros(kernel.shape[-1], np.float32)
+        return Linear(np.asarray(kernel, np.float32), bias)
+
+    def _affine(self, node: Node, path: _Path) -> _Path:
+        """A constant that is added or multiplied: part of the layer before it, if it follows one.
+
+        After an activation and on the input, it is left out; the comparison of the whole network
+        shows whether that is right.
+        """
+        if not path.is_open:
+            return path
+        left, right = node.inputs
+        constant = self._value(right if right in self._constant else left)
+        *others, last = path.layers
+        width = last.bias.shape[0]
+        if constant.size not in (1, width):
+            self.refuse(f"has {constant.size} values for {width} channels at {shown(node.name)}")
+        values = np.broadcast_to(constant.reshape(-1), (width,))
+        if node.op == "BiasAdd" and not last.bias.any():
+            folded = Linear(last.kernel, np.asarray(values, np.float32))  # bit for bit
+        else:
+            folded = self._folded(node, last, values.astype(np.float64), left in self._constant)
+        return replace(path, layers=(*others, folded))
+
+    def _folded(self, node: Node, layer: Linear, values: Array, is_first: bool) -> Linear:
+        """A layer and the operation after it as one, as batch norm needs it."""
+        kernel, bias = layer.kernel.astype(np.float64), layer.bias.astype(np.float64)
+        if node.op in ("Add", "AddV2", "BiasAdd"):
+            bias = bias + values
+        elif node.op == "Mul":
+            kernel, bias = kernel * values, bias * values
+        elif is_first:
+            if node.op == "RealDiv":
+                self.refuse(f"divides by the result of a layer at {shown(node.name)}")
+            kernel, bias = -kernel, values - bias
+        elif node.op == "Sub":
+            bias = bias - values
+        else:
+            kernel, bias = kernel / values, bias / values
+        return Linear(kernel.astype(np.float32), bias.astype(np.float32))
+
+    def _value(self, name: str) -> Array:
+        """The value of a constant node, which may be made from others."""
+        needed: dict[str, Node] = {}
+        stack = [name]
+        while stack:
+            node = self._by_name[stack.pop()]
+            if node.name not in needed:
+                needed[node.name] = node
+                stack += node.inputs
+        return Graph(list(needed.values()), self._graph.origin).run({})

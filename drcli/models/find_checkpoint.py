@@ -1,0 +1,301 @@
+"""Finds the checkpoint to import among the files of a model, and the files that belong to it."""
+
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Literal, NoReturn
+
+from drcli.base.errors import SettingsError
+from drcli.base.json_record import RecordError
+from drcli.base.problems import shown
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.scores import Scores
+from drcli.models.source_files import SourceFiles
+
+Form = Literal["TensorFlow checkpoint", "frozen graph", "ONNX"]
+Wanted = Literal["last", "best"] | int
+
+_INDEX, _DATA, _META = ".index", re.compile(r"\.data-(\d{5})-of-(\d{5})$"), ".meta"
+_GRAPH = re.compile(r"(?:^|.*[^0-9])(\d{1,9})\.(?:pb|onnx)$")
+_ARCHIVE_NUMBER = re.compile(r"-chk(\d{1,9})\.(?:tar\.gz|tgz|tar)$")
+_STATE = re.compile(r'^model_checkpoint_path:\s*"(?:[^"]*/)?([^"/]+)"', re.MULTILINE)
+
+_LARGEST_NUMBER = 10**9
+
+_MODEL_FOLDERS = ("model", "agent")
+"""Names of the folder of checkpoints inside a model's."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A checkpoint in one form.
+
+    Attributes:
+        form: What its files are.
+        files: Their names: the graph; or the index, then the data files in order.
+        folder: The folder of the files; empty for the top one.
+        name: Number and steps.
+        title: What messages call it.
+        missing: Name of a file that it lacks.
+    """
+
+    form: Form
+    files: tuple[str, ...]
+    folder: str
+    name: CheckpointName
+    title: str
+    missing: str | None = None
+
+    @property
+    def root(self) -> str:
+        """The folder of the whole model, with a slash at the end; empty for the top one."""
+        parent, _, last = self.folder.rpartition("/")
+        root = parent if last in _MODEL_FOLDERS else self.folder
+        return f"{root}/" if root else ""
+
+
+def find_checkpoint(source: SourceFiles, wanted: Wanted | None) -> Candidate:
+    """The checkpoint to import.
+
+    Args:
+        source: The files.
+        wanted: Which of several; None for the last one.
+
+    Raises:
+        SettingsError: There is none, it is ambiguous or incomplete, or it is one of ours.
+    """
+    if source.fixed is not None and wanted is not None:
+        raise SettingsError(
+            f"{source.place(source.fixed)} is a single checkpoint, so none can be chosen.",
+            remedy="Name the folder of the model instead, or leave out -b and --checkpoint.",
+        )
+    found = _candidates(source)
+    if source.fixed is not None:
+        found = [each for each in found if each.title == source.fixed] or found
+    if not found:
+        _refuse_none(source)
+    found = _of_one_model(source, found)
+    chosen = _chosen(source, found, wanted)
+    if chosen.missing is not None:
+        raise SettingsError(
+            f"{source.place(chosen.title)} is incomplete: {chosen.missing} is missing.",
+            remedy="Copy all files of the checkpoint, or choose another with --checkpoint N.",
+        )
+    return chosen
+
+
+def belonging(source: SourceFiles, chosen: Candidate, name: str) -> str | None:
+    """The file of this name that belongs to a checkpoint; None if there is none.
+
+    The one nearest to the checkpoint counts: in its folder, in the model's, in a folder of that.
+    """
+    inside = f"{chosen.folder}/{name}" if chosen.folder else name
+    if inside in source.sizes:
+        return inside
+    below = [
+        file
+        for file in source.sizes
+        if file.startswith(chosen.root) and PurePosixPath(file).name == name
+    ]
+    return min(below, key=lambda file: (file.count("/"), file), default=None)
+
+
+def _candidates(source: SourceFiles) -> list[Candidate]:
+    """All checkpoints that could be imported, complete or not."""
+    found = []
+    for file in sorted(source.sizes):
+        if file.endswith(_INDEX):
+            found.append(_bundle(source, file.removesuffix(_INDEX)))
+        elif file.endswith((".pb", ".onnx")) and not file.endswith("saved_model.pb"):
+            found.append(_graph(source, file))
+    known = {each.title for each in found}
+    for file in sorted(source.sizes):
+        stem = _DATA.sub("", file)
+        if stem != file and stem not in known:  # a checkpoint without its index
+            known.add(stem)
+            found.append(_bundle(source, stem))
+    return found
+
+
+def _bundle(source: SourceFiles, stem: str) -> Candidate:
+    data = {
+        (int(match[1]), int(match[2])): file
+        for file in source.sizes
+        if file.startswith(stem) and (match := _DATA.match(file, len(stem)))
+    }
+    count = max((of for _, of in data), default=1)
+    files, missing = [stem + _INDEX], None
+    if stem + _INDEX not in source.sizes:
+        missing = PurePosixPath(stem + _INDEX).name
+    for shard in range(min(count, len(data) + 1)):
+        file = data.get((shard, count))
+        if file is None:
+            missing = missing or PurePosixPath(f"{stem}.data-{shard:05d}-of-{count:05d}").name
+        else:
+            files.append(file)
+    folder, _, last = stem.rpartition("/")
+    name = _small(CheckpointName.parse(last)) or CheckpointName(0, 0)
+    return Candidate("TensorFlow checkpoint", tuple(files), folder, name, stem, missing)
+
+
+def _graph(source: SourceFiles, file: str) -> Candidate:
+    folder, _, last = file.rpartition("/")
+    number = _GRAPH.fullmatch(last)
+    if number is None and source.is_archive:
+        number = _ARCHIVE_NUMBER.search(source.origin)
+    name = CheckpointName(0 if number is None else int(number[1]), 0)
+    form: Form = "ONNX" if file.endswith(".onnx") else "frozen graph"
+    return Candidate(form, (file,), folder, name, file)
+
+
+def _small(name: CheckpointName | None) -> CheckpointName | None:
+    """The name, unless its numbers are impossible."""
+    if name is None or max(name.number, name.steps) >= _LARGEST_NUMBER:
+        return None
+    return name
+
+
+def _refuse_none(source: SourceFiles) -> NoReturn:
+    ours = [file for file in source.sizes if file.endswith(".safetensors")]
+    if ours:
+        refuse_ours(source)
+    some = ", ".join(shown(file) for file in sorted(source.sizes)[:3]) or "no files"
+    raise SettingsError(
+        f"{source.origin} has no model of the reference simulator; it has {some}.",
+        remedy="Name a frozen graph (model_N.pb), a TensorFlow checkpoint (.index and .data-*), an "
+        ".onnx of `dr-export onnx`, or the folder or archive of a model.",
+    )
+
+
+def refuse_ours(source: SourceFiles) -> NoReturn:
+    """Refuse a model that was trained here: nothing needs to be imported."""
+    if source.is_bucket:
+        remedy = f"Copy it with `dr-download-model -s {source.origin} -t PREFIX`."
+    else:
+        remedy = (
+            "Copy its folder into the bucket, as with `dr-local-aws s3 sync FOLDER "
+            "s3://bucket/PREFIX`; it needs no import."
+        )
+    raise SettingsError(f"{source.origin} is a model of drcli already.", remedy=remedy)
+
+
+def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate]:
+    """The checkpoints of the one model of a source, those of the best form first.
+
+    TensorFlow's checkpoints are complete; a frozen graph lacks the spread of continuous actions.
+    """
+    bundles = [each for each in found if each.form == "TensorFlow checkpoint"]
+    graphs = [each for each in found if each.form == "frozen graph"]
+    best = bundles or graphs or found
+    folders = sorted({each.folder for each in best})
+    if len(folders) > 1:
+        named = [folder for folder in folders if folder.rpartition("/")[2] == "model"]
+        if len(named) != 1:
+            what = "frozen graphs" if not bundles else "models"
+            listed = ", ".join(shown(folder or ".") for folder in folders[:4])
+            raise SettingsError(
+                f"{source.origin} has several {what}, in {listed}.",
+                remedy="Name the one to import.",
+            )
+        folders = named
+    if any(
+        file.startswith(f"{folders[0]}/" if folders[0] else "") and file.endswith(".safetensors")
+        for file in source.sizes
+    ):
+        refuse_ours(source)
+    inside = [each for each in found if each.folder == folders[0]]
+    return [each for each in inside if each in best] + [each for each in inside if each not in best]
+
+
+def _chosen(source: SourceFiles, found: Sequence[Candidate], wanted: Wanted | None) -> Candidate:
+    """One of the checkpoints, by its number or as the index says."""
+    if isinstance(wanted, int):
+        same = [each for each in found if each.name.number == wanted]
+        if not same:
+            raise SettingsError(
+                f"{source.origin} has no checkpoint {wanted}; there are {_numbers(found)}.",
+                remedy="Choose one of them with --checkpoint N.",
+            )
+        return _one(source, same)
+    if wanted == "best":
+        scores = _scores(source, found[0].folder)
+        if scores is None:
+            raise SettingsError(
+                f"{source.origin} has no deepracer_checkpoints.json that says which checkpoint is "
+                f"the best; there are {_numbers(found)}.",
+                remedy="Choose one of them with --checkpoint N.",
+            )
+        return _named(source, found, scores.best_checkpoint.name, "best")
+    if len(found) == 1:
+        return found[0]
+    pointed = _last(source, found[0].folder)
+    if pointed is not None:
+        return _named(source, found, pointed, "last")
+    newest = max(each.name.number for each in found)
+    return _one(source, [each for each in found if each.name.number == newest])
+
+
+def _named(source: SourceFiles, found: Sequence[Candidate], name: str, which: str) -> Candidate:
+    """The checkpoint that the index names."""
+    parsed = CheckpointName.parse(name)
+    exact = [each for each in found if each.title.rpartition("/")[2] == name]
+    number = None if parsed is None else parsed.number
+    same = exact or [each for each in found if each.name.number == number]
+    if not same:
+        raise SettingsError(
+            f"{source.origin} names {shown(name)} as its {which} checkpoint, but has only "
+            f"{_numbers(found)}.",
+            remedy="Choose one of them with --checkpoint N.",
+        )
+    chosen = _one(source, same)
+    if chosen.form != "TensorFlow checkpoint" and parsed is not None and _small(parsed):
+        return Candidate(chosen.form, chosen.files, chosen.folder, parsed, chosen.title)
+    return chosen
+
+
+def _one(source: SourceFiles, same: Sequence[Candidate]) -> Candidate:
+    """The only checkpoint of the first form, complete ones first."""
+    whole = [each for each in same if each.missing is None] or list(same)
+    alike = [each for each in whole if each.form == whole[0].form]
+    if len(alike) > 1:
+        listed = " and ".join(shown(each.title) for each in alike[:2])
+        raise SettingsError(
+            f"{source.origin} has more than one model: {listed}.",
+            remedy="Name the file to import, or choose one with --checkpoint N.",
+        )
+    return alike[0]
+
+
+def _numbers(found: Iterable[Candidate]) -> str:
+    numbers = sorted({each.name.number for each in found})
+    return f"checkpoint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+
+
+def _scores(source: SourceFiles, folder: str) -> Scores | None:
+    """The index of a model; None if it has none, or a damaged one."""
+    data = _beside(source, folder, "deepracer_checkpoints.json")
+    with suppress(RecordError):
+        return None if data is None else Scores.decode(data)
+    return None
+
+
+def _last(source: SourceFiles, folder: str) -> str | None:
+    """The checkpoint that is named as the newest one: by the index, the pointer, the old file."""
+    scores = _scores(source, folder)
+    if scores is not None:
+        return scores.last_checkpoint.name
+    pointer = _beside(source, folder, ".coach_checkpoint")
+    if pointer is not None and CheckpointName.parse(text := pointer.decode(errors="replace")):
+        return text.strip()
+    state = _beside(source, folder, "checkpoint")
+    named = None if state is None else _STATE.search(state.decode(errors="replace"))
+    return None if named is None else named[1]
+
+
+def _beside(source: SourceFiles, folder: str, name: str) -> bytes | None:
+    file = f"{folder}/{name}" if folder else name
+    if file not in source.sizes or source.sizes[file] > 1 << 20:
+        return None
+    return source.read(file)

@@ -1,0 +1,91 @@
+"""Tries all named cars on the track of a model, in a worker process."""
+
+import os
+import secrets
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from drcli.base.errors import WorkerDied
+from drcli.base.json_record import RecordError
+from drcli.base.problems import ProblemsError
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
+from drcli.config.track_names import track_problem
+from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, CarTrials, decode_trials
+from drcli.exchange.job import Job, WorkerExit
+from drcli.runs.run_logs import log_file
+from drcli.runs.worker_processes import end_process, start_process
+
+STARTS = 16
+"""Starts of each car, spread evenly over the lap."""
+
+CAR = "DR_SIM_CAR"
+MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
+WORLD = "DR_WORLD_NAME"
+
+_EXIT_S = 2.0
+"""How long the worker may take to exit when the command is interrupted."""
+
+_NAME = "cars"
+
+
+def settings_of_model(settings: Settings, prefix: str, world: str) -> Settings:
+    """The settings for a model on a track."""
+    flags = {MODEL: prefix, WORLD: world}
+    return load_settings(settings.directory, flags=flags)
+
+
+def try_cars(settings: Settings, checkpoint: str) -> CarTrials:
+    """Drive the model of the settings on their track with each car.
+
+    Raises:
+        ProblemsError: The track is not installed.
+        WorkerDied: The worker failed.
+    """
+    track = track_problem(settings.race)
+    if track is not None:
+        raise ProblemsError([replace(track, severity="error")])
+    parent = settings.directory / "data" / "runs"
+    parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f"{_NAME}-", dir=parent))
+    job = Job(
+        config=settings.run,
+        session=secrets.token_hex(6),
+        seed=0,
+        until_laps=None,
+        max_minutes=None,
+        folder=folder,
+        launcher_pid=os.getpid(),
+    )
+    try:
+        return CarTrials(
+            settings.world_name, found := _run(job, checkpoint), _best(found), settings.sim_car
+        )
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run(job: Job, checkpoint: str) -> list[CarTrial]:
+    process = start_process(job, _NAME, "drcli.workers.try_cars", checkpoint, str(STARTS))
+    try:
+        code = process.wait()
+    except BaseException:
+        end_process(process, _EXIT_S)
+        raise
+    path = log_file(job.directory, job.config.model.prefix, _NAME)
+    words = WorkerExit.read(job.folder, _NAME)
+    try:
+        return decode_trials((job.folder / TRIALS_FILE).read_bytes())
+    except (OSError, RecordError) as error:
+        if words is not None:
+            raise WorkerDied(words.message, remedy=words.remedy) from error
+        raise WorkerDied(
+            f"The worker that tries the cars ended with exit code {code}.",
+            remedy=f"Read its log: {path}.",
+        ) from error
+
+
+def _best(trials: list[CarTrial]) -> str:
+    return max(trials, key=lambda trial: (trial.laps, trial.mean_progress)).car

@@ -1,0 +1,93 @@
+"""The worker that tries all named cars: drives likeliest actions from starts all over the lap.
+
+Run by `dr-import` as `python -m drcli.workers.try_cars CHECKPOINT STARTS`.
+"""
+
+import sys
+from collections.abc import Callable
+
+import torch
+
+from drcli.base import signal_guard
+from drcli.base.log import plain
+from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, encode_trials
+from drcli.exchange.job import Job
+from drcli.formats.build_network import build_policy, load_weights
+from drcli.learn.policy import Policy
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.connect import open_bucket
+from drcli.workers import worker_process
+from drcli.workers.build_race import actions_of, load_world, longest_episode, sensors_of_model
+from drcli.workers.cores import cores
+from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.worker_process import Lifeline
+from drsim.car.car_sets import CAR_SETS
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.reward import centre_line_reward
+from drsim.episode.simulation import Simulation
+from drsim.sensing.scene import Scene, build_scene
+from drsim.track.track import Track
+
+
+def drive_car(
+    car: str,
+    track: Track,
+    scene: Scene,
+    policy: Policy,
+    metadata: ModelMetadata,
+    starts: int,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> CarTrial:
+    """Drive one episode from each of the starts, which are spread evenly over the lap.
+
+    An episode ends with a full lap or when the car has left the track, as in training.
+    """
+    actions = actions_of(metadata)
+    simulation = Simulation(
+        track,
+        num_cars=starts,
+        reward_function=centre_line_reward,
+        rules=EpisodeRules(max_steps=longest_episode(track, actions)),
+        num_threads=cores(),
+        scene=scene,
+        car_parameters=CAR_SETS[car].parameters,
+        sensors=sensors_of_model(metadata),
+    )
+    driven: list[Driven] = []
+    plans = [Plan(start, "evaluation", start / starts) for start in range(starts)]
+    try:
+        Driver(simulation, [Racer(policy, actions)], 0).drive(plans, driven.append, should_stop)
+    finally:
+        simulation.close()
+    driven.sort(key=lambda episode: episode.number)
+    lap_times_s = [round(float(episode.duration_s), 3) for episode in driven if episode.completed]
+    progress = [float(episode.progress) for episode in driven]
+    mean = round(sum(progress) / starts, 3)
+    return CarTrial(car, len(lap_times_s), starts, mean, lap_times_s)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Try all cars in this process."""
+    signal_guard.install()
+    checkpoint, starts = sys.argv[1], int(sys.argv[2])
+    torch.set_num_threads(1)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    prefix = job.config.model.prefix
+    design = Design.of_model(bucket, prefix)
+    model = build_policy(design.metadata, design.parameters)
+    found = CheckpointStore(bucket, prefix).load(checkpoint)
+    load_weights(model, found.tensors, found.record.name)
+    track = load_world(job.config.race())
+    scene = build_scene(track)
+    trials = []
+    for car in CAR_SETS:
+        trial = drive_car(car, track, scene, model, design.metadata, starts, lifeline.should_stop)
+        plain.info(f"{car}: {trial.laps} of {starts} laps, {trial.mean_progress:.1f} %")
+        trials.append(trial)
+    (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
+
+
+if __name__ == "__main__":
+    worker_process.run("cars", main)
