@@ -25,6 +25,8 @@ _PASSING = ("Identity", "Pack", "Reshape", "StopGradient", "StridedSlice", "Tran
 _AFFINE = ("Add", "AddV2", "BiasAdd", "Mul", "RealDiv", "Sub")
 """Operations of a value with a constant, which may belong to the layer before them."""
 
+_TWO_INPUTS = ("Conv2D", "MatMul", *_AFFINE)
+
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -106,6 +108,8 @@ class _Finder:
         if node.op == "Shape" or not before:
             return None
         first = before[0]
+        if node.op in _TWO_INPUTS and len(node.inputs) != 2:
+            self.refuse(f"is damaged: {node.op} at {shown(node.name)} does not take two values")
         if node.op == "ConcatV2" and len(before) > 1:
             return self._joined(node, before)
         if (
@@ -137,12 +141,12 @@ class _Finder:
 
     def _linear(self, node: Node) -> Linear:
         kernel = self._value(node.inputs[1])
+        if kernel.ndim != (4 if node.op == "Conv2D" else 2):
+            self.refuse(f"has a kernel of the shape {list(kernel.shape)} at {shown(node.name)}")
         if node.op == "MatMul" and node.attrs.get("transpose_b"):
             kernel = kernel.T
         if node.op == "Conv2D" and kernel.shape[:2] == (1, 1):
             kernel = kernel[0, 0]
-        if kernel.ndim not in (2, 4):
-            self.refuse(f"has a kernel of the shape {list(kernel.shape)} at {shown(node.name)}")
         bias = np.zeros(kernel.shape[-1], np.float32)
         return Linear(np.asarray(kernel, np.float32), bias)
 
@@ -190,6 +194,8 @@ class _Finder:
         stack = [name]
         while stack:
             node = self._by_name[stack.pop()]
+            if node.op == "Placeholder":
+                self.refuse(f"is damaged: {shown(name)} is no constant")
             if node.name not in needed:
                 needed[node.name] = node
                 stack += node.inputs

@@ -30,6 +30,9 @@ TOLERANCE = 1e-4
 """Greatest difference between both networks, as a share of the greatest result. Sums of thousands
 of products differ by 1e-6 between two libraries."""
 
+_MOST_CHANNELS = 32
+"""Of two cameras and a long frame stack."""
+
 _SAC = ("/agent/policy/online/", "/sac_head_", "sac_policy_head")
 """Parts of names that only SAC agents have."""
 
@@ -146,6 +149,8 @@ def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPoli
     if not head or first[0].kernel.ndim != 4:
         _refuse(graph.origin, "does not begin with a convolution of the camera's picture")
     channels = first[0].kernel.shape[2]
+    if channels % eyes or not 0 < channels <= _MOST_CHANNELS:
+        _refuse(graph.origin, f"has {channels} channels for {camera}")
     _check_shape(graph, sensors[camera], (FRAME_HEIGHT, FRAME_WIDTH, channels))
     scan_dims = 0
     if lidars:
@@ -154,8 +159,6 @@ def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPoli
             _refuse(graph.origin, f"has no layers for {lidars[0]}")
         scan_dims = branch[0].kernel.shape[0]
         _check_shape(graph, sensors[lidars[0]], (scan_dims,))
-    if channels % eyes:
-        _refuse(graph.origin, f"has {channels} channels for {camera}")
     policy = ReadPolicy(
         network="",
         sensors=tuple(sensors),

@@ -203,6 +203,15 @@ REFUSED = {
         )
         if "policy_fc" not in node.name
     ],
+    "is damaged: BiasAdd at .* does not take two values": lambda nodes: [
+        node
+        for node in changed(
+            nodes,
+            "Conv2d_2/BiasAdd",
+            inputs=(f"{AGENT}/network_1/FRONT_FACING_CAMERA/Conv2d_2/Conv2D",),
+        )
+        if "Conv2d_2/bias" not in node.name
+    ],
     "is damaged: .* not finite": lambda nodes: changed(
         nodes, "Conv2d_2/bias", value=np.full(32, np.nan, np.float32)
     ),
