@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import SettingsError
-from drcli.formats.extras import library
+from drcli.formats.extras import library, openvino_core
 from drcli.formats.tensorflow.graph import decode_graph
 from drcli.formats.tensorflow.interpreter import Graph
 
@@ -27,12 +27,12 @@ def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes,
         NotAvailable: The package `openvino` is missing.
         SettingsError: It does not convert the graph.
     """
-    openvino = library("openvino")
+    openvino, core = library("openvino"), openvino_core()
     with tempfile.TemporaryDirectory() as folder:
         graph, xml = Path(folder, "model.pb"), Path(folder, "model.xml")
         graph.write_bytes(data)
         try:
-            model = openvino.Core().read_model(graph)
+            model = core.read_model(graph)
             openvino.save_model(model, xml, compress_to_fp16=fp16)
         except Exception as error:  # it raises whatever its C++ code does
             raise _unconverted(origin, "OpenVINO", error) from None

@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+from functools import cache
 from typing import Any
 
 from drcli.base.errors import NotAvailable
@@ -31,6 +32,24 @@ def library(name: str, module: str = "") -> Any:
             f"The package {name} is installed but cannot be loaded: {reason}",
             remedy=f"Install it again with `{_INSTALL[name]}`.",
         ) from None
+
+
+def openvino_core() -> Any:
+    """The OpenVINO of this process; there is one, and it stays.
+
+    On processors with AMX, each core gives the thread another stack for signals and takes it back
+    when it is freed. After several cores, the thread is left with one that is freed, and the next
+    signal kills the process.
+
+    Raises:
+        NotAvailable: OpenVINO is not installed.
+    """
+    return _only_core(library("openvino"))
+
+
+@cache
+def _only_core(openvino: Any) -> Any:
+    return openvino.Core()
 
 
 def require(*names: str) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drcli.base.errors import DrError, SettingsError
 from drcli.exchange.policy_source import Runtime
 from drcli.formats.convert_graph import tflite_of
-from drcli.formats.extras import is_installed, library, require
+from drcli.formats.extras import is_installed, library, openvino_core, require
 from drcli.formats.onnx_graph import PIXEL_RANGE, encode_onnx
 from drcli.formats.onnx_reader import parse_onnx, read_onnx
 from drcli.formats.policy_file import Form
@@ -229,7 +229,7 @@ class _OpenVino:
     def __init__(
         self, form: Form, data: bytes, weights: bytes, threads: int, pixel_scale: float
     ) -> None:
-        core = library("openvino").Core()
+        core = openvino_core()
         if form == "openvino":
             model = core.read_model(data, weights)
         else:  # it recognises other forms by the names of files

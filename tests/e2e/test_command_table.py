@@ -152,7 +152,9 @@ TRANSFERS = [
     Call("download-model -s s3://uploads/model-1 -t copy-1 -f", "copy-1"),
     Call("download-model -s s3://uploads/best-1 -t copy-2 -f --json", "target"),
     Call("export car -b", "Wrote "),
-    Call("upload-car-zip -fL --json", "source files actions same_actions"),
+    Call("export pb --out policy.pb --json", "file engine same_actions greatest_difference"),
+    Call("import policy.pb -t copy-3 -f --no-drive --json", "form network fresh verified"),
+    Call("upload-car-zip -f --json", "source files actions same_actions"),
 ]
 
 EVALUATIONS = [

@@ -1,5 +1,8 @@
 """One policy in every engine, and files of strangers in theirs."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -290,6 +293,28 @@ def test_openvinos_own_files_run(tmp_path):
         assert found.greatest_difference < most
         sizes.append(len(weights))
     assert sizes[1] < 0.6 * sizes[0]
+
+
+def test_a_signal_may_come_after_engines_are_gone():
+    """Each of OpenVINO's cores changes the stack on which signals are handled."""
+    pytest.importorskip("openvino")
+    code = (
+        "import gc, os, signal\n"
+        "from drcli.formats.extras import openvino_core\n"
+        "signal.signal(signal.SIGTERM, lambda *_: print('heard'))\n"
+        "cores = [openvino_core() for _ in range(3)]\n"
+        "for core in cores:\n"
+        "    core.get_property('CPU', 'FULL_DEVICE_NAME')\n"
+        "del core\n"
+        "while cores:\n"
+        "    del cores[0]\n"
+        "    gc.collect()\n"
+        "os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+
+    assert (done.returncode, done.stdout) == (0, "heard\n"), done.stderr
 
 
 def test_tensorflow_lite_with_the_settings_of_the_car():
