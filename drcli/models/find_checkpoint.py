@@ -89,8 +89,12 @@ def find_checkpoint(source: SourceFiles, wanted: Wanted | None) -> Candidate:
 def belonging(source: SourceFiles, chosen: Candidate, name: str) -> str | None:
     """The file of this name that belongs to a checkpoint; None if there is none.
 
-    The one nearest to the checkpoint counts: in its folder, in the model's, in a folder of that.
+    The one nearest to the checkpoint counts: `model.<name>` beside `model.pb`, as exports write it,
+    then in its folder, in the model's, in a folder of that.
     """
+    own = f"{PurePosixPath(chosen.title).with_suffix('')}.{name}"
+    if own in source.sizes:
+        return own
     inside = f"{chosen.folder}/{name}" if chosen.folder else name
     if inside in source.sizes:
         return inside

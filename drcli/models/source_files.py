@@ -180,7 +180,7 @@ def _single(path: Path) -> SourceFiles:
     paths = {name: top / name for name in _BESIDE} if top != folder else {}
     paths = {name: file for name, file in paths.items() if file.is_file()}
     inside = "model/" if top != folder else ""
-    beside = [*_BESIDE, path.name]
+    beside = [*_BESIDE, path.name, f"{path.stem}.{keys.MODEL_METADATA_FILE}"]
     if is_checkpoint:
         ends = folder.iterdir() if folder.is_dir() else ()
         beside += [file.name for file in ends if _PART.sub("", file.name) == stem.name]

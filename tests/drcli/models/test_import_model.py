@@ -272,6 +272,18 @@ def test_metadata_can_be_given(importer, model, tmp_path):
     assert Design.of_model(importer.here, "new").metadata.action_space.num_actions == 3
 
 
+@pytest.mark.parametrize("in_folder", [True, False])
+def test_metadata_named_after_the_file_count_more(importer, model, in_folder):
+    """As `dr-export pb` writes them, so that several files fit in one folder."""
+    wrong = described(action_space=[{"steering_angle": 0, "speed": 1}])
+    (model / "model_metadata.json").write_bytes(wrong)
+    (model / "model_30.model_metadata.json").write_bytes(described())
+
+    importer.run(model if in_folder else model / "model_30.pb")
+
+    assert Design.of_model(importer.here, "new").metadata.action_space.num_actions == 3
+
+
 def test_continuous_actions_of_a_graph_begin_with_a_spread_that_is_said(importer, tmp_path):
     spec = PolicySpec(2, True, COMPACT)
     metadata = described(action_space=RANGES, action_space_type="continuous")

@@ -31,6 +31,8 @@ def there(
     """A bucket for uploads with an old model, which the commands use."""
     bucket = S3Bucket(server[0], "uploads", patience_s=1)
     bucket.ensure_exists()
+    # Servers of one process share their buckets, so another test may have left objects.
+    bucket.delete([info.key for info in bucket.list("")])
     for key, data in OLD.items():
         bucket.put(key, data)
     mover.use(bucket)

@@ -39,6 +39,8 @@ def refusals(server: tuple[Endpoint, Refusals]) -> Refusals:
 def bucket(server: tuple[Endpoint, Refusals], refusals: Refusals) -> Iterator[S3Bucket]:
     bucket = S3Bucket(server[0], "uploads", patience_s=1)
     bucket.ensure_exists()
+    # Servers of one process share their buckets, so another test may have left objects.
+    bucket.delete([info.key for info in bucket.list("")])
     yield bucket
     refusals.actions = set()
     bucket.delete([info.key for info in bucket.list("")])
