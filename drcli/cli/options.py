@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -44,6 +44,36 @@ def prefix_option(text: str, *names: str) -> Any:
     names = names or ("-p", "--prefix")
     complete = candidates.model_prefixes
     return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)
+
+
+def best_option(verb: str) -> Any:
+    """An option that chooses the best checkpoint; `verb` says what the command does with it."""
+    return typer.Option("-b", "--best", help=f"{verb} the best checkpoint.")
+
+
+def checkpoint_option(verb: str) -> Any:
+    """An option that chooses a checkpoint by its number."""
+    return typer.Option(
+        "-c",
+        "--checkpoint",
+        metavar="N",
+        min=0,
+        help=f"{verb} checkpoint N.",
+        autocompletion=candidates.checkpoints,
+    )
+
+
+def checkpoint_choice(best: bool, number: int | None) -> Literal["best", "last"] | int:
+    """The checkpoint that -b or -c chooses: the last one without them.
+
+    Raises:
+        BadParameter: Both are given.
+    """
+    if best and number is not None:
+        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
+    if number is not None:
+        return number
+    return "best" if best else "last"
 
 
 def in_options(

@@ -205,7 +205,7 @@ class FakeCar:
     def _unpacked(self, content: bytes) -> Installed | None:
         """What the car finds in an archive; None if it refuses it."""
         with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
-            files = {m.name: archive.extractfile(m).read() for m in archive if m.isfile()}  # type: ignore[union-attr]
+            files = {m.name: archive.extractfile(m).read() for m in archive if m.isfile()}
         models = [name for name in files if Path(name).suffix in ".pb"]
         md5 = hashlib.md5(files[models[0]]).hexdigest() if models else ""
         if len(models) != 1 or md5 in {one.md5 for one in self.models.values()}:

@@ -1,12 +1,21 @@
 """`dr upload-model` and `dr download-model`."""
 
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, prefix_option, wipe_option
+from drcli.cli import console, prompts
+from drcli.cli.options import (
+    AsJson,
+    DryRun,
+    Force,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+    wipe_option,
+)
 from drcli.cli.views import models_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
@@ -14,17 +23,10 @@ from drcli.cli.working_folder import settings
 
 def upload_model(
     force: Force = False,
-    best: Annotated[bool, typer.Option("-b", "--best", help="Copy the best checkpoint.")] = False,
+    best: Annotated[bool, best_option("Copy")] = False,
     number: Annotated[
         int | None,
-        typer.Option(
-            "-c",
-            "--checkpoint",
-            metavar="N",
-            min=0,
-            help="Copy checkpoint N.",
-            autocompletion=candidates.checkpoints,
-        ),
+        checkpoint_option("Copy"),
     ] = None,
     prefix: Annotated[
         str | None, prefix_option("Copy this model instead, under its own name.")
@@ -51,8 +53,7 @@ def upload_model(
     from drcli.models.upload import UploadOptions, plan_upload, upload
     from drcli.models.upload_prefix import plan_upload_increment
 
-    if best and number is not None:
-        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
+    choice = checkpoint_choice(best, number)
     if increment and (prefix or to):
         raise typer.BadParameter("-1 changes the name that -p or --to replaces; use only one.")
     loaded = settings()
@@ -60,8 +61,6 @@ def upload_model(
     if increment:
         step = plan_upload_increment(loaded)  # written once the upload is there
         loaded = step.settings
-    by_name: Literal["best", "last"] = "best" if best else "last"
-    choice = by_name if number is None else number
     options = UploadOptions(choice, prefix, to, local, wipe, dry_run)
     if dry_run:
         console.say("*** DRYRUN MODE ***")

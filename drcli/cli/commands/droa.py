@@ -6,9 +6,16 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
-from drcli.cli import candidates, console, prompts
+from drcli.cli import console, prompts
 from drcli.cli.droa_options import Connection, connected
-from drcli.cli.options import AsJson, DryRun, prefix_option
+from drcli.cli.options import (
+    AsJson,
+    DryRun,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+)
 from drcli.cli.views import droa_view
 from drcli.cli.working_folder import settings
 
@@ -111,17 +118,10 @@ def droa_import_model(
     description: Annotated[
         str, typer.Option("--model-description", metavar="TEXT", help="Its description.")
     ] = "",
-    best: Annotated[bool, typer.Option("-b", "--best", help="Import the best checkpoint.")] = False,
+    best: Annotated[bool, best_option("Import")] = False,
     number: Annotated[
         int | None,
-        typer.Option(
-            "-c",
-            "--checkpoint",
-            metavar="N",
-            min=0,
-            help="Import checkpoint N.",
-            autocompletion=candidates.checkpoints,
-        ),
+        checkpoint_option("Import"),
     ] = None,
     no_wait: Annotated[
         bool, typer.Option("--no-wait", help="Do not wait until the model is checked there.")
@@ -146,8 +146,7 @@ def droa_import_model(
             "--from takes a folder or archive as it is; --model-prefix, --best and --checkpoint "
             "choose a model in the bucket. Use only one of both."
         )
-    if best and number is not None:
-        raise typer.BadParameter("--best and --checkpoint both choose a checkpoint; use only one.")
+    choice = checkpoint_choice(best, number)
     if source is not None:
         from drcli.remote.droa_package import read_package
 
@@ -157,8 +156,7 @@ def droa_import_model(
 
         loaded = settings()
         chosen = prefix or loaded.model_prefix
-        choice: Literal["best", "last"] | int = "best" if best else "last"
-        files = read_bucket_model(loaded, chosen, choice if number is None else number)
+        files = read_bucket_model(loaded, chosen, choice)
         found_name = chosen
     plan = droa_import.plan_import(
         files, found_name if name is None else name, description, unchecked=unchecked

@@ -6,8 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, prefix_option
+from drcli.cli import console, prompts
+from drcli.cli.options import (
+    AsJson,
+    DryRun,
+    Force,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+)
 from drcli.cli.views import car_archive_view
 from drcli.cli.working_folder import settings
 
@@ -18,17 +26,10 @@ if TYPE_CHECKING:
     from drcli.models.export_car import CarExport
     from drcli.models.export_model import ExportSource, Selection
 
-_Best = Annotated[bool, typer.Option("-b", "--best", help="Take the best checkpoint.")]
+_Best = Annotated[bool, best_option("Take")]
 _Number = Annotated[
     int | None,
-    typer.Option(
-        "-c",
-        "--checkpoint",
-        metavar="N",
-        min=0,
-        help="Take checkpoint N.",
-        autocompletion=candidates.checkpoints,
-    ),
+    checkpoint_option("Take"),
 ]
 
 
@@ -135,11 +136,7 @@ def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection
     """The checkpoint that the options choose."""
     from drcli.models.export_model import Selection
 
-    if best and number is not None:
-        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
-    if number is not None:
-        return Selection(number, prefix)
-    return Selection("best" if best else "last", prefix)
+    return Selection(checkpoint_choice(best, number), prefix)
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":

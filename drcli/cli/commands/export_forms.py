@@ -1,29 +1,28 @@
 """`dr export pb`, `onnx`, `tflite` and `openvino`: a policy as one file for other engines."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.cli import candidates, console
-from drcli.cli.options import AsJson, prefix_option
+from drcli.cli import console
+from drcli.cli.options import (
+    AsJson,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+)
 from drcli.cli.views import forms_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.formats.policy_file import Form
 
-_Best = Annotated[bool, typer.Option("-b", "--best", help="Export the best checkpoint.")]
+_Best = Annotated[bool, best_option("Export")]
 _Number = Annotated[
     int | None,
-    typer.Option(
-        "-c",
-        "--checkpoint",
-        metavar="N",
-        min=0,
-        help="Export checkpoint N.",
-        autocompletion=candidates.checkpoints,
-    ),
+    checkpoint_option("Export"),
 ]
 _Prefix = Annotated[str | None, prefix_option("Export this model instead.")]
 _Out = Annotated[
@@ -125,10 +124,7 @@ def _export(
     from drcli.models.export_forms import export_form, plan_form
     from drcli.models.export_model import Selection
 
-    if best and number is not None:
-        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
-    by_name: Literal["best", "last"] = "best" if best else "last"
-    selection = Selection(by_name if number is None else number, prefix)
+    selection = Selection(checkpoint_choice(best, number), prefix)
     target = None if out is None else out.expanduser()
     planned = plan_form(settings(), selection, form, target, fp16=fp16, force=force)
     console.say(planned.source.chosen.line)

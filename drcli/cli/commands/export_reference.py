@@ -3,29 +3,28 @@
 import shlex
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.cli import candidates, console
-from drcli.cli.options import AsJson, prefix_option
+from drcli.cli.options import (
+    AsJson,
+    best_option,
+    checkpoint_choice,
+    checkpoint_option,
+    prefix_option,
+)
 from drcli.cli.views import export_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.models.export_model import Selection
 
-_Best = Annotated[bool, typer.Option("-b", "--best", help="Export the best checkpoint.")]
+_Best = Annotated[bool, best_option("Export")]
 _Number = Annotated[
     int | None,
-    typer.Option(
-        "-c",
-        "--checkpoint",
-        metavar="N",
-        min=0,
-        help="Export checkpoint N.",
-        autocompletion=candidates.checkpoints,
-    ),
+    checkpoint_option("Export"),
 ]
 _Prefix = Annotated[str | None, prefix_option("Export this model instead.")]
 _Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
@@ -130,7 +129,4 @@ def droa(
 def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
     from drcli.models.export_model import Selection
 
-    if best and number is not None:
-        raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
-    by_name: Literal["best", "last"] = "best" if best else "last"
-    return Selection(by_name if number is None else number, prefix)
+    return Selection(checkpoint_choice(best, number), prefix)

@@ -226,7 +226,7 @@ def test_settings_cannot_be_changed(folder):
     settings = folder.load("")
 
     with pytest.raises(AttributeError, match="frozen"):
-        settings.workers = 2  # type: ignore[misc]
+        settings.workers = 2
 
 
 @pytest.mark.parametrize(

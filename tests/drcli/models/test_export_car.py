@@ -241,7 +241,7 @@ def test_with_a_prefix_the_archive_goes_below_that_model(here, there):
 
 
 def test_a_dry_run_writes_nothing(here, there):
-    there.put = _forbidden  # type: ignore[method-assign]
+    there.put = _forbidden
     target = plan_car_upload(settings(), None, local=False, dry_run=True)
 
     report = upload_archive(exported(), target, ["carfile.tar.gz"], no_bar, dry_run=True)
@@ -251,7 +251,7 @@ def test_a_dry_run_writes_nothing(here, there):
 
 
 def test_a_bucket_that_takes_no_objects_is_found_before_anything_is_made(here, there):
-    there.put = _forbidden  # type: ignore[method-assign]
+    there.put = _forbidden
 
     with pytest.raises(StorageError, match="forbidden"):
         plan_car_upload(settings(), None, local=False, dry_run=False)

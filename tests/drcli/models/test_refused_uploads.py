@@ -20,7 +20,7 @@ def server() -> Iterator[tuple[Endpoint, Refusals]]:
 
 @pytest.fixture
 def refusals(server: tuple[Endpoint, Refusals]) -> Refusals:
-    server[1].__init__()  # type: ignore[misc]
+    server[1].__init__()
     return server[1]
 
 

@@ -57,7 +57,7 @@ def garage(
     """A fresh car that nobody has logged in at; no waits between questions."""
     car, port = serving
     car.__dict__.clear()
-    car.__init__()  # type: ignore[misc]
+    car.__init__()
     monkeypatch.setattr(car_models, "POLL_S", 0.005)
     monkeypatch.setenv("XDG_CACHE_HOME", str(working_folder / "cache"))
     return Garage(car, port, dr)

@@ -31,7 +31,7 @@ def server() -> Iterator[tuple[Endpoint, Refusals]]:
 
 @pytest.fixture
 def refusals(server: tuple[Endpoint, Refusals]) -> Refusals:
-    server[1].__init__()  # type: ignore[misc]
+    server[1].__init__()
     return server[1]
 
 
