@@ -30,7 +30,7 @@ FLOORS = {
         {"modelfiles"},
         {"formats"},
         {"models", "workers"},
-        {"checks", "remote"},
+        {"checks", "remote", "spot"},
         {"rewards"},
         {"runs"},
         {"cli"},
@@ -60,6 +60,7 @@ FORBIDDEN = {
     "drcli.workers": {*STORAGE, *SCREEN},
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
+    "drcli.spot": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
@@ -69,6 +70,7 @@ FORBIDDEN = {
 LAZY = {
     "drcli.store": STORAGE | {"mypy_boto3_s3"},
     "drcli.remote": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
+    "drcli.spot": STORAGE | {"requests", "urllib3", "ssl"},
 }
 """What a package may import inside functions only, because it takes long to load."""
 

@@ -25,6 +25,12 @@ from drcli.config.groups.system import (
     ScreenSettings,
     ServiceSettings,
 )
+from drcli.config.groups.unattended import (
+    InterruptionSettings,
+    MessageSettings,
+    TimedWorkSettings,
+    WatchSettings,
+)
 from drcli.config.setting_problems import setting_problem
 
 Cloud = Literal["local", "remote", "aws", "azure"]
@@ -200,6 +206,12 @@ class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
     """How to evaluate, and against which model."""
 
 
+class UnattendedConfig(
+    FrozenGroups, InterruptionSettings, TimedWorkSettings, WatchSettings, MessageSettings
+):
+    """What happens to a training that nobody watches."""
+
+
 @dataclass(frozen=True)
 class RunConfig:
     """Everything that the processes of a training or an evaluation need to know.
@@ -215,6 +227,7 @@ class RunConfig:
     storage: StorageConfig
     train: TrainConfig
     evaluation: EvaluationConfig
+    unattended: UnattendedConfig
     races: tuple[RaceConfig, ...]
 
     def race(self, worker: int = 0) -> RaceConfig:
@@ -233,6 +246,10 @@ class Override:
 class Settings(
     PlacedSettings,
     DerivedSettings,
+    MessageSettings,
+    WatchSettings,
+    TimedWorkSettings,
+    InterruptionSettings,
     DroaSettings,
     ServiceSettings,
     ScreenSettings,
@@ -378,6 +395,7 @@ class Settings(
             storage=self.storage,
             train=TrainConfig(**self._of(TrainConfig)),
             evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
+            unattended=UnattendedConfig(**self._of(UnattendedConfig)),
             races=self.races,
         )
 

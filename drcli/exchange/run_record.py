@@ -10,8 +10,11 @@ from drcli.config.settings import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
 
-State = Literal["none", "starting", "running", "finished", "stopped", "failed", "lost"]
-"""State of a run. "lost": its supervisor ended without writing why."""
+State = Literal[
+    "none", "starting", "running", "finished", "stopped", "interrupted", "failed", "lost"
+]
+"""State of a run. "interrupted": its machine went away; "lost": its supervisor ended without
+writing why."""
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 

@@ -3,17 +3,22 @@
 import logging
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from types import FrameType
+from typing import TypeVar
 
 from drcli.base.errors import DrError, OwnershipLost, StorageError, WorkerDied
 from drcli.base.log import get_logger
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord, State, WorkerRecord
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.journal import Journal
 from drcli.runs.lease_renewal import LOOK_S, Renewal
+from drcli.runs.outcome import CTRL_C, TERMINATED, Ending, Outcome
 from drcli.runs.periodic import Periodic, within
 from drcli.runs.run_logs import LogUpload, log_file
 from drcli.runs.worker_processes import TRAINER, Child, start_process, stop_workers
@@ -22,6 +27,8 @@ from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import newest_checkpoint
 
 _logger = get_logger(__name__)
+
+T = TypeVar("T")
 
 POLL_S = 0.2
 """How often the supervisor looks at its processes."""
@@ -60,25 +67,6 @@ MAX_QUICK_DEATHS = 3
 MAX_QUICK_KILLS = 25
 """The same for signals from outside."""
 
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit codes after Ctrl-C and after SIGTERM."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended."""
-
-    code: int
-    message: str
-    remedy: str = ""
-
-    @property
-    def state(self) -> State:
-        """The state of the run from then on."""
-        if self.code == 0:
-            return "finished"
-        return "stopped" if self.code in (INTERRUPTED, TERMINATED) else "failed"
-
 
 class Supervisor:
     """One run on this machine, from the first process to the last."""
@@ -93,6 +81,7 @@ class Supervisor:
         open_bucket: Callable[[], Bucket],
         revive_server: Callable[[], object],
         restart_server: Callable[[], object],
+        duties: Sequence[Duty] = (),
     ) -> None:
         """Prepare the workers.
 
@@ -104,6 +93,7 @@ class Supervisor:
             open_bucket: Opens the bucket for another thread.
             revive_server: Starts the bucket's server if it does not answer.
             restart_server: Restarts it in any case, if it is ours.
+            duties: What else is to be done, in the order in which it matters at the end.
         """
         self._job = job
         self._bucket = bucket
@@ -122,6 +112,9 @@ class Supervisor:
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
+        self._duties = duties
+        self._journal = Journal(job.config.model.prefix, job.term, job.session)
+        self._running = RunningTraining(job, bucket, open_bucket, self._children, self._journal)
         self._logs = LogUpload(
             open_bucket, job.directory, job.config.model.prefix, job.config.log_max_mb, names
         )
@@ -138,6 +131,8 @@ class Supervisor:
             for child in self._children:
                 self._start(child)
             self._publish("running")
+            for duty in self._duties:
+                self._attempt(duty, partial(duty.start, self._running))
             outcome = self._watch()
         except DrError as error:
             outcome = Outcome(error.code, str(error), error.remedy)
@@ -166,7 +161,7 @@ class Supervisor:
         while True:
             if self._signal is not None:
                 name = signal.Signals(self._signal).name
-                code = INTERRUPTED if self._signal == signal.SIGINT else TERMINATED
+                code = CTRL_C if self._signal == signal.SIGINT else TERMINATED
                 return Outcome(code, f"Stopped by {name}.")
             if self._renewal.lost is not None:
                 lost = self._renewal.lost
@@ -176,7 +171,21 @@ class Supervisor:
                     outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
+            for duty in self._duties:
+                outcome = self._attempt(duty, duty.check)
+                if outcome is not None:
+                    return outcome
             time.sleep(POLL_S)
+
+    def _attempt(self, duty: Duty, call: Callable[[], T]) -> T | None:
+        """Let a duty do something; if it fails, the training goes on without it."""
+        try:
+            return call()
+        except DrError as error:
+            _logger.warning("%s: %s %s", duty.name, error, error.remedy)
+        except Exception as error:
+            _logger.error("%s failed: %s", duty.name, error, exc_info=error)
+        return None
 
     def _handle_exit(self, child: Child) -> Outcome | None:
         """Restart a worker that has exited, or return how the run ends."""
@@ -212,19 +221,29 @@ class Supervisor:
         child.restarts += 1
         self._start(child)
         self._publish("running")
+        for duty in self._duties:
+            self._attempt(duty, partial(duty.restarted, child))
         return None
 
     def _end(self, outcome: Outcome) -> None:
-        """Stop the workers, upload the logs, release the lease, and record the outcome."""
+        """Stop the workers, save what is left, release the lease, and record the outcome."""
         lost = outcome.code == OwnershipLost.code
         _logger.info("Stopping; waiting for the workers to exit.")
+        deadline_s = None
+        if outcome.save_within_s is not None:
+            deadline_s = time.monotonic() + outcome.save_within_s
         for child in stop_workers(self._children, 0.0 if lost else EXIT_S):
             _logger.warning("%s did not exit in time and was killed.", child.name)
-        self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
         if outcome.state == "stopped":
             outcome = replace(outcome, remedy=self._how_to_continue())
         level = logging.ERROR if outcome.state == "failed" else logging.INFO
         _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
+        ending = Ending(outcome, deadline_s, lambda: self._hurried)
+        if not lost and not self._silent:
+            # The lease is renewed meanwhile: these may take minutes.
+            for duty in self._duties:
+                self._attempt(duty, partial(duty.finish, ending))
+        self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
         if not lost:
             self._logs.finish(0.0 if self._silent else LOGS_PATIENCE_S, lambda: self._hurried)
             if not self._silent:
@@ -234,6 +253,8 @@ class Supervisor:
             outcome.state, outcome.code, outcome.message, outcome.remedy, time.time()
         )
         self._write_record()
+        for duty in self._duties:
+            self._attempt(duty, partial(duty.leave, ending))
 
     def _release(self) -> None:
         with suppress(DrError):

@@ -12,6 +12,7 @@ from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
+from drcli.runs.duty import Duty
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.run_logs import log_file
@@ -119,7 +120,13 @@ def _supervise(job: Job) -> int:
         open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
         revive_server=lambda: server.ensure_running(storage),
         restart_server=lambda: server.restart(storage),
+        duties=_duties(),
     ).run()
+
+
+def _duties() -> list[Duty]:
+    """What the supervisor does besides its workers, in the order in which it matters at the end."""
+    return []
 
 
 def _is_ready(job: Job) -> bool:

@@ -125,6 +125,16 @@ def lease(prefix: str) -> str:
     return run_folder(prefix) + "lease.json"
 
 
+def journal_folder(prefix: str) -> str:
+    """Folder with the journal of the model: one object for each start."""
+    return folder(prefix) + "journal/"
+
+
+def journal(prefix: str, term: int, session: str) -> str:
+    """What happened in one start; sorted by key, the starts are in their order."""
+    return f"{journal_folder(prefix)}{term:06d}-{session}.jsonl"
+
+
 def damaged(prefix: str, key: str, stamp: str) -> str:
     """Where a damaged object is kept, with the time as fourteen digits: no tool reads it there."""
     name = key.removeprefix(run_folder(prefix)).removeprefix(folder(prefix))

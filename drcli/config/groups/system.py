@@ -12,7 +12,6 @@ DOCKER = "no containers are used"
 WINDOW = "drcli opens no window and needs no X server"
 _STREAM = "no camera stream is published"
 DERIVED = "the activation script of DeepRacer-for-Cloud sets it for its containers"
-_SPOT = "only the scripts of deepracer-on-the-spot read it"
 _REAL_TIME = "metrics are written to the bucket only"
 
 
@@ -113,38 +112,12 @@ class ServiceSettings(Group, title="Services", file="system.env"):
     telegraf_port: int = setting(
         "DR_TELEGRAF_PORT", 8092, "Port on that host.", between=(1, 65_535), ignored=_REAL_TIME
     )
-    regular_upload: int = setting(
-        "DR_REGULAR_UPLOAD",
-        0,
-        "Minutes between uploads of the model; 0 never.",
-        low=0,
-        planned="models are not uploaded while they train",
-        file="run.env",
-    )
-    regular_physical_model_upload: int = setting(
-        "DR_REGULAR_PHYSICAL_MODEL_UPLOAD",
-        0,
-        "Minutes between archives for the car; 0 never.",
-        low=0,
-        planned="archives for the car are not made while a model trains",
-        file="run.env",
-    )
-    continue_on_spot_interruption: bool = setting(
-        "DR_CONTINUE_ON_SPOT_INTERRUPTION",
-        True,
-        "Continue on another machine.",
-        ignored=_SPOT,
-        file="run.env",
-    )
-    import_model_on_completion: bool = setting(
-        "DR_IMPORT_MODEL_ON_COMPLETION",
-        True,
-        "Import the model at the end.",
-        ignored=_SPOT,
-        file="run.env",
-    )
     import_model_regular_upload: bool = setting(
-        "DR_IMPORT_MODEL_REGULAR_UPLOAD", False, "Read by nothing.", ignored=_SPOT, file="run.env"
+        "DR_IMPORT_MODEL_REGULAR_UPLOAD",
+        False,
+        "In files of deepracer-on-the-spot.",
+        ignored="its own scripts do not read it either",
+        file="run.env",
     )
 
 

@@ -1,0 +1,57 @@
+"""What a supervisor does besides keeping its workers alive: uploads, watches, messages."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from drcli.exchange.job import Job
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import Ending, Outcome
+from drcli.runs.worker_processes import Child
+from drcli.store.bucket import Bucket
+
+
+@dataclass(frozen=True)
+class RunningTraining:
+    """What a duty may know and use of the run.
+
+    Attributes:
+        job: What is trained; `job.term` is that of the lease.
+        bucket: Its bucket, fenced, for the thread of the supervisor's loop.
+        open_bucket: Opens the fenced bucket for another thread.
+        children: The trainer and the simulation workers.
+        journal: Takes what happened.
+    """
+
+    job: Job
+    bucket: Bucket
+    open_bucket: Callable[[], Bucket]
+    children: Sequence[Child]
+    journal: Journal
+
+
+class Duty:
+    """Base class of the duties; its methods do nothing.
+
+    The supervisor calls `start` once, `check` in every round of its loop (each 0.2 s), `finish`
+    when the workers have exited and the run still owns its model, and `leave` at the very end, when
+    the lease is released and the outcome is recorded. `check` must return at once: what takes
+    longer belongs into a thread or a process. A failure in a duty is logged and never ends the run.
+    """
+
+    name = "duty"
+    """For the log."""
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin."""
+
+    def check(self) -> Outcome | None:
+        """Look around; an outcome ends the run."""
+
+    def restarted(self, child: Child) -> None:
+        """Note that a worker has just been started again."""
+
+    def finish(self, ending: Ending) -> None:
+        """Do what is left while the run still owns its model, within `ending.left_s()`."""
+
+    def leave(self, ending: Ending) -> None:
+        """Do what needs no ownership, when everything is saved."""
