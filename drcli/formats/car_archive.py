@@ -35,10 +35,12 @@ class CarCheck:
     Attributes:
         problems: What it refuses (error), does differently (warning), or should be known (note).
         actions: The actions as it drives them; empty if it cannot read them.
+        sensors: That the model needs.
     """
 
     problems: tuple[Problem, ...]
-    actions: tuple[CarAction, ...]
+    actions: tuple[CarAction, ...] = ()
+    sensors: tuple[str, ...] = ()
 
 
 def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
@@ -92,7 +94,7 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
     try:
         files = unpack_archive(io.BytesIO(data), name)
     except SettingsError as error:
-        return CarCheck((Problem("C-01", "error", name, None, str(error), error.remedy),), ())
+        return CarCheck((Problem("C-01", "error", name, None, str(error), error.remedy),))
     problems = list(file_name_problems(PurePath(name).name))
     if not data.startswith(_GZIP):
         what = "it is not compressed, but the car's web page only takes a compressed .tar.gz."
@@ -101,9 +103,11 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
     problems += member_problems(files.keys(), name)
     graphs = [member for member in files if member.endswith(".pb")]
     actions: list[CarAction] = []
+    sensors: tuple[str, ...] = ()
     if METADATA in files:
         place = f"{name}: {METADATA}"
         found = read_car_metadata(files[METADATA], place)
+        sensors = found.sensors
         problems += [*found.problems, *sensor_problems(found.sensors, place)]
         num_actions = None
         if found.space is not None:
@@ -114,4 +118,4 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
             place = f"{name}: {graphs[0]}"
             graph = files[graphs[0]]
             problems += graph_problems(graph, found.sensors, found.algorithm, num_actions, place)
-    return CarCheck(tuple(problems), tuple(actions))
+    return CarCheck(tuple(problems), tuple(actions), sensors)

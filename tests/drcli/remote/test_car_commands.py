@@ -12,7 +12,7 @@ import pytest
 from drcli.remote import car_driving, car_models, car_web
 from drcli.remote.car_address import CarAddress
 from drcli.remote.car_login import load_login, login_file
-from fake_car import PASSWORD, FakeCar, Installed, archive, make_certificate, served
+from fake_car import PASSWORD, FakeCar, Installed, archive, graph, make_certificate, served
 
 METADATA = {"sensor": ["FRONT_FACING_CAMERA"]}
 
@@ -281,7 +281,7 @@ def test_an_upload_that_the_car_refuses_with_status_200_is_a_failure(
 ):
     monkeypatch.setattr(car_models, "LISTED_WITHIN_S", 0.05)
     assert logged_in("upload", str(archive(tmp_path / "a.tar.gz"))) == 0
-    same = {"agent/model.pb": b"a.tar.gz"}
+    same = {"agent/model.pb": graph("a.tar.gz")}
 
     assert logged_in("upload", str(archive(tmp_path / "b.tar.gz", files=same))) == 4
 
@@ -315,13 +315,13 @@ def test_a_model_of_the_same_name_is_replaced_after_a_question(
 def test_a_model_whose_sensor_is_missing_is_installed_and_said_to_be_of_no_use(
     logged_in, tmp_path, capsys
 ):
-    path = archive(tmp_path / "scan.tar.gz", metadata={"sensor": ["LIDAR"]})
+    path = archive(tmp_path / "stereo.tar.gz", metadata={"sensor": ["STEREO_CAMERAS"]})
 
     assert logged_in("upload", str(path)) == 0
-    assert "its sensor (LiDAR) is not connected" in capsys.readouterr().err
-    assert logged_in("load", "scan") == 3
-    assert "its sensor (LiDAR) is not connected" in capsys.readouterr().err
-    assert "PUT /api/models/scan/model" not in logged_in.car.requests
+    assert "its sensor (Stereo camera) is not connected" in capsys.readouterr().err
+    assert logged_in("load", "stereo") == 3
+    assert "its sensor (Stereo camera) is not connected" in capsys.readouterr().err
+    assert "PUT /api/models/stereo/model" not in logged_in.car.requests
 
 
 def test_the_list_has_usable_disabled_and_broken_models(logged_in, capsys):
