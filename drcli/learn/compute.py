@@ -95,6 +95,8 @@ def choose_compute(
         why = "as set"
     elif name != usual:
         why = f"kept from the start of this training ({usual} is faster here: DR_TORCH_PRECISION)"
+    elif device == "cuda":
+        why = "convolutions use its tensor cores anyway"
     elif units:
         why = "this processor has matrix units for bfloat16 (AMX)"
         why += "" if usual == "bf16" else ", but the parts are small"

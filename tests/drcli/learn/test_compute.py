@@ -38,6 +38,17 @@ def test_the_format_follows_from_the_processor_and_the_reason_names_it(processor
     assert "AMX" in compute.reason
 
 
+def test_on_a_gpu_the_reason_says_nothing_about_the_processor(processor, monkeypatch):
+    processor(amx=False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "Some GPU")
+
+    reason = choose_compute("auto", batch_size=64, threads=1).reason
+
+    assert reason.startswith("fp32 on Some GPU: ")
+    assert "AMX" not in reason
+
+
 def test_small_parts_are_not_worth_the_casts(processor):
     processor(amx=True)
 
