@@ -1,0 +1,44 @@
+"""Shows the journal of a model."""
+
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from drcli.base.problems import shown
+from drcli.cli.views.layout import fitted
+
+if TYPE_CHECKING:
+    from drcli.runs.journal_reader import JournalReport
+
+KIND_STYLES = {
+    "start": "bold cyan",
+    "notice": "bold yellow",
+    "fault": "red",
+    "recovery": "green",
+    "end": "bold",
+}
+
+
+@fitted
+def journal(columns: int, report: "JournalReport") -> RenderableType:
+    """One line for each event, with its time in UTC."""
+    if not report.events:
+        return Text(f"{report.model} has no journal: it was never trained, or by an old version.")
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True, style="dim")
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for event in report.events:
+        kind = Text(event.kind, style=KIND_STYLES.get(event.kind, ""))
+        table.add_row(_moment(event.at), kind, Text(shown(event.text)))
+    return Group(Text(report.model, style="bold"), table)
+
+
+def _moment(at: float) -> str:
+    with suppress(ValueError, OverflowError, OSError):
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))
+    return "?"
