@@ -39,9 +39,9 @@ def stop_training(as_json: AsJson = False) -> None:
         return
     waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
-        report = stopping.StopReport(waiting)
-        said = summary_view.stopped(report) if waiting else "No training is running."
-        console.emit(report, said, as_json=as_json)
+        ended = stopping.StopReport(waiting)
+        said = summary_view.stopped(ended) if waiting else "No training is running."
+        console.emit(ended, said, as_json=as_json)
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stopping.stop(loaded.run)

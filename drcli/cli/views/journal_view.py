@@ -8,7 +8,6 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from drcli.base.problems import shown
 from drcli.cli.views.layout import fitted
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def journal(columns: int, report: "JournalReport") -> RenderableType:
     table.add_column(overflow="fold")
     for event in report.events:
         kind = Text(event.kind, style=KIND_STYLES.get(event.kind, ""))
-        table.add_row(_moment(event.at), kind, Text(shown(event.text)))
+        table.add_row(_moment(event.at), kind, Text(_printable(event.text)))
     return Group(Text(report.model, style="bold"), table)
 
 
@@ -42,3 +41,8 @@ def _moment(at: float) -> str:
     with suppress(ValueError, OverflowError, OSError):
         return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))
     return "?"
+
+
+def _printable(text: str) -> str:
+    """The text on one line, without what would control a terminal."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
