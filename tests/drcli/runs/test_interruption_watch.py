@@ -1,6 +1,7 @@
 """When a notice ends a training, and how much time it leaves."""
 
 from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 
@@ -15,12 +16,18 @@ from drcli.spot.notice_watch import Announced
 from memory_bucket import MemoryBucket
 
 
+def settings_of(folder, environ):
+    (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
+    (folder / "system.env").write_text("")
+    return load_settings(folder, environ=environ).run
+
+
 @pytest.fixture
 def watch(tmp_path, monkeypatch):
     """A watch whose notices are laid down; `at` is its clock."""
 
     class Laid:
-        announced_now: list[Announced] = []
+        announced_now: ClassVar[list[Announced]] = []
 
         def __init__(self, *_: object) -> None:
             pass
@@ -46,9 +53,7 @@ def watch(tmp_path, monkeypatch):
     journal = Journal("model", 1, "a")
 
     def start(**settings: str) -> SimpleNamespace:
-        (tmp_path / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
-        (tmp_path / "system.env").write_text("")
-        config = load_settings(tmp_path, environ=settings).run
+        config = settings_of(tmp_path, settings)
         job = Job(config, "a", 1, None, None, tmp_path, 1)
         duty = InterruptionWatch(tmp_path)
         duty.start(SimpleNamespace(job=job, journal=journal))
@@ -130,15 +135,14 @@ def test_a_recommendation_ends_the_training_where_that_is_set(watch):
 
 @pytest.mark.parametrize("variable", ["", "off"])
 def test_a_machine_outside_the_clouds_asks_nobody(tmp_path, variable):
-    settings = load_settings(
-        tmp_path, environ={"DR_INTERRUPTION_WATCH": variable} if variable else {}
-    ).run.unattended
+    chosen = {"DR_INTERRUPTION_WATCH": variable} if variable else {}
+    settings = settings_of(tmp_path, chosen).unattended
     environment = {"AWS_EC2_METADATA_SERVICE_ENDPOINT": "http://x"} if variable else {}
 
     assert chosen_source(settings, environment, tmp_path) is None
 
 
 def test_a_wrong_address_is_no_reason_not_to_train(tmp_path):
-    settings = load_settings(tmp_path, environ={"DR_INTERRUPTION_WATCH": "aws"}).run.unattended
+    settings = settings_of(tmp_path, {"DR_INTERRUPTION_WATCH": "aws"}).unattended
 
     assert chosen_source(settings, {"AWS_EC2_METADATA_SERVICE_ENDPOINT": "x"}, tmp_path) is None
