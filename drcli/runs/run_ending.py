@@ -37,10 +37,14 @@ LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
 """How long the bucket may take at the end: to find the newest checkpoint, to upload the last logs,
 and to release the lease. A process that is asked to stop has 30 s."""
 
+HURRIED_EXIT_S, LAST_LOGS_S = 20.0, 20.0
+"""The same for the workers and the logs when the machine goes away, if there is so much time: with
+5 MB/s, the state of an optimizer takes 9 s, and what is not uploaded then is lost."""
+
 RECORD_PATIENCE_S = 2.0
 """How long it may take to record the outcome, once the workers have exited."""
 
-EXIT_SHARE, LOGS_SHARE = 0.3, 0.25
+EXIT_SHARE, LOGS_SHARE = 0.35, 0.3
 """Largest shares of a limited time for the exit of the workers, and for the logs."""
 
 
@@ -116,14 +120,14 @@ class RunEnding:
     def _exit_s(self, outcome: Outcome) -> float:
         if outcome.save_within_s is None:
             return EXIT_S
-        return min(EXIT_S, EXIT_SHARE * outcome.save_within_s)
+        return min(HURRIED_EXIT_S, EXIT_SHARE * outcome.save_within_s)
 
     def _duties_end_s(self, deadline_s: float | None) -> float | None:
         """When the duties must be over, so that logs and lease get their share."""
         if deadline_s is None:
             return None
         left_s = max(0.0, deadline_s - time.monotonic())
-        return deadline_s - min(LOGS_PATIENCE_S, LOGS_SHARE * left_s) - RELEASE_PATIENCE_S
+        return deadline_s - min(LAST_LOGS_S, LOGS_SHARE * left_s) - RELEASE_PATIENCE_S
 
     def _logs_s(self, deadline_s: float | None) -> float:
         if self._silent:
@@ -131,7 +135,7 @@ class RunEnding:
         if deadline_s is None:
             return LOGS_PATIENCE_S
         left_s = deadline_s - time.monotonic() - RELEASE_PATIENCE_S
-        return min(LOGS_PATIENCE_S, max(1.0, left_s))
+        return min(LAST_LOGS_S, max(1.0, left_s))
 
     def _save(self, outcome: Outcome, ending: Ending) -> None:
         """Record the outcome, then let the duties do what is left, and record what they did."""

@@ -3,6 +3,7 @@
 import json
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
 
@@ -85,5 +86,6 @@ class MetadataServer:
         request.send_header("Content-Length", str(len(data)))
         if request.path.startswith("/computeMetadata/"):
             request.send_header("Metadata-Flavor", "Google")
-        request.end_headers()
-        request.wfile.write(data)
+        with suppress(ConnectionError):  # on a busy machine, the other side may have given up
+            request.end_headers()
+            request.wfile.write(data)

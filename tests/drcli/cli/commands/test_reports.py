@@ -25,7 +25,7 @@ CALLS = {
     "evaluate": "laps",
     "start-evaluation": "laps",
     "status": "full training laps",
-    "journal": "was started again",
+    "journal": "(restart 1)",
     "spot watch --once": "terminate",
     "summary": "DR_RUN_ID",
     "find-sagemaker": "4243",
