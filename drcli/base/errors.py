@@ -65,6 +65,13 @@ class OwnershipLost(DrError):
     final = True
 
 
+class TrainedElsewhere(DrError):
+    """Another machine or process trains the model, and it was asked not to wait for its end."""
+
+    code = 9
+    final = True
+
+
 class NotAvailable(DrError):
     """A feature is not implemented yet, or needs a program that is not installed."""
 

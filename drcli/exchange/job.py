@@ -15,7 +15,9 @@ from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.settings import RunConfig
+from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.policy_source import PolicySource
+from drcli.exchange.run_outcome import RunOutcome
 
 VERSION = 1
 """Of the format of a job; another version of this program may use another one."""
@@ -48,11 +50,18 @@ class Job:
         session: Unique name of this start; rollouts of an earlier start have another one.
         seed: All random numbers of the run are derived from it.
         until_laps: Finish when an evaluation completes all its laps, and at least so many.
-        max_minutes: Finish after so much wall time.
+        max_minutes: Finish after so much wall time: of this start, or of all starts together if
+            `whole_run`.
         folder: Where workers write their `WorkerExit`.
         launcher_pid: When this process ends, the workers end too.
         term: Of the lease that the supervisor has taken; 0 before.
         sources: What drives each racer of an evaluation; empty for checkpoints in PyTorch.
+        whole_run: Whether any machine may continue the run with the same command. Then time counts
+            over all starts, and SIGTERM is an interruption.
+        ends_at: Finish at this time, in Unix seconds; None for no limit.
+        begun: The record in the bucket of this start.
+        end_work: If not empty, the training is complete, and only this work at its end is left.
+        noted: What the start has to say in the journal.
     """
 
     config: RunConfig
@@ -64,6 +73,11 @@ class Job:
     launcher_pid: int
     term: int = 0
     sources: tuple[PolicySource, ...] = ()
+    whole_run: bool = False
+    ends_at: float | None = None
+    begun: RunOutcome | None = None
+    end_work: tuple[str, ...] = ()
+    noted: tuple[JournalEntry, ...] = ()
 
     @property
     def directory(self) -> Path:

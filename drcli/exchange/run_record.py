@@ -1,5 +1,7 @@
 """The record of a run on this machine: its supervisor, its workers and its state."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -9,6 +11,10 @@ from drcli.base.process_identity import is_alive
 from drcli.config.settings import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
+
+_STOP_FILE = "stop-request.json"
+
+_WAITING = "waiting-*.json"
 
 State = Literal[
     "none", "starting", "running", "finished", "stopped", "interrupted", "failed", "lost"
@@ -130,3 +136,54 @@ class RunRecord:
 def run_folder(directory: Path, run_id: int) -> Path:
     """Folder of a run's records on this machine."""
     return directory / "data" / "runs" / str(run_id)
+
+
+@dataclass(frozen=True)
+class StopRequest:
+    """Says that a person stops a start of a training: its SIGTERM is no scheduler's."""
+
+    session: str
+
+    def write(self, folder: Path) -> None:
+        """Write it, unless the disk is full: the start then takes SIGTERM for a scheduler's."""
+        with suppress(OSError):
+            save_record(folder / _STOP_FILE, self)
+
+    @staticmethod
+    def is_for(session: str, folder: Path) -> bool:
+        """Whether this start was asked to stop."""
+        request = load_record(StopRequest, folder / _STOP_FILE)
+        return request is not None and request.session == session
+
+
+@dataclass(frozen=True)
+class WaitingStart:
+    """A start that waits until another one no longer trains the model.
+
+    Attributes:
+        pid_started: From `process_identity.started_s`.
+    """
+
+    pid: int
+    pid_started: float
+    bucket: str
+    prefix: str
+
+    @contextmanager
+    def shown(self, folder: Path) -> Iterator[None]:
+        """Let other commands see it while the `with` block runs."""
+        path = folder / _WAITING.replace("*", str(self.pid))
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            save_record(path, self)
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+
+    @staticmethod
+    def all(folder: Path) -> "list[WaitingStart]":
+        """Those that wait on this machine for a DR_RUN_ID."""
+        found = (load_record(WaitingStart, path) for path in sorted(folder.glob(_WAITING)))
+        return [one for one in found if one is not None and is_alive(one.pid, one.pid_started)]

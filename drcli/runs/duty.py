@@ -2,12 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
+from drcli.base.errors import DrError
+from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import Ending, Outcome
 from drcli.runs.worker_processes import Child
 from drcli.store.bucket import Bucket
+
+_logger = get_logger(__name__)
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,11 @@ class Duty:
     when the workers have exited and the run still owns its model, and `leave` at the very end, when
     the lease is released and the outcome is recorded. `check` must return at once: what takes
     longer belongs into a thread or a process. A failure in a duty is logged and never ends the run.
+
+    Work at the end of a complete training that must not be lost is named by `left`: before `finish`
+    everything that it is going to do, afterwards what it could not do. The bucket keeps these names
+    (`RunOutcome.left`), and `--resume-or-start` gives them to the duties of the next start as
+    `ending.only`, with `start` and `finish` and without workers.
     """
 
     name = "duty"
@@ -55,3 +67,18 @@ class Duty:
 
     def leave(self, ending: Ending) -> None:
         """Do what needs no ownership, when everything is saved."""
+
+    def left(self, ending: Ending) -> Sequence[str]:
+        """Names of the work at this end that is not done yet."""
+        return ()
+
+
+def attempt(duty: Duty, call: Callable[[], T]) -> T | None:
+    """Let a duty do something; if it fails, the training goes on without it."""
+    try:
+        return call()
+    except DrError as error:
+        _logger.warning("%s: %s %s", duty.name, error, error.remedy)
+    except Exception as error:
+        _logger.error("%s failed: %s", duty.name, error, exc_info=error)
+    return None

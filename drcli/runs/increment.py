@@ -10,7 +10,7 @@ from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
 from drcli.models.pretrained import read_weights
 from drcli.models.repair_model import repair_or_warn
-from drcli.runs.plan import refuse_second_run
+from drcli.runs.take_model import refuse_second_run
 from drcli.store import lease
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import contains, is_used, wipe

@@ -13,6 +13,12 @@ which invites the caller to try again."""
 CTRL_C, TERMINATED = 130, 143
 """Exit codes after Ctrl-C and after SIGTERM."""
 
+HOW_TO_GO_ON = "Continue with `dr-start-training --resume-or-start`, here or on another machine."
+STAYS = (
+    "DR_CONTINUE_ON_SPOT_INTERRUPTION is False, so it stays stopped. "
+    "Continue with `dr-start-training --resume`."
+)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -21,12 +27,14 @@ class Outcome:
     Attributes:
         save_within_s: How long its process may still run: the machine goes away, or a scheduler
             kills it. None if there is no hurry.
+        stays_ended: Whether only an explicit `--resume` continues the run.
     """
 
     code: int
     message: str
     remedy: str = ""
     save_within_s: float | None = None
+    stays_ended: bool = False
 
     @property
     def state(self) -> State:
@@ -38,19 +46,39 @@ class Outcome:
         return "stopped" if self.code in (CTRL_C, TERMINATED) else "failed"
 
 
+def interrupted(message: str, save_within_s: float, *, continues: bool) -> Outcome:
+    """The outcome of a run whose machine goes away.
+
+    Args:
+        message: A sentence.
+        save_within_s: How long its process may still run.
+        continues: DR_CONTINUE_ON_SPOT_INTERRUPTION.
+    """
+    return Outcome(
+        INTERRUPTED,
+        message,
+        HOW_TO_GO_ON if continues else STAYS,
+        save_within_s=save_within_s,
+        stays_ended=not continues,
+    )
+
+
 @dataclass(frozen=True)
 class Ending:
     """The end of a run, for the duties that still have something to do.
 
     Attributes:
         outcome: How the run ends.
-        deadline_s: When all of it must be over, on the monotonic clock; None for no limit.
+        deadline_s: When the duties must be over, on the monotonic clock; None for no limit.
         hurried: Whether a second signal came: then only what takes no time is done.
+        only: If not empty, an earlier start has ended the training and could not do this part of
+            the work at its end: nothing else is to be done.
     """
 
     outcome: Outcome
     deadline_s: float | None
     hurried: Callable[[], bool]
+    only: tuple[str, ...] = ()
 
     def left_s(self, share: float = 1.0) -> float:
         """Seconds that are left, or this share of them; infinite without a limit."""

@@ -1,34 +1,38 @@
 """Plans a training: checks everything, then copies what it starts from into the bucket."""
 
-import os
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import time
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
 
 from drcli.base import notices
-from drcli.base.errors import SettingsError, StorageError
-from drcli.base.file_lock import only_writer
+from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans, examine
 from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import CustomFilesConfig, Settings, catalogue
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job
-from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.journal_entry import JournalEntry
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
-from drcli.modelfiles.custom_files import Inputs, find, upload_custom_files
+from drcli.modelfiles.custom_files import Inputs, find
+from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
-from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
+from drcli.runs.freeze_inputs import freeze, parameter_files
+from drcli.runs.journal_of_start import start_entries
+from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.run_logs import begin_logs
+from drcli.runs.take_model import refuse_second_run, taken
+from drcli.spot.notice_watch import command_words
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.store.model_prefix import is_used, newest_checkpoint, wipe
+from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.repair import Model
 from drcli.workers.goals import ending
 
@@ -38,13 +42,22 @@ NOT_SHOWN = ("V-20",)
 
 @dataclass(frozen=True)
 class StartOptions:
-    """Options of the command; `until_laps` is the least number of laps that must be completed."""
+    """What is asked of a start.
+
+    Attributes:
+        until_laps: The least number of laps that must be completed.
+        whole_run: Whether any machine may continue the run with the same command: see `Job`.
+        over_aborted: Whether the model's prefix may hold what a start wrote that ended before its
+            first checkpoint.
+    """
 
     wipe: bool = False
     resume: bool = False
     max_minutes: float | None = None
     until_laps: int | None = None
     seed: int | None = None
+    whole_run: bool = False
+    over_aborted: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +80,18 @@ class RunPlan:
     wiped: bool = False
 
 
+@dataclass(frozen=True)
+class EndWorkPlan:
+    """What is left to do at the end of a complete training.
+
+    Attributes:
+        outcome: Of the training.
+    """
+
+    job: Job
+    outcome: RunOutcome
+
+
 def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     """Check everything and copy the inputs into the bucket, before a process starts.
 
@@ -83,8 +108,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         )
     if settings.untrainable is not None:
         raise ProblemsError([settings.untrainable])
-    folder = run_folder(directory, settings.run_id)
-    refuse_second_run(settings.run_id, folder)
+    refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
+    command_words(settings.interruption_command)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe()
     lease.refuse_other_owner(bucket, prefix)
@@ -95,28 +120,26 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
             remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
         )
-    if options.resume:
+    repairs = repair_all(Model.of(settings.model, bucket, prefix)) if options.resume else []
+    for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
-        for sentence in repair_all(Model.of(settings.model, bucket, prefix)):
-            notices.warn(sentence)
+        notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
     resumes, damaged = _resumable(bucket, prefix) if options.resume else (None, [])
-    job = Job(
-        config=settings.run,
-        session=secrets.token_hex(6),
-        seed=_seed(settings, options, before),
-        until_laps=options.until_laps,
-        max_minutes=options.max_minutes or settings.train_max_minutes or None,
-        folder=folder,
-        launcher_pid=os.getpid(),
-    )
+    continues = options.resume or options.over_aborted
+    previous = read_outcome(bucket, prefix) if continues else None
+    began_at = first_start(previous, before)
+    job = _job(settings, options, _seed(settings, options, before), began_at)
     custom = settings.custom_files
     examined = examine(
         settings,
         job,
-        find(_resumed(custom, prefix) if options.resume else custom, bucket),
+        find(resumed_files(custom, prefix) if options.resume else custom, bucket),
         bucket,
-        Plans(options.wipe, Design.of_model(bucket, prefix) if options.resume else None),
+        Plans(
+            wiping=options.wipe or options.over_aborted,
+            resumed=Design.of_model(bucket, prefix) if options.resume else None,
+        ),
     )
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
@@ -124,62 +147,80 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
     warnings = [*damaged, *settings.warnings, *shown]
     source = transfer.source if transfer is not None else None
-    with _taken(job, bucket, options):
+    ends = ending(job, design.parameters)
+
+    def review() -> None:
+        if options.wipe or options.resume:
+            return
+        files = parameter_files(settings)
+        if not (options.over_aborted and is_aborted_start(bucket, prefix, files)):
+            refuse(review_prefix(prefix, bucket))
+
+    with taken(job, bucket, review):
         wiping = options.wipe and is_used(bucket, prefix)
         if wiping:
             wipe(bucket, prefix, spared=[keys.lease(prefix)])
-        _freeze(settings, bucket, inputs, design)
+        begun = begun_by(job, began_at, ends)
+        # First of all: a start that is cut off here must be known as one.
+        write_outcome(bucket, prefix, begun)
+        freeze(settings, bucket, inputs, design)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before)
         bucket.put(keys.training_start(prefix), start.encode())
+        noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
             counters = Counters(critic_warmup=transfer.critic_warmup)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
-    ends = ending(job, design.parameters)
+    job = replace(job, begun=begun, noted=noted)
     return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
 
 
-def refuse_second_run(run_id: int, folder: Path) -> None:
-    """Refuse while a training of this run number is alive on this machine."""
-    record = RunRecord.read(folder)
-    if record is not None and record.alive:
-        raise SettingsError(
-            f"Run {run_id} is training s3://{record.bucket}/{record.prefix} already "
-            f"(process {record.pid}).",
-            remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
-            "another DR_LOCAL_S3_MODEL_PREFIX.",
-        )
-
-
-@contextmanager
-def _taken(job: Job, bucket: Bucket, options: StartOptions) -> Iterator[None]:
-    """Take the lease of the model prefix, and release it if the `with` block fails.
-
-    Another start may have taken it during the checks, which need seconds. The folder is locked only
-    for this step, because other commands need it too.
+def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
+    """Take the model for the work at the end of a complete training that is still to be done.
 
     Raises:
-        SettingsError: Another start was faster.
+        SettingsError: Another start trains the model.
     """
-    prefix = job.config.model.prefix
-    with only_writer(job.directory):
-        refuse_second_run(job.config.run_id, job.folder)
-        lease.refuse_other_owner(bucket, prefix, job.session)
-        if not (options.wipe or options.resume):
-            refuse(review_prefix(prefix, bucket))
-        lease.take(bucket, prefix, job.session)
-    try:
-        yield
-    except BaseException:
-        with suppress(StorageError):
-            lease.release(bucket, prefix, job.session)
-        raise
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    seed = settings.train_seed or 0  # nothing is learned, so nothing is drawn
+    job = _job(settings, StartOptions(whole_run=True), seed, outcome.began_at)
+    begun = replace(begun_by(job, outcome.began_at, outcome.goals), message=outcome.message)
+    text = f"A start on {begun.host} does what was left to do: {', '.join(outcome.left)}."
+    noted = JournalEntry(time.time(), "start", text, {"host": begun.host})
+    job = replace(job, begun=begun, end_work=outcome.left, noted=(noted,))
+    with taken(job, bucket, lambda: None):
+        return EndWorkPlan(job, outcome)
 
 
-def _resumed(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
+def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, bucket: Bucket) -> str:
+    """Everything that would end a training that a start continues, as one sentence.
+
+    Raises:
+        SettingsError: hyperparameters.json is wrong.
+    """
+    places = resumed_files(settings.custom_files, settings.model_prefix)
+    file = find(places, bucket).get(keys.HYPERPARAMETERS_FILE)
+    if file is None:
+        return ""  # a start says which file is missing
+    parameters = Hyperparameters.from_bytes(file.data, file.origin)
+    return ending(_job(settings, options, 0, outcome.began_at), parameters)
+
+
+def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) -> Job:
+    return planned_job(
+        settings,
+        seed=seed,
+        began_at=began_at,
+        until_laps=options.until_laps,
+        max_minutes=options.max_minutes,
+        whole_run=options.whole_run,
+    )
+
+
+def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
     """The same places, with the model's own files for those that `custom_files/` does not have.
 
     So a local file that was changed between stop and resume counts, and a machine without local
@@ -211,29 +252,6 @@ def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
             "which costs a few iterations."
         )
     return name, warnings
-
-
-def _freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:
-    """Copy the files of the training below the model prefix."""
-    prefix = settings.model_prefix
-    upload_custom_files(settings.custom_files, bucket, inputs)
-    bucket.put(keys.reward_function(prefix), inputs.reward.data)
-    bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
-    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
-    bucket.put(keys.hyperparameters(prefix), parameters.encode())
-    for name, own in _parameter_files(settings).items():
-        bucket.put(keys.parameter_file(prefix, name), training_parameters(own))
-
-
-def _parameter_files(settings: Settings) -> dict[str, Settings]:
-    """The settings of each parameter file: each worker with its own race has its own file."""
-    file = PurePosixPath(settings.training_params_file)
-    files = {settings.training_params_file: settings}
-    if settings.overrides:
-        for worker in range(settings.workers):
-            name = file.with_stem(f"{file.stem}_{worker + 1}")
-            files[str(name)] = settings.for_worker(worker)
-    return files
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:

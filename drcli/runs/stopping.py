@@ -13,7 +13,7 @@ from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
 from drcli.config.settings import RunConfig, StorageConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
-from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.run_record import RunRecord, StopRequest, WaitingStart, run_folder
 from drcli.runs.status import RunReport, inspect
 from drcli.store.server import server
 
@@ -31,13 +31,13 @@ class Stopped:
     """A run that was stopped.
 
     Attributes:
-        kind: training or evaluation.
+        kind: training, evaluation, or wait for a start that waited for the end of another one.
         run_id: Its DR_RUN_ID.
         model: Its model, as s3://bucket/prefix.
         pid: Its process, which has ended.
     """
 
-    kind: Literal["training", "evaluation"]
+    kind: Literal["training", "evaluation", "wait"]
     run_id: int
     model: str
     pid: int
@@ -67,9 +67,18 @@ def stop(config: RunConfig) -> RunReport:
     """Stop a training and wait for its end; a second call meanwhile kills its workers."""
     record = _alive(config)
     if record is not None:
-        _terminate([record])
+        _terminate([record], config.directory)
         _wait([record], TRAINING_PATIENCE_S)
     return inspect(config)
+
+
+def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
+    """End the starts of a DR_RUN_ID on this machine that wait until another one has ended."""
+    waiting = WaitingStart.all(run_folder(directory, run_id))
+    for one in waiting:
+        with suppress(ProcessLookupError, PermissionError):
+            os.kill(one.pid, signal.SIGTERM)
+    return [Stopped("wait", run_id, f"s3://{one.bucket}/{one.prefix}", one.pid) for one in waiting]
 
 
 def is_running(config: RunConfig) -> bool:
@@ -86,17 +95,24 @@ def _alive(config: RunConfig) -> RunRecord | None:
 def stop_the_only_training(directory: Path) -> Stopped | None:
     """Stop the only training of a working folder; None if none or several run."""
     trainings = running_trainings(directory)
-    return _stop(trainings, [])[0] if len(trainings) == 1 else None
+    return _stop(trainings, [], directory)[0] if len(trainings) == 1 else None
 
 
 def stop_runs(directory: Path) -> list[Stopped]:
     """Stop every training and evaluation that was started in a working folder."""
-    return _stop(running_trainings(directory), running_evaluations(directory))
+    waiting = [
+        one
+        for folder in sorted((directory / "data" / "runs").glob("*"))
+        if folder.name.isdigit()
+        for one in stop_waiting(directory, int(folder.name))
+    ]
+    runs = _stop(running_trainings(directory), running_evaluations(directory), directory)
+    return [*runs, *waiting]
 
 
 def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
     """Stop the evaluations of one DR_RUN_ID, whichever shell started them."""
-    return _stop([], running_evaluations(directory, run_id))
+    return _stop([], running_evaluations(directory, run_id), directory)
 
 
 def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
@@ -120,16 +136,18 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     return StopReport(stopped, server.stop(storage))
 
 
-def _stop(trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord]) -> list[Stopped]:
+def _stop(
+    trainings: Sequence[RunRecord], evaluations: Sequence[EvaluationRecord], directory: Path
+) -> list[Stopped]:
     """Stop runs.
 
     Raises:
         WorkerDied: A process did not exit.
     """
     runs: list[Run] = [*trainings, *evaluations]
-    _terminate(runs)
+    _terminate(runs, directory)
     if not _wait(trainings, TRAINING_PATIENCE_S):
-        _terminate(trainings)  # at the second signal a supervisor kills its workers
+        _terminate(trainings, directory)  # at the second signal a supervisor kills its workers
         _wait(trainings, KILLED_PATIENCE_S)
     _wait(evaluations, EVALUATION_PATIENCE_S)
     left = " ".join(str(run.pid) for run in runs if is_alive(run.pid, run.pid_started))
@@ -149,9 +167,11 @@ def kind_of(run: Run) -> Literal["training", "evaluation"]:
     return "training" if isinstance(run, RunRecord) else "evaluation"
 
 
-def _terminate(runs: Sequence[Run]) -> None:
+def _terminate(runs: Sequence[Run], directory: Path) -> None:
     for run in runs:
         if is_alive(run.pid, run.pid_started):
+            if isinstance(run, RunRecord):
+                StopRequest(run.session).write(run_folder(directory, run.run_id))
             with suppress(ProcessLookupError):
                 os.kill(run.pid, signal.SIGTERM)
 

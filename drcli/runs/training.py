@@ -13,10 +13,12 @@ from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
 from drcli.runs.duty import Duty
+from drcli.runs.interruption_watch import InterruptionWatch
 from drcli.runs.lease_renewal import Renewal
-from drcli.runs.plan import RunPlan, refuse_second_run
+from drcli.runs.plan import EndWorkPlan, RunPlan
 from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
+from drcli.runs.take_model import refuse_second_run
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
@@ -40,7 +42,7 @@ EXIT_S = 15.0
 which get ten seconds."""
 
 
-def launch(plan: RunPlan) -> int:
+def launch(plan: RunPlan | EndWorkPlan) -> int:
     """Start the supervisor as a process that outlives this one.
 
     Returns:
@@ -120,13 +122,13 @@ def _supervise(job: Job) -> int:
         open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
         revive_server=lambda: server.ensure_running(storage),
         restart_server=lambda: server.restart(storage),
-        duties=_duties(),
+        duties=_duties(job),
     ).run()
 
 
-def _duties() -> list[Duty]:
+def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
-    return []
+    return [InterruptionWatch()]
 
 
 def _is_ready(job: Job) -> bool:

@@ -125,6 +125,11 @@ def lease(prefix: str) -> str:
     return run_folder(prefix) + "lease.json"
 
 
+def outcome(prefix: str) -> str:
+    """What the newest start of the run came to."""
+    return run_folder(prefix) + "outcome.json"
+
+
 def journal_folder(prefix: str) -> str:
     """Folder with the journal of the model: one object for each start."""
     return folder(prefix) + "journal/"
@@ -133,6 +138,12 @@ def journal_folder(prefix: str) -> str:
 def journal(prefix: str, term: int, session: str) -> str:
     """What happened in one start; sorted by key, the starts are in their order."""
     return f"{journal_folder(prefix)}{term:06d}-{session}.jsonl"
+
+
+def journal_session(prefix: str, key: str) -> str | None:
+    """The start whose journal this is; None for other keys."""
+    found = re.fullmatch(re.escape(journal_folder(prefix)) + r"\d+-([^/]+)\.jsonl", key)
+    return found[1] if found else None
 
 
 def damaged(prefix: str, key: str, stamp: str) -> str:

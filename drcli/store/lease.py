@@ -30,6 +30,10 @@ OTHERS_TRUSTED_S = 1.0
 """The same before other objects (`keys.decides`). A new owner's processes take longer to start."""
 
 
+class ModelInUse(SettingsError):
+    """Another start trains the model, or had trained it until a moment ago."""
+
+
 def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
     """The lease, however old; None if it does not exist or is damaged.
 
@@ -70,13 +74,18 @@ def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
 
 
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
-    """Raise SettingsError if a start other than this session trains on the prefix."""
+    """Return if no start other than this session trains on the prefix.
+
+    Raises:
+        ModelInUse: One does.
+        SettingsError: The owner is a newer version of drcli.
+    """
     held = live_holder(bucket, prefix)
     if held is None or held.session == session:
         return
     if held.newer:
         raise _owned_by_newer(bucket, prefix)
-    raise SettingsError(
+    raise ModelInUse(
         f"s3://{bucket.name}/{prefix} is being trained by {held.owner} "
         f"(last heard from {held.age_s:.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "

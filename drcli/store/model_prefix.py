@@ -27,3 +27,36 @@ def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
     """Delete the model, its rollouts and the records of its runs."""
     for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
         bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])
+
+
+def has_checkpoint(bucket: Bucket, prefix: str) -> bool:
+    """Whether there is a checkpoint that was written to its end, damaged or not."""
+    return any(key.endswith(".ckpt.json") for key in checkpoint_objects(bucket, prefix))
+
+
+def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[str]) -> bool:
+    """Whether the prefix holds nothing but what a start wrote that ended before its checkpoint.
+
+    Then nothing is lost if a new start writes these objects again.
+
+    Args:
+        bucket: Of the model.
+        prefix: The model.
+        parameter_files: Names of the parameter files that a start writes.
+    """
+    known = {
+        keys.reward_function(prefix),
+        keys.model_metadata(prefix),
+        keys.hyperparameters(prefix),
+        keys.training_start(prefix),
+        *(keys.parameter_file(prefix, name) for name in parameter_files),
+    }
+    folders = (f"{keys.folder(prefix)}logs/", keys.journal_folder(prefix))
+    unfinished = checkpoint_objects(bucket, prefix)
+    if any(name.number or key.endswith(".ckpt.json") for key, name in unfinished.items()):
+        return False
+    listed = {info.key for info in bucket.list(keys.folder(prefix))}
+    ours = keys.training_start(prefix) in listed or bucket.exists(keys.outcome(prefix))
+    return ours and all(
+        key in known or key in unfinished or key.startswith(folders) for key in listed
+    )

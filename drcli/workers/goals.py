@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
@@ -12,18 +13,31 @@ SCORED_EPISODES = 100
 
 
 class Goals:
-    """Knows when one start of a training is complete."""
+    """Knows when a training is complete.
+
+    Args:
+        job: With the limits of this start, or of the whole run.
+        parameters: Of the model.
+        clock: Monotonic seconds, for tests.
+        before_s: How long earlier starts trained. It counts if the limit is that of the whole run.
+        now: Unix seconds, for tests.
+    """
 
     def __init__(
         self,
         job: Job,
         parameters: Hyperparameters,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        before_s: float = 0.0,
+        now: Callable[[], float] = time.time,
     ) -> None:
         self._job = job
         self._parameters = parameters
         self._clock = clock
-        self._began_s = clock()
+        self._began_s = clock() - (before_s if job.whole_run else 0.0)
+        # On the monotonic clock, so that nobody ends the training by setting the machine's clock.
+        self._ends_s = None if job.ends_at is None else clock() + job.ends_at - now()
 
     def reached(self, records: Sequence[IterationRecord]) -> str | None:
         """Why the training is complete, as one sentence; None if it is not."""
@@ -34,6 +48,9 @@ class Goals:
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
             return f"Training is complete: the time limit ({_minutes(minutes)}) was reached."
+        if self._ends_s is not None and self._clock() >= self._ends_s:
+            lived = _minutes(job.config.unattended.time_to_live_minutes)
+            return f"Training is complete: {lived} have passed since its first start."
         most, name = _iteration_limit(job, self._parameters)
         if most <= len(records):
             done = "1 iteration is" if len(records) == 1 else f"{len(records)} iterations are"
@@ -79,9 +96,12 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if job.max_minutes is not None:
         given = job.max_minutes == settings.train_max_minutes
         ways.append(
-            f"after {_minutes(job.max_minutes)} "
+            f"after {_minutes(job.max_minutes)} {'of all starts together ' * job.whole_run}"
             f"({'DR_TRAIN_MAX_MINUTES' if given else '--max-minutes'})"
         )
+    if job.ends_at is not None:
+        at = datetime.fromtimestamp(job.ends_at, UTC)
+        ways.append(f"at {at:%Y-%m-%d %H:%M} UTC (DR_TIME_TO_LIVE_MINUTES)")
     most, name = _iteration_limit(job, parameters)
     ways.append(f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name})")
     if settings.train_stop_reward is not None:

@@ -91,7 +91,7 @@ class Trainer:
             metadata,
             enabled=train.train_frozen_graph,
         )
-        self._goals = Goals(job, parameters)
+        self._goals = Goals(job, parameters, before_s=counters.elapsed_s)
         self._reader = RolloutReader(self._bucket, self._prefix, job.session)
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration

@@ -29,6 +29,7 @@ CODES = {
     "TrainingFailed": 6,
     "NotAvailable": 7,
     "OwnershipLost": 8,
+    "TrainedElsewhere": 9,
 }
 """Failures and the exit code that a command ends with. Their subclasses are found by themselves."""
 
@@ -46,6 +47,7 @@ TITLES = {
     6: "Learning",
     7: "Not available in this version, or a missing program",
     8: "Models taken over by another training",
+    9: "Models that are being trained, when nobody wants to wait",
 }
 
 NAMELESS = "..."

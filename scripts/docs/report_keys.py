@@ -18,6 +18,8 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "stop-metrics",
         "stop-loganalysis",
     ),
+    "runs.journal_reader:JournalReport": ("journal",),
+    "runs.foreign_watch:WatchReport": ("spot watch",),
     "runs.increment:Increment": ("increment-training",),
     "runs.evaluation:EvaluationReport": ("evaluate", "start-evaluation"),
     "cli.commands.evaluate:Started": ("start-evaluation -q",),

@@ -161,7 +161,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
     """A racer in an empty folder, the current one."""
     bucket = ProbedBucket()
-    for module in ("plan", "increment"):
+    for module in ("plan", "increment", "resume_or_start"):
         monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
     return Racer(working_folder, bucket)

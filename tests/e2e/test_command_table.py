@@ -39,6 +39,9 @@ LONG = (("DR_EVAL_NUMBER_OF_TRIALS", "3000"), ("DR_EVAL_MAX_RESETS", "100000"))
 UNUSED = (("DR_LOCAL_S3_MODEL_PREFIX", "unused"),)
 """A name that a new model could have."""
 
+NO_CLOUD = (("AWS_EC2_METADATA_DISABLED", "true"),)
+"""On a machine of Amazon, nothing is asked either."""
+
 
 @dataclass(frozen=True)
 class Call:
@@ -68,6 +71,9 @@ WHILE_TRAINING = [
     Call("start-training", "is training s3://bucket/model already", 3),
     Call("status", "running"),
     Call("status --json", "run_id bucket prefix state workers history best last dead"),
+    Call("journal", "begins a new model"),
+    Call("journal --json", "model events damaged"),
+    Call("spot watch --once", "belongs to no cloud", 3, NO_CLOUD),
     Call("summary", "training"),
     Call("summary --json", "folder prefix world workers bucket running versions gpus"),
     Call("find-sagemaker", ""),

@@ -1,6 +1,7 @@
 """`dr start-training`."""
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,10 +11,11 @@ from drcli.cli import console, watch_training
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson, wipe_option
 from drcli.cli.views import training_view as views
-from drcli.cli.working_folder import settings, working_folder
+from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
+    from drcli.runs.plan import EndWorkPlan, RunPlan, StartOptions
     from drcli.runs.status import RunReport
 
 
@@ -32,6 +34,22 @@ def start_training(
     wipe: Annotated[bool, wipe_option("Delete everything under the model prefix first.")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the training of this model.")
+    ] = False,
+    resume_or_start: Annotated[
+        bool,
+        typer.Option(
+            "--resume-or-start",
+            help="Start, continue, or do nothing if the training is complete or was stopped on "
+            "purpose. Can be given again and again, on any machine.",
+        ),
+    ] = False,
+    no_wait: Annotated[
+        bool,
+        typer.Option(
+            "--no-wait",
+            help="With --resume-or-start: exit 9 if another machine trains the model, instead of "
+            "waiting for its end.",
+        ),
     ] = False,
     quiet: Annotated[
         bool, typer.Option("-q", "--quiet", help="Return at once and print one line.")
@@ -91,21 +109,76 @@ def start_training(
     line is printed for each iteration. The command exits when the training ends, with the same exit
     code. With -q it returns at once.
 
+    With --resume-or-start, --max-minutes counts the time of all starts together, and a training
+    that SIGTERM or the cloud ends exits 75: it can be resumed.
+
     Example: dr-start-training --until-laps 3
     """
-    from drcli.runs import plan, training
+    if no_wait and not resume_or_start:
+        raise typer.BadParameter("--no-wait needs --resume-or-start.")
+    from drcli.runs.plan import StartOptions
+
+    loaded = settings()
+    followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
+    bring_tracks(loaded)
+    options = StartOptions(wipe, resume, max_minutes, until_laps, seed)
+    how = _How(quiet, verbose, foreground, as_json, followed)
+    if not resume_or_start:
+        raise typer.Exit(_run(loaded, _planned(loaded, options), how))
+    raise typer.Exit(_resume_or_start(loaded, options, how, wait=not no_wait))
+
+
+@dataclass(frozen=True)
+class _How:
+    """How a training is shown and where it runs."""
+
+    quiet: bool
+    verbose: bool
+    foreground: bool
+    as_json: bool
+    followed: list[str]
+
+
+def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
+    from drcli.runs import plan
+
+    with console.waiting("Checking settings, files and reward function ...", only_live=True):
+        return plan.prepare(loaded, options)
+
+
+def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, wait: bool) -> int:
+    """Do what is to be done, however often another start is faster."""
+    from drcli.runs.resume_or_start import NothingToDo, prepare_next, was_overtaken
+    from drcli.runs.status import inspect
+    from drcli.store.lease import ModelInUse
+
+    while True:
+        planned = prepare_next(loaded, options, wait=wait)
+        if isinstance(planned, NothingToDo):
+            console.say(planned.sentence)
+            console.emit(inspect(loaded.run), None, as_json=how.as_json)
+            return 0
+        try:
+            return _run(loaded, planned, how)
+        except (ModelInUse, WorkerDied):
+            if not was_overtaken(loaded, planned.job):
+                raise
+
+
+def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int:
+    """Start what is planned, and show it until its end; returns the exit code."""
+    from drcli.runs import training
+    from drcli.runs.plan import RunPlan
     from drcli.runs.run_logs import log_file
     from drcli.runs.status import inspect
 
-    loaded, folder = settings(), working_folder()
-    followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
-    bring_tracks(loaded)
-    options = plan.StartOptions(wipe, resume, max_minutes, until_laps, seed)
-    with console.waiting("Checking settings, files and reward function ...", only_live=True):
-        planned = plan.prepare(loaded, options)
-    if not quiet:
+    quiet, verbose, foreground, as_json = how.quiet, how.verbose, how.foreground, how.as_json
+    followed, folder = how.followed, loaded.directory
+    if not quiet and isinstance(planned, RunPlan):
         console.warn(*planned.warnings)
         console.say(views.start_text(planned))
+    elif not quiet and not isinstance(planned, RunPlan):
+        console.say(views.end_work_text(planned))
 
     if quiet:
         display = watch_training.nothing()
@@ -133,15 +206,15 @@ def start_training(
             console.say(f"Training of model s3://{loaded.bucket}/{loaded.model_prefix} starting.")
             if as_json:
                 console.emit(inspect(loaded.run), None, as_json=True)
-            return
+            return 0
         console.suggest(watch_training.NEXT)
         report = watch_training.until_the_end(loaded.run, display)
         if report is None:
             console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)
-            raise typer.Exit(130)
+            return 130
         code = _end(report, as_json=as_json)
-    raise typer.Exit(code)
+    return code
 
 
 def _followed(
@@ -161,7 +234,7 @@ def _followed(
 def _end(report: "RunReport", *, as_json: bool) -> int:
     """Say how the training ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
-    if report.state in ("finished", "stopped"):
+    if report.state in ("finished", "stopped", "interrupted"):
         console.say(views.end_text(report))
     else:
         console.fail(report.message, report.remedy)

@@ -18,8 +18,9 @@ AFTER_NOTHING = [("dr-start-training -w", "start again")]
 def stop_training(as_json: AsJson = False) -> None:
     """Stop the running training.
 
-    What was learned so far stays in the bucket; dr-start-training --resume continues it. Does
-    nothing when no training is running.
+    What was learned so far stays in the bucket; dr-start-training --resume continues it, and
+    --resume-or-start leaves it stopped. Also ends starts that wait for the end of a training
+    elsewhere. Does nothing when no training is running.
 
     Example: dr-stop-training
     """
@@ -36,8 +37,11 @@ def stop_training(as_json: AsJson = False) -> None:
         said = f"Stopped the training of {stopped.model}; the settings are broken now."
         console.emit(stopping.StopReport([stopped]), said, as_json=as_json)
         return
+    waiting = stopping.stop_waiting(loaded.directory, loaded.run_id)
     if not stopping.is_running(loaded.run):
-        console.emit(stopping.StopReport(), "No training is running.", as_json=as_json)
+        ended = stopping.StopReport(waiting)
+        said = summary_view.stopped(ended) if waiting else "No training is running."
+        console.emit(ended, said, as_json=as_json)
         return
     with console.waiting("Stopping the training; waiting for its workers to exit ..."):
         report = stopping.stop(loaded.run)
@@ -51,7 +55,7 @@ def stop_training(as_json: AsJson = False) -> None:
     last = report.last
     newest = f"its last checkpoint is {last.name}" if last else "it has no checkpoint yet"
     said = f"Stopped the training of {model}; {newest}."
-    console.emit(stopping.StopReport([stopped]), said, as_json=as_json)
+    console.emit(stopping.StopReport([stopped, *waiting]), said, as_json=as_json)
     console.suggest(AFTERWARDS if last else AFTER_NOTHING)
 
 

@@ -79,8 +79,10 @@ def speed(report: "SpeedReport") -> str:
 
 
 def _ended(report: "StopReport") -> list[str]:
+    what = {"wait": "wait for the end of the training"}
     return [
-        f"Stopped the {run.kind} of {run.model} (run {run.run_id}, process {run.pid})."
+        f"Stopped the {what.get(run.kind, run.kind)} of {run.model} "
+        f"(run {run.run_id}, process {run.pid})."
         for run in report.stopped
     ]
 

@@ -11,7 +11,7 @@ from drcli.cli.views.layout import counted, fitted, indented
 if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
-    from drcli.runs.plan import RunPlan
+    from drcli.runs.plan import EndWorkPlan, RunPlan
     from drcli.runs.status import RunReport
 
 LIVE_ROWS = 6
@@ -27,6 +27,7 @@ STATE_STYLES = {
     "starting": "cyan",
     "finished": "bold green",
     "stopped": "yellow",
+    "interrupted": "bold yellow",
     "failed": "bold red",
     "lost": "bold red",
 }
@@ -69,7 +70,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))
-    if report.state == "failed" and report.remedy:
+    if report.state in ("failed", "interrupted") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         for worker in report.workers:
@@ -111,6 +112,16 @@ def start_text(plan: "RunPlan") -> str:
         plan.ends,
     ]
     return "\n".join(lines)
+
+
+def end_work_text(plan: "EndWorkPlan") -> str:
+    """What is left to do for a complete training."""
+    config = plan.job.config
+    model = f"s3://{config.storage.bucket}/{config.model.prefix}"
+    return (
+        f"{model}: {plan.outcome.message} What was left to do at its end is done now: "
+        f"{', '.join(plan.outcome.left)}."
+    )
 
 
 def increment(step: "Increment") -> RenderableType:

@@ -1,5 +1,7 @@
 """Trainings that nobody watches: interruptions, uploads by the clock, messages, money, faults."""
 
+from typing import Literal
+
 from drcli.config.fields import Group, setting
 
 
@@ -10,6 +12,43 @@ class InterruptionSettings(Group, title="Interruptions"):
         "DR_CONTINUE_ON_SPOT_INTERRUPTION",
         True,
         "Whether the next machine continues a training whose machine was taken away.",
+    )
+    time_to_live_minutes: float = setting(
+        "DR_TIME_TO_LIVE_MINUTES",
+        0.0,
+        "Complete the training so many minutes after its first start, pauses included; 0 never.",
+        between=(0.0, 10_000_000.0),
+    )
+    interruption_watch: Literal["auto", "aws", "gcp", "azure", "off"] = setting(
+        "DR_INTERRUPTION_WATCH",
+        "auto",
+        "Whose notices to watch for: those of the cloud that this machine belongs to, or this one.",
+        file="system.env",
+    )
+    interruption_command: str = setting(
+        "DR_INTERRUPTION_COMMAND",
+        "",
+        "Program that ends with exit code 0 when this machine is about to be taken away.",
+        file="system.env",
+    )
+    metadata_service_url: str = setting(
+        "DR_METADATA_SERVICE_URL",
+        "",
+        "Another address of the cloud's metadata service.",
+        file="system.env",
+    )
+    on_rebalance: Literal["continue", "stop"] = setting(
+        "DR_ON_REBALANCE",
+        "continue",
+        "What a mere recommendation to move to another machine does.",
+        file="system.env",
+    )
+    sigterm_grace_seconds: float = setting(
+        "DR_SIGTERM_GRACE_SECONDS",
+        30.0,
+        "How long a training may take to end after SIGTERM, before it would be killed.",
+        between=(5.0, 3600.0),
+        file="system.env",
     )
 
 

@@ -18,14 +18,21 @@ from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord
-from drcli.runs import supervisor
+from drcli.runs import run_ending, supervisor
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
 from drcli.store import keys, lease
 from memory_bucket import MemoryBucket
 
-ENDS, LATE, STAYS = "pass", "import time; time.sleep(1)", "import time; time.sleep(60)"
+STAYS = "import time; time.sleep(60)"
+ENDS = WorkerExit("Training is complete.", "", 0)
+"""A trainer that says so when it has finished; one that only exits was told to."""
+
+
+@dataclass(frozen=True)
+class Late:
+    """A trainer that finishes after a second."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,9 @@ class Stage:
         if isinstance(script, WorkerExit):
             script.write(job.folder, name)
             script = f"raise SystemExit({script.code})"
+        if isinstance(script, Late):
+            ENDS.write(job.folder, name)
+            script = "import time; time.sleep(1)"
         return subprocess.Popen([sys.executable, "-S", "-c", script])
 
     def restart_server(self):
@@ -118,8 +128,16 @@ def test_the_run_ends_with_its_trainer(stage):
     assert stage.server_restarts == 0
 
 
+def test_a_trainer_that_somebody_told_to_exit_has_not_finished(stage):
+    stage.scripts["trainer"] = ["pass", ENDS]
+
+    assert stage.run() == 0
+
+    assert RunRecord.read(stage.job.folder).workers[0].restarts == 1
+
+
 def test_an_end_without_a_remedy_is_logged_without_a_blank(stage, monkeypatch, caplog):
-    monkeypatch.setattr(supervisor, "_logger", logging.getLogger("supervisor"))
+    monkeypatch.setattr(run_ending, "_logger", logging.getLogger("supervisor"))
     with caplog.at_level("INFO", "supervisor"):
         stage.run()
 
@@ -135,7 +153,7 @@ def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
 
 def test_a_server_is_not_restarted_again_for_what_failed_before_its_restart(stage):
     silent = WorkerExit("Nothing answers there.", "Wait.", 4, silent=True)
-    stage.scripts = {"trainer": [silent, LATE], "sim-0": [silent, STAYS]}
+    stage.scripts = {"trainer": [silent, Late()], "sim-0": [silent, STAYS]}
 
     assert stage.run() == 0
     assert stage.server_restarts == 1
@@ -234,7 +252,7 @@ class Silent(MemoryBucket):
 
 def test_a_silent_bucket_holds_up_neither_the_workers_nor_the_end(stage, monkeypatch):
     for name in ("LOOK_PATIENCE_S", "LOGS_PATIENCE_S", "RELEASE_PATIENCE_S"):
-        monkeypatch.setattr(supervisor, name, 0.05)
+        monkeypatch.setattr(run_ending, name, 0.05)
     stage.bucket = Silent()
     stage.revive_server = stage.bucket.hang
     stage.scripts = {"trainer": [STAYS], "sim-0": ["raise SystemExit(1)", STAYS]}

@@ -1,6 +1,7 @@
 """When a training ends, and how a collapsed one is told."""
 
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
@@ -21,7 +22,16 @@ def record(iteration: int = 0, **changes) -> IterationRecord:
 
 @pytest.fixture
 def goals(tmp_path):
-    def make(*lines: str, until_laps=None, max_minutes=None, clock=lambda: 0.0, **parameters):
+    def make(
+        *lines: str,
+        until_laps=None,
+        max_minutes=None,
+        clock=lambda: 0.0,
+        before_s=0.0,
+        now=lambda: 0.0,
+        job_changes=MappingProxyType({}),
+        **parameters,
+    ):
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         job = Job(
@@ -32,8 +42,9 @@ def goals(tmp_path):
             max_minutes=max_minutes,
             folder=Path(),
             launcher_pid=1,
+            **job_changes,
         )
-        return Goals(job, Hyperparameters(**parameters), clock)
+        return Goals(job, Hyperparameters(**parameters), clock, before_s=before_s, now=now)
 
     return make
 
@@ -135,3 +146,32 @@ def test_evaluations_take_no_more_than_their_share_of_the_time():
 
     assert spent / now[0] == pytest.approx(0.1, abs=0.01)
     assert evaluated > 30
+
+
+def test_the_time_of_all_starts_counts_where_any_machine_may_continue(goals):
+    def limited(*, whole_run):
+        times = iter([0.0, 601.0])
+        return goals(
+            max_minutes=60.0,
+            clock=lambda: next(times),
+            job_changes={"whole_run": whole_run},
+            before_s=3000.0,
+        )
+
+    assert limited(whole_run=False).reached([]) is None
+    assert "the time limit (60 minutes)" in limited(whole_run=True).reached([])
+
+
+def test_a_training_lives_for_so_long_after_its_first_start(goals):
+    times = iter([0.0, 0.0, 90.0, 110.0])
+    limited = goals(
+        "DR_TIME_TO_LIVE_MINUTES=30",
+        clock=lambda: next(times),
+        job_changes={"ends_at": 1_000_100.0},
+        now=lambda: 1_000_000.0,
+    )
+
+    assert limited.reached([]) is None
+    assert limited.reached([]) == (
+        "Training is complete: 30 minutes have passed since its first start."
+    )

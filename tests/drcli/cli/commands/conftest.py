@@ -42,7 +42,9 @@ from drcli.rewards.check import (
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.plot import PlotReport
 from drcli.runs.evaluation import EvaluationReport
+from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
+from drcli.runs.journal_reader import JournalEvent, JournalReport
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
@@ -259,6 +261,13 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("models.model_list.list_models", ModelList("bucket", "", [model]))
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
     answer("runs.status.trainers", [worker])
+    text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."
+    event = JournalEvent("abc", 1_000_000.0, "recovery", text, {"worker": "sim-0"})
+    answer("runs.journal_reader.journal_of", JournalReport(URL, [event], []))
+    text = "EC2 announces to terminate this instance in 120 s."
+    notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
+    answer("spot.cloud_notices.cloud_of_machine", "aws")
+    answer("runs.foreign_watch.ForeignWatch.once", notice)
     answer("runs.status.simulations", [worker])
     answer("runs.status.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)

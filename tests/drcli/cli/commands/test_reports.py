@@ -25,6 +25,8 @@ CALLS = {
     "evaluate": "laps",
     "start-evaluation": "laps",
     "status": "full training laps",
+    "journal": "(restart 1)",
+    "spot watch --once": "terminate",
     "summary": "DR_RUN_ID",
     "find-sagemaker": "4243",
     "find-robomaker": "4243",

@@ -1,0 +1,30 @@
+"""`dr journal`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.cli import console
+from drcli.cli.options import AsJson
+from drcli.cli.views import journal_view
+from drcli.cli.working_folder import settings
+
+
+def journal(
+    model: Annotated[
+        str | None,
+        typer.Argument(metavar="MODEL", help="Prefix of a model; that of run.env if left out."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what happened to a model: starts, machines, notices, faults, and how each start ended.
+
+    Contains the starts on all machines, from the bucket.
+
+    Example: dr-journal
+    """
+    from drcli.runs.journal_reader import journal_of
+
+    report = journal_of(settings(), model)
+    console.warn(*report.damaged)
+    console.emit(report, journal_view.journal(report), as_json=as_json)

@@ -1,0 +1,58 @@
+"""Shows the journal of a model."""
+
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from drcli.cli.views.layout import fitted, indented
+
+if TYPE_CHECKING:
+    from drcli.runs.journal_reader import JournalReport
+
+WIDE = 80
+"""From this width on, an event is a row of a table."""
+
+KIND_STYLES = {
+    "start": "bold cyan",
+    "notice": "bold yellow",
+    "fault": "red",
+    "recovery": "green",
+    "end": "bold",
+}
+
+
+@fitted
+def journal(columns: int, report: "JournalReport") -> RenderableType:
+    """One line for each event, with its time in UTC."""
+    if not report.events:
+        return Text(f"{report.model} has no journal: it was never trained, or by an old version.")
+    if columns < WIDE:
+        rows: list[RenderableType] = [Text(report.model, style="bold")]
+        for event in report.events:
+            styled = (event.kind, KIND_STYLES.get(event.kind, ""))
+            rows.append(Text.assemble((_moment(event.at), "dim"), " ", styled))
+            rows.append(indented(_printable(event.text)))
+        return Group(*rows)
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True, style="dim")
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for event in report.events:
+        kind = Text(event.kind, style=KIND_STYLES.get(event.kind, ""))
+        table.add_row(_moment(event.at), kind, Text(_printable(event.text)))
+    return Group(Text(report.model, style="bold"), table)
+
+
+def _moment(at: float) -> str:
+    with suppress(ValueError, OverflowError, OSError):
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(at))
+    return "?"
+
+
+def _printable(text: str) -> str:
+    """The text on one line, without what would control a terminal."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -1,0 +1,132 @@
+"""Ends a training in time when its machine is about to be taken away."""
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from drcli.base.errors import DrError
+from drcli.base.log import get_logger
+from drcli.config.settings import UnattendedConfig
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import Ending, Outcome, interrupted
+from drcli.spot.cloud_notices import CLOUD_NAMES, DMI_FOLDER, NoticeSource, cloud_of_machine
+from drcli.spot.metadata_service import source_of
+from drcli.spot.notice_watch import Announced, NoticeWatch, command_words, soonest
+
+_logger = get_logger(__name__)
+
+ACT_S = 120.0
+"""A training ends when its machine has less time left than this, the notice of EC2."""
+
+SAVE_S = 55.0
+"""How long saving may take: clouds may be a minute early."""
+
+SHORTEST_S = 8.0
+"""The least time for saving, whatever a notice says: what takes longer is cut off by the cloud."""
+
+MARGIN_S = 5.0
+"""Time that is left to the machine itself, which has to stop its services."""
+
+
+class InterruptionWatch(Duty):
+    """Watches for the notice, and ends the run when it comes.
+
+    Args:
+        dmi: Folder with the texts of the mainboard, for tests.
+    """
+
+    name = "interruption watch"
+
+    def __init__(self, dmi: Path = DMI_FOLDER) -> None:
+        self._dmi = dmi
+        self._watch: NoticeWatch | None = None
+        self._journal: Journal | None = None
+        self._stops_on_rebalance = False
+        self._continues = True
+        self._noted: set[tuple[str, str, str]] = set()
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin, if this machine belongs to a cloud or the racer has a program for it."""
+        settings = run.job.config.unattended
+        self._stops_on_rebalance = settings.on_rebalance == "stop"
+        self._continues = settings.continue_on_spot_interruption
+        self._journal = run.journal
+        try:
+            words = command_words(settings.interruption_command)
+        except DrError as error:
+            words = []
+            _logger.warning("%s %s", error, error.remedy)
+        source = chosen_source(settings, os.environ, self._dmi)
+        if source is not None:
+            _logger.info("Watching for notices of %s.", source.name)
+        self._watch = NoticeWatch(source, words, run.job.directory)
+        self._watch.start()
+
+    def check(self) -> Outcome | None:
+        """End the run when its machine goes away soon."""
+        if self._watch is None:
+            return None
+        now_s = time.monotonic()
+        announced = self._watch.announced()
+        for one in announced:
+            self._note(one)
+        first = soonest(announced, now_s)
+        if first is not None:
+            left_s = first.left_s(now_s)
+            return self._interrupted(first, left_s) if (left_s or 0.0) <= ACT_S else None
+        if announced and self._stops_on_rebalance:
+            return self._interrupted(announced[0], None)
+        return None
+
+    def finish(self, ending: Ending) -> None:
+        """Stop watching."""
+        if self._watch is not None:
+            self._watch.stop()
+
+    leave = finish
+
+    def _note(self, one: Announced) -> None:
+        notice = one.notice
+        name = (notice.source, notice.kind, notice.action)
+        if name in self._noted or self._journal is None:
+            return
+        self._noted.add(name)
+        _logger.warning("%s", notice.text)
+        self._journal.note(
+            "notice",
+            notice.text,
+            source=notice.source,
+            what=notice.kind,
+            action=notice.action,
+            seconds_left=notice.seconds_left,
+        )
+
+    def _interrupted(self, one: Announced, left_s: float | None) -> Outcome:
+        save_s = SAVE_S if left_s is None else min(SAVE_S, left_s - MARGIN_S)
+        return interrupted(
+            f"Interrupted: {one.notice.text}",
+            max(SHORTEST_S, save_s),
+            continues=self._continues,
+        )
+
+
+def chosen_source(
+    settings: UnattendedConfig, environment: Mapping[str, str], dmi: Path = DMI_FOLDER
+) -> NoticeSource | None:
+    """The notices that the settings ask for; None if this machine belongs to no cloud.
+
+    A wrong address is logged: it is no reason not to train.
+    """
+    wanted = settings.interruption_watch
+    if wanted == "off":
+        return None
+    cloud = cloud_of_machine(environment, dmi) if wanted == "auto" else wanted
+    if cloud is None:
+        return None
+    try:
+        return source_of(cloud, environment, settings.metadata_service_url)
+    except DrError as error:
+        _logger.warning("No notices from %s: %s %s", CLOUD_NAMES[cloud], error, error.remedy)
+        return None

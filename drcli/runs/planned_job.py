@@ -1,0 +1,62 @@
+"""Makes the job of a start, and the record that it has begun."""
+
+import os
+import secrets
+import socket
+import time
+from contextlib import suppress
+from datetime import datetime
+
+from drcli.config.settings import Settings
+from drcli.exchange.job import Job
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.run_record import run_folder
+from drcli.exchange.training_start import TrainingStart
+
+
+def planned_job(
+    settings: Settings,
+    *,
+    seed: int,
+    began_at: float,
+    until_laps: int | None = None,
+    max_minutes: float | None = None,
+    whole_run: bool = False,
+) -> Job:
+    """The job of a start.
+
+    Args:
+        settings: Of the racer.
+        seed: Of the run.
+        began_at: Unix seconds of the very first start of the run.
+        until_laps: As for `Job`.
+        max_minutes: Of the command; the setting counts without it.
+        whole_run: As for `Job`.
+    """
+    lives_s = 60.0 * settings.time_to_live_minutes
+    return Job(
+        config=settings.run,
+        session=secrets.token_hex(6),
+        seed=seed,
+        until_laps=until_laps,
+        max_minutes=max_minutes or settings.train_max_minutes or None,
+        folder=run_folder(settings.directory, settings.run_id),
+        launcher_pid=os.getpid(),
+        whole_run=whole_run,
+        ends_at=began_at + lives_s if lives_s else None,
+    )
+
+
+def first_start(previous: RunOutcome | None, start: TrainingStart | None) -> float:
+    """When a run was started for the very first time, in Unix seconds; now for a new one."""
+    if previous is not None:
+        return previous.began_at
+    if start is not None:
+        with suppress(ValueError):
+            return datetime.fromisoformat((start.earlier or [start])[0].started_at).timestamp()
+    return time.time()
+
+
+def begun_by(job: Job, began_at: float, goals: str) -> RunOutcome:
+    """The record of a start that begins now."""
+    return RunOutcome(job.session, socket.gethostname(), began_at, time.time(), goals=goals)

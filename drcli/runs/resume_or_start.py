@@ -1,0 +1,120 @@
+"""Starts a run, resumes it, or does nothing: whatever its model in the bucket asks for.
+
+The command can be given again and again, on any machine: boot scripts, cron, systemd and schedulers
+need one line.
+"""
+
+from dataclasses import dataclass, replace
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import Settings
+from drcli.exchange.job import Job
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.run_record import run_folder
+from drcli.runs.freeze_inputs import parameter_files
+from drcli.runs.outcome import INTERRUPTED
+from drcli.runs.plan import (
+    EndWorkPlan,
+    RunPlan,
+    StartOptions,
+    goals_of,
+    prepare,
+    prepare_end_work,
+)
+from drcli.runs.wait_for_owner import OwnerWait
+from drcli.store import lease
+from drcli.store.bucket import Bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.last_outcome import read_outcome
+from drcli.store.model_prefix import has_checkpoint, is_aborted_start, is_used
+
+
+@dataclass(frozen=True)
+class NothingToDo:
+    """The run has ended and stays so.
+
+    Attributes:
+        sentence: Why, and what would continue it.
+    """
+
+    sentence: str
+
+
+Next = RunPlan | EndWorkPlan | NothingToDo
+
+
+def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Next:
+    """Plan what is to be done, once nobody else trains the model.
+
+    Args:
+        settings: Of the racer.
+        options: Of the command; neither to wipe nor to resume.
+        wait: Whether to wait for an owner that lives.
+
+    Raises:
+        TrainedElsewhere: The model's owner lives, and nobody wants to wait.
+        SettingsError: Something is wrong.
+        StorageError: The bucket does not answer.
+    """
+    if options.wipe or options.resume:
+        given = "-w" if options.wipe else "--resume"
+        raise SettingsError(
+            f"--resume-or-start and {given} cannot be combined.",
+            remedy="Leave one of them out: -w deletes the model, --resume continues it in any "
+            "case, --resume-or-start continues what was not ended on purpose.",
+        )
+    prefix = settings.model_prefix
+    folder = run_folder(settings.directory, settings.run_id)
+    options = replace(options, whole_run=True)
+    while True:
+        bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+        OwnerWait(bucket, prefix, folder, wait).until_free()
+        try:
+            return _plan(settings, options, bucket)
+        except lease.ModelInUse:
+            if not _is_owned(bucket, prefix):
+                raise  # this DR_RUN_ID trains another model here
+
+
+def was_overtaken(settings: Settings, job: Job) -> bool:
+    """Whether another start took the model between our plan and our supervisor."""
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    held = lease.live_holder(bucket, settings.model_prefix)
+    return held is not None and held.session != job.session
+
+
+def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
+    prefix = settings.model_prefix
+    if not is_used(bucket, prefix):
+        return prepare(settings, options)
+    outcome = read_outcome(bucket, prefix)
+    model = f"s3://{bucket.name}/{prefix}"
+    if outcome is not None and outcome.stays_ended:
+        return NothingToDo(_stays_ended(outcome, model))
+    if outcome is not None and outcome.state == "finished":
+        if outcome.goals == goals_of(settings, options, outcome, bucket):
+            if outcome.left:
+                return prepare_end_work(settings, outcome)
+            return NothingToDo(
+                f"Nothing to do for {model}: {outcome.message} To go on, raise the goals in "
+                "run.env or hyperparameters.json."
+            )
+        return prepare(settings, replace(options, resume=True))
+    if has_checkpoint(bucket, prefix):
+        return prepare(settings, replace(options, resume=True))
+    if is_aborted_start(bucket, prefix, parameter_files(settings)):
+        return prepare(settings, replace(options, over_aborted=True))
+    return prepare(settings, options)  # which explains what is in the way
+
+
+def _stays_ended(outcome: RunOutcome, model: str) -> str:
+    why = "its machine was taken away" if outcome.code == INTERRUPTED else "somebody stopped it"
+    also = ", and DR_CONTINUE_ON_SPOT_INTERRUPTION is False" if outcome.code == INTERRUPTED else ""
+    return (
+        f"The training of {model} stays stopped: {why}{also}. "
+        "Continue it with `dr-start-training --resume`."
+    )
+
+
+def _is_owned(bucket: Bucket, prefix: str) -> bool:
+    return lease.live_holder(bucket, prefix) is not None

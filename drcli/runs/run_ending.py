@@ -1,0 +1,209 @@
+"""The end of a run: stops its workers, saves what is left, and records how it ended.
+
+What a successor needs comes first, because the machine may go away at any moment: how the run
+ended, and its newest checkpoint with the state of the optimizer, which the trainer still uploads.
+The lease is renewed until the end, so that nobody takes the model over meanwhile.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+
+from drcli.base.errors import DrError, OwnershipLost
+from drcli.base.log import get_logger
+from drcli.exchange.job import Job
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.runs.duty import Duty, attempt
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import INTERRUPTED, Ending, Outcome
+from drcli.runs.periodic import Periodic, within
+from drcli.runs.run_logs import LogUpload
+from drcli.runs.worker_processes import Child, stop_workers
+from drcli.store import lease
+from drcli.store.bucket import Bucket
+from drcli.store.last_outcome import write_outcome
+from drcli.store.model_prefix import newest_checkpoint
+
+_logger = get_logger(__name__)
+
+EXIT_S = 10.0
+"""How long the workers may take to exit after SIGTERM before they are killed."""
+
+LOOK_PATIENCE_S, LOGS_PATIENCE_S, RELEASE_PATIENCE_S = 2.0, 9.0, 2.0
+"""How long the bucket may take at the end: to find the newest checkpoint, to upload the last logs,
+and to release the lease. A process that is asked to stop has 30 s."""
+
+HURRIED_EXIT_S, LAST_LOGS_S = 20.0, 20.0
+"""The same for the workers and the logs when the machine goes away, if there is so much time: with
+5 MB/s, the state of an optimizer takes 9 s, and what is not uploaded then is lost."""
+
+RECORD_PATIENCE_S = 2.0
+"""How long it may take to record the outcome, once the workers have exited."""
+
+EXIT_SHARE, LOGS_SHARE = 0.35, 0.3
+"""Largest shares of a limited time for the exit of the workers, and for the logs."""
+
+
+class RunEnding:
+    """Ends a run.
+
+    Args:
+        job: What was trained.
+        bucket: Holds the model; fenced.
+        open_bucket: Opens it for another thread.
+        children: The workers.
+        duties: In the order in which they matter.
+        journal: Of the start.
+        logs: Uploads the logs.
+        lease_thread: Renews the lease.
+        hurried: Whether a second signal came.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        bucket: Bucket,
+        *,
+        open_bucket: Callable[[], Bucket],
+        children: Sequence[Child],
+        duties: Sequence[Duty],
+        journal: Journal,
+        logs: LogUpload,
+        lease_thread: Periodic,
+        hurried: Callable[[], bool],
+    ) -> None:
+        self._job = job
+        self._prefix = job.config.model.prefix
+        self._bucket = bucket
+        self._open_bucket = open_bucket
+        self._children = children
+        self._duties = duties
+        self._journal = journal
+        self._logs = logs
+        self._lease = lease_thread
+        self._hurried = hurried
+        self._silent = False
+        self._wanted: RunOutcome | None = None
+        self._records: Bucket | None = None
+        self._writing = threading.Lock()
+
+    def end(self, outcome: Outcome) -> tuple[Outcome, Ending]:
+        """Do all of it; returns the outcome with its remedy, and the ending for `Duty.leave`."""
+        lost = outcome.code == OwnershipLost.code
+        deadline_s = None
+        if outcome.save_within_s is not None:
+            deadline_s = time.monotonic() + outcome.save_within_s
+        _logger.info("Stopping; waiting for the workers to exit.")
+        if not lost and outcome.state != "finished":
+            # A successor can go on from here, whatever comes next. Meanwhile the workers exit.
+            self._record(outcome, (), wait_s=0.0)
+        for child in stop_workers(self._children, 0.0 if lost else self._exit_s(outcome)):
+            _logger.warning("%s did not exit in time and was killed.", child.name)
+        if outcome.state == "stopped":
+            outcome = replace(outcome, remedy=self._how_to_continue())
+        ending = Ending(outcome, self._duties_end_s(deadline_s), self._hurried, self._job.end_work)
+        level = logging.ERROR if outcome.state == "failed" else logging.INFO
+        _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
+        if not lost and not self._silent:
+            self._save(outcome, ending)
+        if not lost:
+            self._logs.finish(self._logs_s(deadline_s), self._hurried)
+        self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
+        if not lost and not self._silent:
+            within(RELEASE_PATIENCE_S, self._release, self._hurried)
+        return outcome, ending
+
+    def _exit_s(self, outcome: Outcome) -> float:
+        if outcome.save_within_s is None:
+            return EXIT_S
+        return min(HURRIED_EXIT_S, EXIT_SHARE * outcome.save_within_s)
+
+    def _duties_end_s(self, deadline_s: float | None) -> float | None:
+        """When the duties must be over, so that logs and lease get their share."""
+        if deadline_s is None:
+            return None
+        left_s = max(0.0, deadline_s - time.monotonic())
+        return deadline_s - min(LAST_LOGS_S, LOGS_SHARE * left_s) - RELEASE_PATIENCE_S
+
+    def _logs_s(self, deadline_s: float | None) -> float:
+        if self._silent:
+            return 0.0
+        if deadline_s is None:
+            return LOGS_PATIENCE_S
+        left_s = deadline_s - time.monotonic() - RELEASE_PATIENCE_S
+        return min(LAST_LOGS_S, max(1.0, left_s))
+
+    def _save(self, outcome: Outcome, ending: Ending) -> None:
+        """Record the outcome, then let the duties do what is left, and record what they did."""
+        text = f"{outcome.message} {outcome.remedy}".rstrip()
+        self._journal.note("end", text, state=outcome.state, code=outcome.code)
+        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        for duty in self._duties:
+            attempt(duty, partial(duty.finish, ending))
+        self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        self._journal.finish(RECORD_PATIENCE_S, self._hurried)
+
+    def _left(self, ending: Ending) -> tuple[str, ...]:
+        """Work at the end of a complete training that is not done yet."""
+        if ending.outcome.state != "finished":
+            return ()
+        found = (attempt(duty, partial(duty.left, ending)) or () for duty in self._duties)
+        return tuple(name for names in found for name in names)
+
+    def _record(self, outcome: Outcome, left: tuple[str, ...], wait_s: float) -> None:
+        """Record how the run ended, if that is new, and wait so long for the bucket."""
+        record = self._outcome(outcome, left)
+        known = self._wanted and replace(self._wanted, ended_at=record.ended_at)
+        if record == known:
+            return
+        self._wanted = record
+
+        def write() -> None:
+            with self._writing:
+                if record is not self._wanted:
+                    return  # a newer one waits
+                try:
+                    self._records = self._records or self._open_bucket()
+                    write_outcome(self._records, self._prefix, record)
+                except DrError as error:
+                    _logger.warning("The outcome could not be recorded in the bucket: %s", error)
+
+        within(wait_s, write, self._hurried)
+
+    def _outcome(self, outcome: Outcome, left: tuple[str, ...]) -> RunOutcome:
+        now = time.time()
+        begun = self._job.begun or RunOutcome(self._job.session, "", now, now)
+        return replace(
+            begun,
+            state=outcome.state,
+            code=outcome.code,
+            message=outcome.message,
+            # That of a stop is known only when the workers have exited.
+            remedy=outcome.remedy if outcome.code == INTERRUPTED else "",
+            ended_at=now,
+            stays_ended=outcome.stays_ended,
+            left=left,
+        )
+
+    def _release(self) -> None:
+        with suppress(DrError):
+            lease.release(self._bucket, self._prefix, self._job.session)
+
+    def _how_to_continue(self) -> str:
+        """The remedy after a stop, once the workers have saved their work."""
+        found: list[bool] = []
+
+        def look() -> None:
+            with suppress(DrError):
+                newest = newest_checkpoint(self._bucket, self._prefix)
+                found.append(newest is not None)
+
+        within(LOOK_PATIENCE_S, look, self._hurried)
+        self._silent = not found  # then nothing else is asked from the bucket
+        learned = not found or found[0]  # if unknown, a resume finds out
+        option = "--resume" if learned else "-w"
+        return f"{'Continue' if learned else 'Start again'} with `dr-start-training {option}`."

@@ -1,0 +1,48 @@
+"""Decides when a worker that dies again and again ends the run."""
+
+import signal
+
+from drcli.base.errors import StorageError, WorkerDied
+from drcli.exchange.job import WorkerExit
+from drcli.runs.outcome import Outcome
+from drcli.runs.worker_processes import Child
+
+CRASHES: dict[int, str] = {
+    signal.SIGSEGV: "a memory fault (signal SIGSEGV)",
+    signal.SIGBUS: "a memory fault (signal SIGBUS)",
+    signal.SIGILL: "an unknown instruction (signal SIGILL)",
+    signal.SIGFPE: "an arithmetic fault (signal SIGFPE)",
+    signal.SIGABRT: "an abort (signal SIGABRT)",
+}
+"""Signals that end a process when its own code fails, such as a reward function."""
+
+CRASH_S = 600.0
+"""A crash within this time after a restart is a quick death: the worker may have to drive for a
+while until it reaches the same place."""
+
+QUICK_DEATH_S = 20.0
+"""Any other death within this time after a restart is a quick death."""
+
+MAX_QUICK_DEATHS = 3
+"""How many quick deaths in a row a worker may have by its own fault."""
+
+MAX_QUICK_KILLS = 25
+"""The same for signals from outside."""
+
+
+def died_too_often(
+    child: Child, code: int, lived_s: float, words: WorkerExit | None
+) -> Outcome | None:
+    """Count a quick death; after too many in a row, return how the run ends."""
+    crash = CRASHES.get(-code)
+    quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
+    child.quick_deaths = child.quick_deaths + 1 if quick else 0
+    own_fault = code > 0 or crash is not None
+    if child.quick_deaths <= (MAX_QUICK_DEATHS if own_fault else MAX_QUICK_KILLS):
+        return None
+    died = f"{child.name} died {child.quick_deaths} times in a row:"
+    if words is None:
+        remedy = f"Read the reason with `dr-logs {child.name}`."
+        return Outcome(WorkerDied.code, f"{died} {crash or f'exit code {code}'}.", remedy)
+    exit_code = words.code if words.code == StorageError.code else WorkerDied.code
+    return Outcome(exit_code, f"{died} {words.message}", words.remedy)

@@ -1,0 +1,86 @@
+"""Notices that a machine is about to be taken away, in one form for all clouds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+Kind = Literal["interruption", "rebalance"]
+
+Cloud = Literal["aws", "gcp", "azure"]
+
+CLOUD_NAMES: Mapping[Cloud, str] = {
+    "aws": "Amazon EC2",
+    "gcp": "Google Compute Engine",
+    "azure": "Azure",
+}
+
+DMI_FOLDER = Path("/sys/class/dmi/id")
+"""Where Linux shows the texts of the (virtual) mainboard."""
+
+AZURE_ASSET_TAG = "7783-7084-3265-9085-8269-3286-77"
+"""Of every machine at Azure, but not of other machines with Hyper-V. Source: cloud-init."""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something takes this machine away, or may do so soon.
+
+    Attributes:
+        source: Who says so: aws, gcp, azure, "command" (the racer's own), "signal".
+        kind: "interruption" is certain, "rebalance" is a recommendation to move.
+        action: What happens to the machine, such as terminate, stop or hibernate.
+        seconds_left: Until then; None if unknown.
+        text: A sentence for people.
+    """
+
+    source: str
+    kind: Kind
+    action: str
+    seconds_left: float | None
+    text: str
+
+
+class NoticeSource(Protocol):
+    """Where notices come from."""
+
+    name: str
+    """For people."""
+
+    def ask(self) -> list[Notice]:
+        """What is announced now.
+
+        Raises:
+            MetadataSilent: There is no answer that can be used.
+        """
+
+
+def cloud_of_machine(environment: Mapping[str, str], dmi: Path = DMI_FOLDER) -> Cloud | None:
+    """The cloud that this machine belongs to; None for any other machine. Asks no network.
+
+    Args:
+        environment: Variables with addresses of metadata services name a cloud too.
+        dmi: Folder with the texts of the mainboard.
+    """
+    if environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT"):
+        return "aws"
+    if environment.get("GCE_METADATA_HOST"):
+        return "gcp"
+    vendor, product, tag, firmware = (
+        _text(dmi / name)
+        for name in ("sys_vendor", "product_name", "chassis_asset_tag", "bios_version")
+    )
+    if vendor == "Amazon EC2" or firmware.endswith(".amazon"):
+        return "aws"
+    if vendor == "Google" and product.startswith("Google"):
+        return "gcp"
+    if tag == AZURE_ASSET_TAG:
+        return "azure"
+    return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text("utf-8", "replace").strip()
+    except OSError:
+        return ""

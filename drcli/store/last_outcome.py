@@ -1,0 +1,30 @@
+"""Reads and writes what the newest start of a run came to."""
+
+from drcli.base import notices
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+
+REMEDY = "The next start writes it again."
+
+
+def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
+    """What the newest start came to; None if there is no record, or a damaged one.
+
+    A damaged record is shown to the user. The run then goes on as after the loss of a machine.
+
+    Raises:
+        ObjectNewer: A newer version of drcli has written it.
+    """
+    try:
+        return read_record(bucket, keys.outcome(prefix), RunOutcome.decode, REMEDY)
+    except ObjectMissing:
+        return None
+    except ObjectDamaged as error:
+        notices.warn(f"{error} {REMEDY}")
+        return None
+
+
+def write_outcome(bucket: Bucket, prefix: str, outcome: RunOutcome) -> None:
+    """Write what the newest start came to."""
+    bucket.put(keys.outcome(prefix), outcome.encode())
