@@ -21,6 +21,7 @@ from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
+from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
@@ -112,19 +113,24 @@ def _supervise(job: Job) -> int:
         lease.refuse_other_owner(bucket, prefix, job.session)
         taken = lease.take(bucket, prefix, job.session)
         record.write(job.folder)
-    return Supervisor(
-        replace(job, term=taken.term),
-        own(bucket),
-        record,
-        Renewal(impatient(0.0), prefix, taken),
-        open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
-        revive_server=lambda: server.ensure_running(storage),
-        restart_server=lambda: server.restart(storage),
-        duties=_duties(),
-    ).run()
+    requests = CountFile(job.folder, "supervisor", job.session)
+    requests.start()
+    try:
+        return Supervisor(
+            replace(job, term=taken.term),
+            own(bucket),
+            record,
+            Renewal(impatient(0.0), prefix, taken),
+            open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
+            revive_server=lambda: server.ensure_running(storage),
+            restart_server=lambda: server.restart(storage),
+            duties=_duties(job),
+        ).run()
+    finally:
+        requests.end()
 
 
-def _duties() -> list[Duty]:
+def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
     return []
 
