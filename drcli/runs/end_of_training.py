@@ -48,20 +48,16 @@ class EndOfTraining(Duty):
 
     Args:
         job: The training.
-        left: Names of pieces that an earlier start has left over.
         start: Starts a command; tests replace it.
     """
 
     name = "end of the training"
 
-    def __init__(
-        self, job: Job, left: Sequence[str] = (), *, start: Start = CommandProcess
-    ) -> None:
+    def __init__(self, job: Job, *, start: Start = CommandProcess) -> None:
         self._job = job
         self._start = start
         self._journal: Journal | None = None
-        self.left: list[str] = [name for name in left if name in get_args(EndWork)]
-        """Names of the pieces that are not done; right after `finish`."""
+        self._left: list[str] | None = None
 
     def start(self, run: RunningTraining) -> None:
         """Say at the beginning what will not work at the end."""
@@ -83,22 +79,29 @@ class EndOfTraining(Duty):
 
     def finish(self, ending: Ending) -> None:
         """Do the work if the training is complete, as far as the time allows."""
-        if ending.outcome.code != 0:
-            return
-        self.left = list(dict.fromkeys([*self.left, *wanted_work(self._job)]))
-        self.complete(ending)
-
-    def complete(self, ending: Ending) -> None:
-        """Do the pieces in `left`; those that fail stay there."""
-        for name in list(self.left):
+        self._left = self.left(ending)
+        for name in list(self._left):
             within_s = min(PATIENCE_S, ending.left_s(0.8))
             if within_s <= 0.0:
                 break
             process = self._start(self._job, *self._command(name))
             if self._note(name, process.wait(within_s, lambda: ending.left_s() <= 0.0)):
-                self.left.remove(name)
-        if self.left:
-            _logger.warning("Left to do at the end of the training: %s.", ", ".join(self.left))
+                self._left.remove(name)
+        if self._left:
+            _logger.warning("Left to do at the end of the training: %s.", ", ".join(self._left))
+
+    def left(self, ending: Ending) -> list[str]:
+        """Names of the pieces that are not done: before `finish`, all that it is going to do.
+
+        If an earlier start has completed the training, that start has left them over
+        (`Ending.only`).
+        """
+        if self._left is not None:
+            return list(self._left)
+        if ending.outcome.code != 0:
+            return []
+        only: Sequence[str] = getattr(ending, "only", ())
+        return [name for name in only or wanted_work(self._job) if name in get_args(EndWork)]
 
     def _command(self, name: str) -> tuple[str, ...]:
         if name == "upload":

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
@@ -26,11 +27,19 @@ class Journal:
         self._lock = threading.Lock()
         self._entries: list[JournalEntry] = []
         self._written = 0
+        self._listeners: list[Callable[[JournalEntry], None]] = []
 
     def note(self, kind: Kind, text: str, **facts: object) -> None:
         """Add an event: one sentence, and facts that programs can read."""
+        entry = JournalEntry(time.time(), kind, text, facts)
         with self._lock:
-            self._entries.append(JournalEntry(time.time(), kind, text, facts))
+            self._entries.append(entry)
+        for listener in self._listeners:
+            listener(entry)
+
+    def listen(self, listener: Callable[[JournalEntry], None]) -> None:
+        """Call a function with each event from now on, in the thread that adds it."""
+        self._listeners.append(listener)
 
     def write(self, bucket: Bucket) -> None:
         """Write the events to the bucket if there are new ones; failures are logged."""

@@ -12,11 +12,17 @@ from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
+from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.cost import Cost
 from drcli.runs.duty import Duty
+from drcli.runs.end_command import EndCommand
+from drcli.runs.end_of_training import EndOfTraining
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.run_logs import log_file
+from drcli.runs.run_messages import Messages
 from drcli.runs.supervisor import Supervisor
+from drcli.runs.timed_uploads import TimedUploads
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
@@ -132,7 +138,14 @@ def _supervise(job: Job) -> int:
 
 def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
-    return []
+    watch, cost = CheckpointWatch(), Cost(job)
+    return [
+        TimedUploads(job, watch),
+        EndOfTraining(job),
+        cost,
+        Messages(job, watch, cost.end_facts),
+        EndCommand(job, watch, cost.end_facts),
+    ]
 
 
 def _is_ready(job: Job) -> bool:

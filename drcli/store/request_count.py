@@ -25,6 +25,9 @@ aws.amazon.com/s3/pricing, list prices in November 2026; other regions cost up t
 GET_USD = 0.0004 / 1000
 """Price of a GET, HEAD or other request; those that delete are free."""
 
+NIGHT_HOURS = 10.0
+"""Length of a night for which requests are projected."""
+
 _FREE = ("DeleteObject", "DeleteObjects", "AbortMultipartUpload")
 _WRITING = ("Put", "Copy", "Post", "List", "Create", "Upload", "Complete")
 
