@@ -168,12 +168,15 @@ def topic(monkeypatch, working_folder):
     wanted = {"QueueUrl": queue, "AttributeNames": ["QueueArn"]}
     queue_arn = sqs.get_queue_attributes(**wanted)["Attributes"]["QueueArn"]
     sns.subscribe(TopicArn=arn, Protocol="sqs", Endpoint=queue_arn)
-    yield arn, lambda: [
-        json.loads(message["Body"])
-        for message in sqs.receive_message(QueueUrl=queue, MaxNumberOfMessages=10).get(
-            "Messages", []
-        )
-    ]
+    yield (
+        arn,
+        lambda: [
+            json.loads(message["Body"])
+            for message in sqs.receive_message(QueueUrl=queue, MaxNumberOfMessages=10).get(
+                "Messages", []
+            )
+        ],
+    )
     sns.close()
     sqs.close()
     profiles.session_of.cache_clear()
