@@ -18,9 +18,12 @@ PREFETCH_BYTES = 24 << 20
 FIRST_LOOK_S = 0.1
 """First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
 
-QUIET_SHARE, REMEMBERED = 0.5, 5
+QUIET_SHARE, REMEMBERED = 0.7, 5
 """Share of the shortest of the last waits in which a frugal reader does not look: a look lists a
 folder, which costs twelve times as much as reading an object."""
+
+LATE_SHARE = 0.05
+"""How much later than the shortest of them it may notice that rollouts are there."""
 
 QUIET_STEP_S = 1.0
 """How often it checks meanwhile whether it should stop."""
@@ -101,7 +104,7 @@ class RolloutReader:
         known = dict(arrived or {})
         started_s = reported_s = self._clock()
         quiet_s = 0.0 if arrived else self._quiet_s()
-        first_s = max(FIRST_LOOK_S, (SLOW_GROWTH - 1.0) * quiet_s)
+        first_s = max(FIRST_LOOK_S, LATE_SHARE * quiet_s / QUIET_SHARE)
         for delay_s in delays_s(first_s, growth=SLOW_GROWTH):
             self._look(iteration, checkpoints, wanted, known)
             if len(known) >= enough:
