@@ -80,6 +80,7 @@ PROGRAMS = {"drcli.store.server.moto_server"}
 
 UNIMPORTED = {
     "drcli.cli.program",
+    "drcli.cli.called_command",
     "drcli.checks.sandbox.sandbox_process",
     "drcli.store.server.moto_server",
     "drcli.workers.sim",

@@ -86,6 +86,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("find-sagemaker", "Print the trainer's process number.", "reference_logs"),
         Command("find-robomaker", "Print the workers' process numbers.", "reference_logs"),
         Command("get-robomaker-stats", "Show a simulation worker's speed.", "reference_logs"),
+        Command("send-message", "Send a message as trainings do."),
     ),
     *_section(
         "Spot instances",

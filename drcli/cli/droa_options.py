@@ -11,12 +11,16 @@ import typer
 
 from drcli.cli import console, prompts
 from drcli.cli.working_folder import settings
+from drcli.config import secret_environment
 
 if TYPE_CHECKING:
     from drcli.remote.droa_api import Droa
     from drcli.remote.droa_session import DroaSession
 
 P = ParamSpec("P")
+
+PASSWORD = "DR_DROA_PASSWORD"
+"""Variable of the environment with the password, for trainings that nobody watches."""
 
 pause: Callable[[float], None] = time.sleep
 """Waits between two questions to the server; tests replace it."""
@@ -74,9 +78,11 @@ class Connection:
         return Droa(DroaSession(site, username, lambda: self._password(username), _code), web)
 
     def _password(self, username: str) -> str:
-        return self._given["password"] or prompts.secret(
+        known = self._given["password"] or secret_environment.all_secrets().get(PASSWORD)
+        return known or prompts.secret(
             f"Password for {username}",
-            "Run the command on a terminal, or give the password on standard input.",
+            "Run the command on a terminal, or give the password on standard input or in the "
+            f"variable {PASSWORD}.",
         )
 
 

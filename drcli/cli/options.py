@@ -22,6 +22,23 @@ AsJson = Annotated[
 ]
 Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
 DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what would be done.")]
+Keep = Annotated[
+    str | None,
+    typer.Option(
+        "--keep",
+        metavar="RULES",
+        help="Keep only these there, such as last-3,best,every-50 (DR_UPLOAD_KEEP).",
+    ),
+]
+MaxMb = Annotated[
+    int | None,
+    typer.Option(
+        "--max-mb",
+        metavar="MB",
+        min=0,
+        help="Delete the oldest there beyond this size (DR_UPLOAD_MAX_MB).",
+    ),
+]
 Delimiter = Annotated[
     str | None,
     typer.Option(

@@ -68,6 +68,19 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "trainings keep their files.",
             f"Choose a prefix that starts with another name, such as my-{first}/.",
         )
+    if settings.max_cost > 0.0 and not settings.spot_price:
+        yield problem(
+            ("DR_MAX_COST",),
+            f"DR_MAX_COST={settings.max_cost:g} cannot be kept: the price of this machine is not "
+            "known.",
+            "Set DR_SPOT_PRICE in system.env: USD per hour, or auto on EC2.",
+        )
+    if settings.mail_to and not settings.smtp_url:
+        yield problem(
+            ("DR_MAIL_TO",),
+            "DR_MAIL_TO is set, but DR_SMTP_URL is empty, so no mail can be sent.",
+            "Set DR_SMTP_URL in system.env, as in smtps://user:password@mail.example.com:465.",
+        )
     if settings.pretrained and settings.pretrained_prefix == settings.model_prefix:
         yield problem(
             ("DR_LOCAL_S3_PRETRAINED_PREFIX",),

@@ -1,7 +1,7 @@
 """All settings as one frozen object, and the narrow values that the parts of a run are given."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -26,12 +26,13 @@ from drcli.config.groups.system import (
     ServiceSettings,
 )
 from drcli.config.groups.unattended import (
+    CostSettings,
     InterruptionSettings,
     MessageSettings,
     TimedWorkSettings,
     WatchSettings,
 )
-from drcli.config.setting_problems import setting_problem
+from drcli.config.setting_problems import hidden, setting_problem
 
 Cloud = Literal["local", "remote", "aws", "azure"]
 Engine = Literal["rclone", "minio", "moto"]
@@ -207,7 +208,12 @@ class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
 
 
 class UnattendedConfig(
-    FrozenGroups, InterruptionSettings, TimedWorkSettings, WatchSettings, MessageSettings
+    FrozenGroups,
+    InterruptionSettings,
+    TimedWorkSettings,
+    CostSettings,
+    WatchSettings,
+    MessageSettings,
 ):
     """What happens to a training that nobody watches."""
 
@@ -218,6 +224,8 @@ class RunConfig:
 
     Attributes:
         races: For the first worker, and for all others that have a race of their own.
+        given: The settings that somebody has given, without secrets, as texts by DR_ name: for
+            commands that the run calls while the files may be edited for another training.
     """
 
     run_id: int
@@ -229,6 +237,7 @@ class RunConfig:
     evaluation: EvaluationConfig
     unattended: UnattendedConfig
     races: tuple[RaceConfig, ...]
+    given: Mapping[str, str] = field(default_factory=dict)
 
     def race(self, worker: int = 0) -> RaceConfig:
         """What a simulation worker drives, counted from 0."""
@@ -248,6 +257,7 @@ class Settings(
     DerivedSettings,
     MessageSettings,
     WatchSettings,
+    CostSettings,
     TimedWorkSettings,
     InterruptionSettings,
     DroaSettings,
@@ -397,7 +407,17 @@ class Settings(
             evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
             unattended=UnattendedConfig(**self._of(UnattendedConfig)),
             races=self.races,
+            given=self._given(),
         )
+
+    def _given(self) -> dict[str, str]:
+        """Texts of the settings that somebody has given, except the secret ones."""
+        texts = {
+            name: setting.text(getattr(self, setting.field))
+            for name, setting in catalogue().items()
+            if name in self.sources and setting.effect == "used"
+        }
+        return {name: text for name, text in texts.items() if hidden(name, text) == text}
 
     def _of(self, part: type[FrozenGroups]) -> dict[str, Any]:
         """The values of the groups that a narrow value has."""

@@ -1,5 +1,6 @@
 """Makes the archive that the physical car loads, and copies it to a bucket."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError, of_severity, refuse
 from drcli.config.settings import RaceConfig, Settings
 from drcli.config.track_names import is_installed
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.formats.archive import read_packed
 from drcli.formats.build_network import build_policy, load_weights, policy_spec, weights_of
 from drcli.formats.car_actions import CarAction, stack_problems
@@ -24,11 +26,14 @@ from drcli.models.transfer_buckets import (
     checked_prefix,
     target_bucket,
 )
+from drcli.models.upload_retention import Retention, delete_surplus_archives
 from drcli.store.connect import COMMAND_PATIENCE_S
 from drcli.store.write_probe import prove_writing
 
 CAR_FILE = "carfile.tar.gz"
 """The name that scripts for the reference look for."""
+
+_NUMBERED = re.compile(r"-chk\d+" + re.escape(END) + r"\Z")
 
 FRAMES = 200
 """Observations on which a graph is compared with its network."""
@@ -55,6 +60,7 @@ class CarReport:
         actions: The actions as the car drives them.
         problems: What the car does differently, or cannot do.
         dry_run: Whether -d was given, so that nothing was written.
+        deleted: Names of older archives that were deleted.
     """
 
     source: str
@@ -70,6 +76,7 @@ class CarReport:
     actions: list[CarAction]
     problems: list[Problem] = field(default_factory=list)
     dry_run: bool = False
+    deleted: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -96,10 +103,14 @@ class ArchiveReport:
 
 @dataclass(frozen=True)
 class CarExport:
-    """An archive in memory, which passed all checks, and the report on it."""
+    """An archive in memory, which passed all checks, and the report on it.
+
+    `best` is the name of the model's best checkpoint, None if that is not known.
+    """
 
     archive: bytes
     report: CarReport
+    best: str | None = None
 
 
 def export_car(
@@ -148,7 +159,7 @@ def export_car(
         actions=list(check.actions),
         problems=list(check.problems),
     )
-    return CarExport(archive, report)
+    return CarExport(archive, report, source.best)
 
 
 def check_archive(path: Path) -> ArchiveReport:
@@ -203,16 +214,22 @@ def write_archive(export: CarExport, path: Path) -> CarReport:
 
 @dataclass(frozen=True)
 class CarTarget:
-    """Where archives go: a bucket of uploads or our own, and a prefix there."""
+    """Where archives go: a bucket of uploads or our own, and a prefix there; what stays there."""
 
     settings: Settings
+    retention: Retention
     prefix: str
     local: bool
     url: str
 
 
 def plan_car_upload(
-    settings: Settings, prefix: str | None, *, local: bool, dry_run: bool
+    settings: Settings,
+    prefix: str | None,
+    *,
+    local: bool,
+    dry_run: bool,
+    retention: Retention = Retention(),  # noqa: B008  it is frozen
 ) -> CarTarget:
     """Check that archives can be uploaded, before one is made.
 
@@ -221,6 +238,7 @@ def plan_car_upload(
         prefix: The model to upload, under whose own name the archive goes then.
         local: Whether to upload into our own bucket.
         dry_run: Whether nothing may be written.
+        retention: Which numbered archives stay there.
 
     Raises:
         DrError: There is no such bucket, or it does not take objects.
@@ -233,15 +251,18 @@ def plan_car_upload(
         otherwise="or upload into the local bucket with -L",
     )
     if not dry_run:
-        prove_writing(there, target, deletes=False)
-    return CarTarget(settings, target, local, f"s3://{there.name}/{target}")
+        prove_writing(there, target, deletes=retention.is_active)
+    return CarTarget(settings, retention, target, local, f"s3://{there.name}/{target}")
 
 
-def upload_names(source: ExportSource, *, numbered: bool) -> list[str]:
-    """Names of an archive below its target: two that scripts look for, and one of its own."""
+def upload_names(source: ExportSource, *, numbered: bool, only_numbered: bool = False) -> list[str]:
+    """Names of an archive below its target: two that scripts look for, and one of its own.
+
+    With `only_numbered`, the name of the model alone is left out.
+    """
     plain = car_file_name(source.name)
-    names = [CAR_FILE, plain]
-    if numbered:
+    names = [CAR_FILE] if only_numbered else [CAR_FILE, plain]
+    if numbered or only_numbered:
         names.append(f"{plain.removesuffix(END)}-chk{source.chosen.number}{END}")
     return list(dict.fromkeys(names))
 
@@ -250,6 +271,8 @@ def upload_archive(
     export: CarExport, target: CarTarget, names: list[str], progress: Progress, *, dry_run: bool
 ) -> CarReport:
     """Upload the archive under several names, and check that it arrived.
+
+    If one of them has a number, the numbered archives that do not stay are deleted.
 
     Raises:
         StorageError: It did not.
@@ -260,7 +283,19 @@ def upload_archive(
     there = target_bucket(target.settings.transfer, local=target.local, patience_s=COPY_PATIENCE_S)
     with progress("Uploading archive", len(names) * len(export.archive)) as watch:
         Delivery(there, target.prefix, watch).send(Item(name, export.archive) for name in names)
-    return report
+    numbered = next((name for name in names if _NUMBERED.search(name)), None)
+    if numbered is None or not target.retention.is_active:
+        return report
+    number = CheckpointName.parse(export.report.checkpoint)
+    deleted = delete_surplus_archives(
+        there,
+        target.prefix,
+        _NUMBERED.sub(END, numbered),
+        target.retention,
+        export.best,
+        0 if number is None else number.number,
+    )
+    return replace(report, deleted=deleted)
 
 
 def _race(settings: Settings, source: ExportSource) -> RaceConfig:

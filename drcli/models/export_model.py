@@ -10,6 +10,7 @@ from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -40,6 +41,7 @@ class ExportSource:
         weights: The weights, a safetensors file.
         origin: Address of the weights, for messages.
         world: DR_WORLD_NAME of its training; None if that is not known.
+        best: Name of the best checkpoint of the model; None if that is not known.
     """
 
     bucket: str
@@ -49,6 +51,7 @@ class ExportSource:
     weights: bytes
     origin: str
     world: str | None = None
+    best: str | None = None
 
     @property
     def url(self) -> str:
@@ -96,7 +99,16 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         weights,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
+        _best(bucket, prefix),
     )
+
+
+def _best(bucket: Bucket, prefix: str) -> str | None:
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        return None
+    return None if scores is None else scores.best_checkpoint.name
 
 
 def _design(bucket: Bucket, prefix: str) -> Design:

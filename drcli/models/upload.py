@@ -26,8 +26,10 @@ from drcli.models.transfer_buckets import (
     refuse_training,
     target_bucket,
 )
+from drcli.models.upload_retention import Retention, delete_surplus_checkpoints
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.best_checkpoint import read_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.write_probe import prove_writing
 
@@ -37,7 +39,10 @@ _PICKS = 5
 
 @dataclass(frozen=True)
 class UploadOptions:
-    """Options of the command: `prefix` is another model to upload, `to` another target prefix."""
+    """Options of the command: `prefix` is another model to upload, `to` another target prefix.
+
+    `keep` and `max_mb` replace DR_UPLOAD_KEEP and DR_UPLOAD_MAX_MB.
+    """
 
     choice: Choice = "last"
     prefix: str | None = None
@@ -45,6 +50,8 @@ class UploadOptions:
     local: bool = False
     wipe: bool = False
     dry_run: bool = False
+    keep: str | None = None
+    max_mb: int | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,7 @@ class PlannedUpload:
     """An upload that passed all checks, and its checkpoint as it was found."""
 
     options: UploadOptions
+    retention: Retention
     chosen: Chosen
     source: str
     target: str
@@ -84,6 +92,7 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     Raises:
         DrError: The first thing that is wrong.
     """
+    retention = retention_of(settings, options.keep, options.max_mb)
     source = checked_prefix(options.prefix, "-p") if options.prefix else settings.model_prefix
     target = source if options.prefix else settings.upload_s3_prefix
     if options.to:
@@ -104,9 +113,9 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
         refuse_nesting(there, target, settings.custom_files_prefix, flag="--to")
     refuse_training(there, target)
     if not options.dry_run:
-        prove_writing(there, target, deletes=options.wipe)
+        prove_writing(there, target, deletes=options.wipe or retention.is_active)
     places = (f"s3://{here.name}/{source}", f"s3://{there.name}/{target}")
-    return PlannedUpload(options, chosen, source, target, *places)
+    return PlannedUpload(options, retention, chosen, source, target, *places)
 
 
 def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> UploadReport:
@@ -131,7 +140,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
         dry_run=options.dry_run,
     )
     if options.dry_run:
-        return _rehearsed(report, there, planned, [*checkpoint, *shared])
+        return _rehearsed(report, there, planned, [*checkpoint, *shared], _best(here, planned))
     total = sum(len(item.data) for item in (*checkpoint, *shared))
     with progress("Uploading model", total) as watch:
         delivery = Delivery(there, planned.target, watch)
@@ -147,6 +156,9 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
         if options.wipe:
             delivery.delete_strays("model/")
         delivery.repair_crossing(chosen.score, [*checkpoint, *shaping])
+        if planned.retention.is_active:
+            best = _best(here, planned)
+            delivery.deleted += delete_surplus_checkpoints(delivery, planned.retention, best)
     older, older_bytes = _older(there, planned.target, chosen.name)
     return replace(delivery.complete(report), older=older, older_bytes=older_bytes)
 
@@ -167,14 +179,41 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
     raise AssertionError("the last attempt returns or raises")
 
 
+def retention_of(settings: Settings, keep: str | None, max_mb: int | None) -> Retention:
+    """What stays at the target: by the options, else by the settings.
+
+    Raises:
+        SettingsError: An option cannot be understood.
+    """
+    return Retention.of(
+        settings.upload_keep if keep is None else keep,
+        settings.upload_max_mb if max_mb is None else max_mb,
+    )
+
+
+def _best(here: Bucket, planned: PlannedUpload) -> str | None:
+    """Name of the best checkpoint of the model; None if that is not known."""
+    try:
+        scores = read_scores(here, planned.source)
+    except ObjectDamaged:
+        return None
+    return None if scores is None else scores.best_checkpoint.name
+
+
 def _rehearsed(
-    report: UploadReport, there: Bucket, planned: PlannedUpload, items: list[Item]
+    report: UploadReport,
+    there: Bucket,
+    planned: PlannedUpload,
+    items: list[Item],
+    best: str | None,
 ) -> UploadReport:
     """The report of a dry run."""
     delivery = Delivery(there, planned.target, lambda more: None)
     copied = [item for item in items if not delivery.holds(item)]
     names = [item.name for item in items]
     strays = delivery.strays("model/", names) if planned.options.wipe else []
+    if planned.retention.is_active and not planned.options.wipe:
+        strays = delete_surplus_checkpoints(delivery, planned.retention, best, dry_run=True)
     return replace(
         report,
         copied=[*(item.name for item in copied), *POINTERS],

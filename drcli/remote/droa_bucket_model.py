@@ -1,5 +1,6 @@
 """Takes a model of the racer's bucket in the form that DeepRacer on AWS imports."""
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.exchange.scores import encode_single
@@ -21,6 +22,8 @@ from drcli.models.checkpoint_files import (
     read_model_files,
     refuse_incomplete,
 )
+from drcli.models.export_droa import package_files, read_droa_export
+from drcli.models.export_model import Selection
 from drcli.models.transfer_buckets import bucket_to_look_at
 from drcli.remote.droa_package import Files
 from drcli.remote.droa_rules import INDEX, POINTER
@@ -29,21 +32,23 @@ from drcli.tracks.track_list import list_tracks
 
 
 def read_bucket_model(settings: Settings, prefix: str, choice: Choice) -> Files:
-    """The files of a model with a TensorFlow checkpoint, by their names in an import.
+    """The files of a model, by their names in an import.
+
+    DeepRacer on AWS restores a TensorFlow checkpoint. One that the model has is taken as it is;
+    else it is written here, as `dr-export droa` does.
 
     Raises:
-        SettingsError: There is no such model or checkpoint, or it has only drcli's own format.
+        SettingsError: There is no such model or checkpoint, or it cannot be imported there.
         StorageError: The bucket cannot be read.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
     refuse_incomplete(settings.model, bucket, prefix)
     chosen = choose(bucket, prefix, choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
-        raise SettingsError(
-            f"{chosen.name} of s3://{bucket.name}/{prefix} is in drcli's own format; DeepRacer on "
-            "AWS needs a TensorFlow checkpoint.",
-            remedy="Write one with `dr-export droa`, and import that with --from.",
-        )
+        exported = read_droa_export(settings, Selection(choice, prefix), world=None)
+        for note in exported.notes:
+            notices.show(note)
+        return package_files(exported)
     items = [
         *read_checkpoint(bucket, prefix, chosen),
         *read_model_files(

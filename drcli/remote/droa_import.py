@@ -1,5 +1,6 @@
 """Imports a model into DeepRacer on AWS: check, upload, call, wait for its verdict."""
 
+import hashlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -55,6 +56,7 @@ class ImportReport:
         uploaded_bytes: Their size.
         folder: Where they are in the upload bucket; empty after -d.
         dry_run: Whether -d was given, so that nothing was sent.
+        existed: Whether the same import was there already, so that nothing was sent (--once).
     """
 
     site: str
@@ -65,6 +67,7 @@ class ImportReport:
     uploaded_bytes: int
     folder: str
     dry_run: bool = False
+    existed: bool = False
 
 
 class ImportFailed(SettingsError):
@@ -105,6 +108,32 @@ def planned_report(site: str, plan: ImportPlan) -> ImportReport:
     """The report of a dry run."""
     size = sum(map(len, plan.files.values()))
     return ImportReport(site, "", plan.name, "", len(plan.files), size, "", dry_run=True)
+
+
+def fingerprint_of(files: Mapping[str, bytes]) -> str:
+    """Sixteen letters and digits that stand for the weights of a model, for its description."""
+    whole = hashlib.sha256()
+    for name in sorted(files):
+        if ".ckpt" in name or name.endswith(".pb"):
+            whole.update(f"{name}\0{len(files[name])}\0".encode())
+            whole.update(files[name])
+    return whole.hexdigest()[:16]
+
+
+def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
+    """The report of an earlier import of the same model; None if there is none.
+
+    It has the same name and description, and was not refused.
+    """
+    for listed in droa.models():
+        if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
+            continue
+        model = droa.model(listed.model_id)
+        if model.text("description") == plan.description:
+            return ImportReport(
+                droa.place, model.model_id, plan.name, model.status, 0, 0, "", existed=True
+            )
+    return None
 
 
 def import_files(

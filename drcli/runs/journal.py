@@ -47,6 +47,7 @@ class Journal:
         self._entries = [replace(one, text=_without_secrets(one.text)) for one in noted]
         self._noted = len(self._entries)
         self._written = self._omitted = 0
+        self._listeners: list[Callable[[JournalEntry], None]] = []
         self._open_bucket: Callable[[], Bucket] | None = None
         self._bucket: Bucket | None = None
         self._thread: Periodic | None = None
@@ -66,6 +67,12 @@ class Journal:
             thread = self._thread
         if kind in URGENT and thread is not None:
             thread.ask(self._write)
+        for listener in self._listeners:
+            listener(entry)
+
+    def listen(self, listener: Callable[[JournalEntry], None]) -> None:
+        """Call a function with each event from now on, in the thread that adds it."""
+        self._listeners.append(listener)
 
     def start(self, open_bucket: Callable[[], Bucket]) -> None:
         """Write the events from now on, in a thread that nothing waits for."""

@@ -10,6 +10,7 @@ from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
+from drcli.exchange.spending import Spending
 from drcli.exchange.trace import STEP_S
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
@@ -19,6 +20,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import collapse, read_history
 from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.request_count import NIGHT_HOURS, read_counts
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,29 @@ class WorkerReport:
     restarts: int
     activity: str
     log: str
+
+
+@dataclass(frozen=True)
+class RequestReport:
+    """Requests to S3 servers, and their bytes, of one start of a training.
+
+    Attributes:
+        puts: Requests that Amazon bills as PUT, COPY, POST or LIST.
+        gets: GET, HEAD and all others.
+        deletes: Requests that delete, which are free.
+        sent_bytes: In bodies of requests.
+        received_bytes: In bodies of answers.
+        hours: Time in which they were made.
+        night_usd: What the requests of ten hours cost at Amazon's list prices.
+    """
+
+    puts: int
+    gets: int
+    deletes: int
+    sent_bytes: int
+    received_bytes: int
+    hours: float
+    night_usd: float
 
 
 @dataclass(frozen=True)
@@ -65,6 +90,12 @@ class RunReport:
         warning: Problem with the learning curve; empty if there is none.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
             are reconstructed then, as far as possible.
+        iterations: Finished iterations.
+        iterations_left: Until DR_TRAIN_MAX_ITERATIONS; None without that limit.
+        time_left_s: Until the time limit; None without one.
+        spending: Machine hours and money of all starts; None before the first count.
+        money_left: Until DR_MAX_COST, USD; None without that limit.
+        requests: Requests to the bucket of the newest start; None before the first count.
     """
 
     run_id: int
@@ -84,6 +115,12 @@ class RunReport:
     last: CheckpointEntry | None = None
     warning: str = ""
     damaged: list[str] = field(default_factory=list)
+    iterations: int = 0
+    iterations_left: int | None = None
+    time_left_s: float | None = None
+    spending: Spending | None = None
+    money_left: float | None = None
+    requests: RequestReport | None = None
 
     @property
     def dead(self) -> list[str]:
@@ -195,6 +232,10 @@ def inspect(config: RunConfig) -> RunReport:
         )
         for worker in record.workers
     ]
+    spending = Spending.read(folder)
+    if spending is not None and spending.session != record.session:
+        spending = None  # of an earlier start; this one has not counted yet
+    most = config.train.train_max_iterations
     return RunReport(
         run_id=record.run_id,
         bucket=record.bucket,
@@ -213,6 +254,41 @@ def inspect(config: RunConfig) -> RunReport:
         last=last,
         warning=collapse(history, best.name if best is not None else None) or "",
         damaged=damaged,
+        iterations=len(history),
+        iterations_left=max(0, most - len(history)) if most > 0 else None,
+        time_left_s=_time_left_s(spending),
+        spending=spending,
+        money_left=_money_left(spending),
+        requests=_requests(folder, record.session, spending),
+    )
+
+
+def _time_left_s(spending: Spending | None) -> float | None:
+    if spending is None or spending.max_minutes is None:
+        return None
+    return max(0.0, 60.0 * spending.max_minutes - 3600.0 * spending.own_hours)
+
+
+def _money_left(spending: Spending | None) -> float | None:
+    if spending is None or not spending.max_usd or spending.usd is None:
+        return None
+    return max(0.0, spending.max_usd - spending.usd)
+
+
+def _requests(folder: Path, session: str, spending: Spending | None) -> RequestReport | None:
+    """The requests of the newest start; None before they can be related to a time."""
+    count = read_counts(folder, session)
+    if spending is None or not count.requests or spending.own_hours <= 0.0:
+        return None
+    hours = spending.own_hours
+    return RequestReport(
+        count.puts,
+        count.gets,
+        count.deletes,
+        count.sent_bytes,
+        count.received_bytes,
+        hours,
+        count.list_price_usd / hours * NIGHT_HOURS,
     )
 
 

@@ -12,17 +12,24 @@ from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
+from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.cost import Cost
 from drcli.runs.duty import Duty
+from drcli.runs.end_command import EndCommand
+from drcli.runs.end_of_training import EndOfTraining
 from drcli.runs.interruption_watch import InterruptionWatch
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import EndWorkPlan, RunPlan
 from drcli.runs.run_logs import log_file
+from drcli.runs.run_messages import Messages
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.take_model import refuse_second_run
+from drcli.runs.timed_uploads import TimedUploads
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
+from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
@@ -114,21 +121,34 @@ def _supervise(job: Job) -> int:
         lease.refuse_other_owner(bucket, prefix, job.session)
         taken = lease.take(bucket, prefix, job.session)
         record.write(job.folder)
-    return Supervisor(
-        replace(job, term=taken.term),
-        own(bucket),
-        record,
-        Renewal(impatient(0.0), prefix, taken),
-        open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
-        revive_server=lambda: server.ensure_running(storage),
-        restart_server=lambda: server.restart(storage),
-        duties=_duties(job),
-    ).run()
+    requests = CountFile(job.folder, "supervisor", job.session)
+    requests.start()
+    try:
+        return Supervisor(
+            replace(job, term=taken.term),
+            own(bucket),
+            record,
+            Renewal(impatient(0.0), prefix, taken),
+            open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
+            revive_server=lambda: server.ensure_running(storage),
+            restart_server=lambda: server.restart(storage),
+            duties=_duties(job),
+        ).run()
+    finally:
+        requests.end()
 
 
 def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
-    return [InterruptionWatch()]
+    watch, cost = CheckpointWatch(), Cost(job)
+    return [
+        InterruptionWatch(),
+        TimedUploads(job, watch),
+        EndOfTraining(job),
+        cost,
+        Messages(job, watch, cost.end_facts),
+        EndCommand(job, watch, cost.end_facts),
+    ]
 
 
 def _is_ready(job: Job) -> bool:

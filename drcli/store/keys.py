@@ -130,6 +130,16 @@ def outcome(prefix: str) -> str:
     return run_folder(prefix) + "outcome.json"
 
 
+def spending_folder(prefix: str) -> str:
+    """Folder with what each start of the training has cost."""
+    return run_folder(prefix) + "spending/"
+
+
+def spending(prefix: str, term: int, session: str) -> str:
+    """What one start has cost."""
+    return f"{spending_folder(prefix)}{term:06d}-{session}.json"
+
+
 def journal_folder(prefix: str) -> str:
     """Folder with the journal of the model: one object for each start."""
     return folder(prefix) + "journal/"

@@ -1,6 +1,7 @@
 """Waits for the rollouts of the workers and reads them, for the trainer."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -17,6 +18,15 @@ PREFETCH_BYTES = 24 << 20
 FIRST_LOOK_S = 0.1
 """First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
 
+QUIET_SHARE, REMEMBERED = 0.7, 5
+"""Share of the shortest of the last waits in which a frugal reader does not look: a look lists a
+folder, which costs twelve times as much as reading an object."""
+
+LATE_SHARE = 0.05
+"""How much later than the shortest of them it may notice that rollouts are there."""
+
+QUIET_STEP_S = 1.0
+"""How often it checks meanwhile whether it should stop."""
 
 REPORT_EVERY_S = 10.0
 """Seconds between two reports about missing workers."""
@@ -35,7 +45,8 @@ class RolloutReader:
     """Reads the rollouts of one model from the bucket. Close it when done.
 
     Rollouts from another start of the training than `session` may come from other weights, so they
-    count as missing, unless the session is empty. Tests replace `clock` and `pause`.
+    count as missing, unless the session is empty. A `frugal` one looks less often, for buckets that
+    are not on this machine. Tests replace `clock` and `pause`.
     """
 
     def __init__(
@@ -44,9 +55,12 @@ class RolloutReader:
         prefix: str,
         session: str = "",
         *,
+        frugal: bool = False,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
+        self._frugal = frugal
+        self._waits_s: deque[float] = deque(maxlen=REMEMBERED)
         self._bucket = bucket
         self._prefix = prefix
         self._session = session
@@ -89,12 +103,22 @@ class RolloutReader:
         enough = len(wanted) if enough is None else enough
         known = dict(arrived or {})
         started_s = reported_s = self._clock()
-        for delay_s in delays_s(FIRST_LOOK_S, growth=SLOW_GROWTH):
+        quiet_s = 0.0 if arrived else self._quiet_s()
+        first_s = max(FIRST_LOOK_S, LATE_SHARE * quiet_s / QUIET_SHARE)
+        for delay_s in delays_s(first_s, growth=SLOW_GROWTH):
             self._look(iteration, checkpoints, wanted, known)
-            if len(known) >= enough or should_stop():
+            if len(known) >= enough:
+                if arrived is None:
+                    self._waits_s.append(self._clock() - started_s)
+                break
+            if should_stop():
                 break
             now_s = self._clock()
             waited_s = now_s - started_s
+            if waited_s < quiet_s:
+                self._keep_quiet(started_s + min(quiet_s, patience_s), should_stop)
+                quiet_s = 0.0
+                continue
             missing = ", ".join(str(worker) for worker in wanted if worker not in known)
             waiting = (
                 f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
@@ -108,6 +132,17 @@ class RolloutReader:
                 reported_s = now_s
             self._pause(min(delay_s, patience_s - waited_s))
         return dict(sorted(known.items()))
+
+    def _quiet_s(self) -> float:
+        """How long rollouts cannot be there yet, by the last waits; 0 if that is not known."""
+        if not self._frugal or len(self._waits_s) < 2:
+            return 0.0
+        return QUIET_SHARE * min(self._waits_s)
+
+    def _keep_quiet(self, until_s: float, should_stop: Callable[[], bool]) -> None:
+        """Ask for nothing until then, or until it should stop."""
+        while (left_s := until_s - self._clock()) > 0.0 and not should_stop():
+            self._pause(min(left_s, QUIET_STEP_S))
 
     def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
         """The manifests of some workers for an iteration, from any checkpoint."""

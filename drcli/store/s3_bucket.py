@@ -18,6 +18,7 @@ from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.profiles import lend_to_refreshes, session_of
+from drcli.store.request_count import counter
 from drcli.store.s3_errors import (
     MISSING_CODES,
     Attempt,
@@ -311,6 +312,7 @@ def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":
             )
             if endpoint.access_key is None:
                 lend_to_refreshes(session.get_credentials())
+            counter.attach(client)
             return client
     except (BotoCoreError, ValueError, AttributeError) as e:  # the last for `s3 = text`
         raise StorageError(

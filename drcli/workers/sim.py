@@ -117,6 +117,7 @@ class SimWorker:
             job.session,
             worker,
             train.workers,
+            frugal=job.config.storage.cloud != "local",
             should_stop=lifeline.should_stop,
             say=self._activity.say,
         )

@@ -92,7 +92,8 @@ class Trainer:
             enabled=train.train_frozen_graph,
         )
         self._goals = Goals(job, parameters, before_s=counters.elapsed_s)
-        self._reader = RolloutReader(self._bucket, self._prefix, job.session)
+        frugal = job.config.storage.cloud != "local"
+        self._reader = RolloutReader(self._bucket, self._prefix, job.session, frugal=frugal)
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration
         )

@@ -20,6 +20,10 @@ _logger = get_logger(__name__)
 POLL_S = 0.06
 """Pause between two looks for a new checkpoint."""
 
+FRUGAL_SHARE, LONGEST_POLL_S = 0.03, 1.0
+"""The pause if each look costs money: this share of the time since the rollouts were delivered, so
+that a checkpoint is noticed 3 % late at most, but not longer than this."""
+
 QUIET_SHARE = 0.7
 """Share of the learning time in which the worker does not look for the next checkpoint: each look
 takes processor time from the learner."""
@@ -50,6 +54,7 @@ class CheckpointWaiter:
         worker: int,
         workers: int = 1,
         *,
+        frugal: bool = False,
         should_stop: Callable[[], bool],
         say: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
@@ -58,7 +63,8 @@ class CheckpointWaiter:
         """Begin.
 
         `session` names this start of the training, and `say` publishes what the worker waits for.
-        `clock` (monotonic seconds) and `pause` are for tests.
+        `frugal` is for a bucket that is not on this machine: it is asked less often. `clock`
+        (monotonic seconds) and `pause` are for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -71,6 +77,7 @@ class CheckpointWaiter:
         self._clock = clock
         self._pause = pause
         self._workers = workers
+        self._frugal = frugal
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
 
     def learn_from(self, record: CheckpointRecord) -> None:
@@ -128,10 +135,17 @@ class CheckpointWaiter:
                     return name
                 rechecked = self._clock()
             self._say(f"waits for the trainer (checkpoint {number})")
-            self._pause(POLL_S)
+            self._pause(self._poll_s(since_s))
             while (left_s := quiet_until - self._clock()) > 0.0:
                 self._check_stop()
                 self._pause(min(left_s, LONGEST_PAUSE_S))
+
+    def _poll_s(self, since_s: float) -> float:
+        """Pause before the next look, for rollouts that were delivered at this time."""
+        if not self._frugal:
+            return POLL_S
+        waited_s = self._clock() - since_s
+        return min(max(POLL_S, FRUGAL_SHARE * waited_s), LONGEST_POLL_S)
 
     def _is_lost(self, newest: CheckpointName) -> bool:
         """Whether the rollouts that this worker delivered for an iteration are lost."""

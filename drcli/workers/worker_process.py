@@ -19,6 +19,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
+from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
 
@@ -92,6 +93,8 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.config.log_max_mb << 20)
     _logger.info("%s started as process %d.", name, os.getpid())
+    requests = CountFile(job.folder, name, job.session)
+    requests.start()
     try:
         main(job, lifeline)
     except StopRequested:
@@ -99,6 +102,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     except Exception as error:
         raise SystemExit(_explain(error, job, name).code) from None
     finally:
+        requests.end()
         print_limit.end_limit()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()

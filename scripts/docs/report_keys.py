@@ -26,6 +26,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "runs.summary:Summary": ("summary",),
     "runs.status:ProcessReport": ("find-sagemaker", "find-robomaker"),
     "runs.status:SpeedReport": ("get-robomaker-stats",),
+    "cli.commands.send_message:MessageReport": ("send-message",),
     "models.upload:UploadReport": ("upload-model",),
     "models.upload_prefix:UploadIncrement": ("increment-upload-model",),
     "models.download:DownloadReport": ("download-model",),

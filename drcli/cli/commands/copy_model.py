@@ -10,6 +10,8 @@ from drcli.cli.options import (
     AsJson,
     DryRun,
     Force,
+    Keep,
+    MaxMb,
     best_option,
     checkpoint_choice,
     checkpoint_option,
@@ -39,6 +41,8 @@ def upload_model(
         bool, typer.Option("-1", "--increment", help="Raise the number in the target's name first.")
     ] = False,
     wipe: Annotated[bool, wipe_option("Delete earlier uploads at the target.")] = False,
+    keep: Keep = None,
+    max_mb: MaxMb = None,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
@@ -61,7 +65,7 @@ def upload_model(
     if increment:
         step = plan_upload_increment(loaded)  # written once the upload is there
         loaded = step.settings
-    options = UploadOptions(choice, prefix, to, local, wipe, dry_run)
+    options = UploadOptions(choice, prefix, to, local, wipe, dry_run, keep, max_mb)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     planned = plan_upload(loaded, options)

@@ -129,13 +129,18 @@ def droa_import_model(
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="Import even if the check here finds errors.")
     ] = False,
+    once: Annotated[
+        bool,
+        typer.Option("--once", help="Do nothing if the same weights were imported with --once."),
+    ] = False,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
     """Import a model into DeepRacer on AWS, and wait for its verdict.
 
-    Takes a folder or archive on disk, or a model in your bucket. All rules that are known of
-    DeepRacer on AWS are checked before anything is sent. It needs a TensorFlow checkpoint.
+    Takes a folder or archive on disk, or a model in your bucket, whose checkpoint is converted if
+    it was trained here. All rules that are known of DeepRacer on AWS are checked before anything is
+    sent. With --once, the description has a fingerprint of the weights.
 
     Example: droa-import-model --from my-model.tar.gz --model-name my-model
     """
@@ -158,11 +163,16 @@ def droa_import_model(
         chosen = prefix or loaded.model_prefix
         files = read_bucket_model(loaded, chosen, choice)
         found_name = chosen
+    if once:
+        description = f"{description} {droa_import.fingerprint_of(files)}".strip()
     plan = droa_import.plan_import(
         files, found_name if name is None else name, description, unchecked=unchecked
     )
     droa = connection.droa()
-    if dry_run:
+    before = droa_import.find_import(droa, plan) if once else None
+    if before is not None:
+        report = before
+    elif dry_run:
         report = droa_import.planned_report(droa.place, plan)
     else:
         report = droa_import.import_files(

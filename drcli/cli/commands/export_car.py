@@ -11,6 +11,8 @@ from drcli.cli.options import (
     AsJson,
     DryRun,
     Force,
+    Keep,
+    MaxMb,
     best_option,
     checkpoint_choice,
     checkpoint_option,
@@ -91,6 +93,12 @@ def upload_car_zip(
         bool,
         typer.Option("-n", "--numbered", help="Also keep it under a name with the checkpoint."),
     ] = False,
+    only_numbered: Annotated[
+        bool,
+        typer.Option("--only-numbered", help="Like -n, but not under the plain name of the model."),
+    ] = False,
+    keep: Keep = None,
+    max_mb: MaxMb = None,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
@@ -98,8 +106,8 @@ def upload_car_zip(
 
     It goes below DR_UPLOAD_S3_PREFIX in DR_UPLOAD_S3_BUCKET under two names: carfile.tar.gz, and
     that of the model, such as model-1.tar.gz. With -n, a third one has the number of the
-    checkpoint, such as model-1-chk12.tar.gz. Checks everything that `dr-export car` checks. The
-    model may be training at the same time.
+    checkpoint, such as model-1-chk12.tar.gz; --keep and --max-mb are about those. Checks everything
+    that `dr-export car` checks. The model may be training at the same time.
 
     Example: dr-upload-car-zip -fL
     """
@@ -110,12 +118,19 @@ def upload_car_zip(
         upload_names,
     )
     from drcli.models.export_model import read_export_source
+    from drcli.models.upload import retention_of
 
     loaded = settings()
     selection = _selection(best, number, prefix)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    target = plan_car_upload(loaded, prefix, local=local, dry_run=dry_run)
+    target = plan_car_upload(
+        loaded,
+        prefix,
+        local=local,
+        dry_run=dry_run,
+        retention=retention_of(loaded, keep, max_mb),
+    )
     source = read_export_source(loaded, selection)
     if as_json:
         console.say(source.chosen.line)
@@ -124,7 +139,7 @@ def upload_car_zip(
     console.say(f"Uploading the car archive of {source.url} to {target.url}/{CAR_FILE}")
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
-    names = upload_names(source, numbered=numbered)
+    names = upload_names(source, numbered=numbered, only_numbered=only_numbered)
     export = _made(loaded, source, names[1])
     progress = partial(console.progress, unit="bytes")
     report = upload_archive(export, target, names, progress, dry_run=dry_run)

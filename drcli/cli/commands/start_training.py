@@ -98,6 +98,14 @@ def start_training(
             help="Seed, to repeat a training exactly.",
         ),
     ] = None,
+    on_end: Annotated[
+        str | None,
+        typer.Option(
+            "--on-end",
+            metavar="CMD",
+            help="Run this command of the shell when the training has ended (DR_ON_END).",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes.
@@ -119,6 +127,8 @@ def start_training(
     from drcli.runs.plan import StartOptions
 
     loaded = settings()
+    if on_end is not None:
+        loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     bring_tracks(loaded)
     options = StartOptions(wipe, resume, max_minutes, until_laps, seed)

@@ -165,6 +165,8 @@ def imported(report: "ImportReport") -> str:
     size = f"{counted(report.files, 'file')}, {decimal(report.uploaded_bytes)}"
     if report.dry_run:
         return f"Would import {report.name} into {report.site}: {size}."
+    if report.existed:
+        return f"{report.name} was imported into {report.site} before, as {report.model_id}."
     state = "It is ready." if report.status == "READY" else "It is being checked there."
     return f"Imported {report.name} into {report.site} as {report.model_id}: {size}. {state}"
 

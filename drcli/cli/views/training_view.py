@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.status import RunReport
+    from drcli.runs.status import RequestReport, RunReport
 
 LIVE_ROWS = 6
 """Iterations in the table of the live display."""
@@ -92,7 +92,62 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         ]
         if report.warning:
             parts.append(_warning(report))
+    parts += [Text(line) for line in (_spent(report), _left(report), _requests(report)) if line]
     return Group(*parts)
+
+
+def _spent(report: "RunReport") -> str:
+    """Iterations, machine hours and money until now."""
+    spending = report.spending
+    if spending is None:
+        return ""
+    starts = counted(spending.starts, "start")
+    text = f"Spent: {counted(report.iterations, 'iteration')}, {spending.hours:.2f} machine hours "
+    text += f"in {starts}"
+    if spending.usd is not None:
+        text += f", {spending.usd:.4g} USD"
+        if spending.usd_per_hour is not None:
+            text += f" ({spending.usd_per_hour:.4g} USD per hour, {spending.price_of})"
+        if spending.unpriced_hours:
+            text += f"; the price of {spending.unpriced_hours:.2f} hours is not known"
+    if spending.damaged:
+        text += f"; the cost of {counted(len(spending.damaged), 'start')} is lost"
+    return f"{text}."
+
+
+def _left(report: "RunReport") -> str:
+    """What the limits still allow."""
+    if report.state not in ("starting", "running"):
+        return ""
+    parts = []
+    if report.iterations_left is not None:
+        parts.append(counted(report.iterations_left, "iteration"))
+    if report.time_left_s is not None:
+        parts.append(iterations.clock(report.time_left_s))
+    if report.money_left is not None and report.spending is not None:
+        money = f"{report.money_left:.4g} of {report.spending.max_usd:.4g} USD"
+        price = report.spending.usd_per_hour
+        if price:
+            money += f" (for {report.money_left / price:.2f} machine hours)"
+        parts.append(money)
+    return f"Left: {', '.join(parts)}." if parts else ""
+
+
+def _requests(report: "RunReport") -> str:
+    """Requests per hour, and what a night of them costs."""
+    made = report.requests
+    if made is None:
+        return ""
+    sent, received = (f"{size / made.hours / 1e6:,.0f} MB" for size in _traffic(made))
+    return (
+        f"Bucket, per hour: {made.puts / made.hours:,.0f} requests that write or list, "
+        f"{made.gets / made.hours:,.0f} that read, {sent} sent, {received} received; a night of "
+        f"10 hours at Amazon's list prices: {made.night_usd:.2f} USD."
+    )
+
+
+def _traffic(made: "RequestReport") -> tuple[int, int]:
+    return made.sent_bytes, made.received_bytes
 
 
 def start_text(plan: "RunPlan") -> str:

@@ -3,6 +3,15 @@
 from typing import Literal
 
 from drcli.config.fields import Group, setting
+from drcli.config.value_types import (
+    Address,
+    MailAddresses,
+    MessageEvents,
+    Price,
+    Retention,
+    SmtpUrl,
+    TopicArn,
+)
 
 
 class InterruptionSettings(Group, title="Interruptions"):
@@ -64,10 +73,51 @@ class TimedWorkSettings(Group, title="Uploads during and after a training"):
         "Minutes between archives for the car; 0 never.",
         low=0,
     )
+    upload_best_model: bool = setting(
+        "DR_UPLOAD_BEST_MODEL", False, "Upload the model whenever it has a new best checkpoint."
+    )
+    upload_model_on_completion: bool = setting(
+        "DR_UPLOAD_MODEL_ON_COMPLETION",
+        False,
+        "Upload the best checkpoint when the training is complete.",
+    )
     import_model_on_completion: bool = setting(
         "DR_IMPORT_MODEL_ON_COMPLETION",
         True,
-        "Import the model into DeepRacer on AWS when the training is complete.",
+        "Import the best checkpoint into DeepRacer on AWS when the training is complete; needs "
+        "DR_DROA_URL.",
+    )
+    upload_keep: Retention = setting(
+        "DR_UPLOAD_KEEP",
+        "",
+        "Checkpoints and car archives to keep where they are uploaded to, such as "
+        "last-3,best,every-50; empty for all.",
+    )
+    upload_max_mb: int = setting(
+        "DR_UPLOAD_MAX_MB",
+        0,
+        "Largest size of the checkpoints there, and of the car archives, in MB; 0 for no limit.",
+        low=0,
+    )
+    on_end: str = setting(
+        "DR_ON_END", "", "Command for the shell that runs when a training has ended, however."
+    )
+
+
+class CostSettings(Group, title="Money"):
+    """What the machines of a training cost."""
+
+    spot_price: Price = setting(
+        "DR_SPOT_PRICE",
+        "",
+        "What this machine costs in USD per hour; auto asks EC2; empty if it does not matter.",
+        file="system.env",
+    )
+    max_cost: float = setting(
+        "DR_MAX_COST",
+        0.0,
+        "End the training when all its machines together have cost so many USD; 0 for no limit.",
+        low=0,
     )
 
 
@@ -77,3 +127,25 @@ class WatchSettings(Group, title="Watches", file="system.env"):
 
 class MessageSettings(Group, title="Messages", file="system.env"):
     """Who is told what happens to a training."""
+
+    sns_topic_arn: TopicArn = setting(
+        "DR_SNS_TOPIC_ARN", "", "Topic of Amazon SNS for messages; if empty, MY_SNS_TOPIC."
+    )
+    webhook_url: Address = setting(
+        "DR_WEBHOOK_URL", "", "Address for messages in Slack, Discord, Mattermost or your program."
+    )
+    mail_to: MailAddresses = setting("DR_MAIL_TO", "", "Mail addresses for messages.")
+    mail_from: MailAddresses = setting(
+        "DR_MAIL_FROM", "", "Sender of these mails; if empty, the first of DR_MAIL_TO."
+    )
+    smtp_url: SmtpUrl = setting(
+        "DR_SMTP_URL",
+        "",
+        "Mail server, as in smtps://user:password@mail.example.com:465.",
+    )
+    message_events: MessageEvents = setting(
+        "DR_MESSAGE_EVENTS",
+        "start,resume,interruption,end,failure,stall",
+        "What to tell: start, resume, interruption, end, failure, stall, stop, fault, recovery, "
+        "best, upload; or all.",
+    )

@@ -6,7 +6,11 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from drcli.formats.training_checkpoint import TrainingCheckpoint
 from droa_models import accepted_model, write_files
+from droa_server import PASSWORD
+from memory_bucket import MemoryBucket
+from trained_model import put_trained_model
 
 PARAMETERS = (
     "---\n'WORLD_NAME': '{world}'\n'REVERSE_DIR': 'False'\n'BODY_SHELL_TYPE': 'deepracer'\n"
@@ -122,22 +126,65 @@ def test_a_prefix_that_is_no_name_asks_for_one(droa, fake, bucket, capsys):
     assert fake.sign_ins == 0
 
 
-def test_a_model_of_drcli_says_how_to_export_it(droa, fake, trained, capsys, monkeypatch):
+@pytest.fixture
+def own(working_folder, monkeypatch):
+    """A model that was trained here, in the bucket of the working folder, with small weights."""
+    parts = {end: end.encode() for end in (".index", ".data-00000-of-00001", ".meta")}
+    small = TrainingCheckpoint(parts, b"graph", 22, ["A note."])
     monkeypatch.setattr(
-        "drcli.remote.droa_bucket_model.bucket_to_look_at", lambda *_, **__: trained.bucket
+        "drcli.formats.training_checkpoint.encode_training_checkpoint", lambda *_: small
     )
-    trained.bucket.put("model-1/reward_function.py", b"def reward_function(params): return 1.0")
-    trained.bucket.put("model-1/model/model_metadata.json", b"{}")
-    trained.bucket.put("model-1/ip/hyperparameters.json", b"{}")
-    trained.bucket.put("model-1/metrics/TrainingMetrics.json", b"{}")
+    kept = MemoryBucket()
+    put_trained_model(kept, "model")
+    kept.put("model/training_params.yaml", PARAMETERS.format(world="reinvent_base").encode())
+    for info in kept.list(""):
+        path = working_folder / "data" / "s3" / "bucket" / info.key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(kept.get(info.key))
 
-    code = droa("droa-import-model", "--model-prefix", "model-1")
 
-    printed = capsys.readouterr().err
-    assert code == 3
-    assert "is in drcli's own format" in printed
-    assert "dr-export droa" in printed
-    assert fake.calls == []
+def test_a_model_that_was_trained_here_is_converted_and_imported(droa, fake, own):
+    assert droa("droa-import-model", "--best") == 0
+
+    files = sent(fake)
+    (model,) = fake.models.values()
+    assert model["status"] == "READY"
+    assert files["model/.coach_checkpoint"].decode().strip() == "3_Step-300.ckpt"
+    ends = (".index", ".meta", ".data-00000-of-00001")
+    assert {f"model/3_Step-300.ckpt{end}" for end in ends} <= files.keys()
+    assert not [name for name in files if name.endswith(".safetensors")]
+
+
+def test_the_same_weights_are_imported_once(droa, fake, own, capsys):
+    assert droa("droa-import-model", "--once", "--best") == 0
+    assert droa("droa-import-model", "--once", "--best", "--json") == 0
+
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["existed"]
+    assert list(fake.models) == [report["model_id"]]
+
+    assert droa("droa-import-model", "--once") == 0  # another checkpoint
+    assert len(fake.models) == 2
+
+
+def test_a_refused_import_is_tried_again(droa, fake, own):
+    assert droa("droa-import-model", "--once") == 0
+    for model in fake.models.values():
+        model["status"] = "ERROR"
+
+    assert droa("droa-import-model", "--once") == 0
+    assert len(fake.models) == 2
+
+
+def test_a_password_in_the_environment_needs_nobody(droa, fake, own, monkeypatch):
+    def nobody(question, remedy):
+        raise AssertionError("nobody is there to be asked")
+
+    monkeypatch.setattr("drcli.cli.prompts.secret", nobody)
+    monkeypatch.setenv("DR_DROA_PASSWORD", PASSWORD)
+
+    assert droa("droa-import-model") == 0
+    assert fake.sign_ins == 1
 
 
 def test_a_model_that_does_not_exist_is_said(droa, fake, capsys, bucket):

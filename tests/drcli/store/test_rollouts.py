@@ -283,3 +283,42 @@ def test_a_manifest_that_claims_a_billion_rows_is_damage(memory):
 
     with pytest.raises(RecordError, match="2000000 bytes cannot hold"):
         Manifest.decode(data)
+
+
+class Listed(MemoryBucket):
+    """Counts its listings."""
+
+    looks = 0
+
+    def list(self, folder):
+        self.looks += 1
+        return super().list(folder)
+
+
+@pytest.mark.parametrize("drive_s", [2.0, 20.0])
+def test_a_bucket_elsewhere_is_listed_less_often_and_hardly_later(drive_s):
+    looks, ends = [], []
+    for frugal in (False, True):
+        bucket, clock = Listed(), Clock()
+        reader = RolloutReader(bucket, PREFIX, frugal=frugal, clock=clock, pause=clock.pause)
+        for _ in range(4):
+            bucket.looks = 0
+            bucket.delete([info.key for info in MemoryBucket.list(bucket, "")])
+            began_s = clock.now_s
+            clock.happens = {began_s + drive_s: lambda bucket=bucket: hand_in(bucket)}
+            wait(reader, [0])
+        looks.append(bucket.looks)
+        ends.append(clock.now_s - began_s)
+        reader.close()
+
+    assert looks[1] < 0.5 * looks[0]
+    assert ends[1] < 1.06 * drive_s + 0.1
+
+
+def test_a_frugal_reader_notices_within_a_second_that_it_should_stop(memory, clock):
+    reader = RolloutReader(memory, PREFIX, frugal=True, clock=clock, pause=clock.pause)
+    reader._waits_s.extend([60.0, 60.0])
+
+    assert wait(reader, [0], should_stop=lambda: clock.now_s >= 3.0) == {}
+    assert clock.now_s <= 4.1
+    reader.close()

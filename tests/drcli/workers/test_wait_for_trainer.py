@@ -16,7 +16,7 @@ PREFIX, SESSION = "model", "this start"
 class World:
     """A bucket, a clock that only waiting moves, and what happens at some times."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, frugal: bool = False) -> None:
         self.now_s = 0.0
         self.looks_s: list[float] = []
         self.events: list[tuple[float, object]] = []
@@ -28,6 +28,7 @@ class World:
             PREFIX,
             SESSION,
             0,
+            frugal=frugal,
             should_stop=lambda: self.stops,
             say=lambda text: self.looks_s.append(self.now_s),
             clock=lambda: self.now_s,
@@ -257,3 +258,17 @@ def test_a_worker_that_waits_for_its_first_checkpoint_misses_nothing(world):
     world.at(100.0, lambda: world.publish(0))
 
     assert world.waiter.wait(0, newest=-1, steps=0, since_s=0.0).number == 0
+
+
+def test_a_bucket_elsewhere_is_asked_less_often_and_hardly_later():
+    looks, ends = [], []
+    for frugal in (False, True):
+        world = World(frugal=frugal)
+        world.publish(3)
+        world.at(20.0, lambda world=world: world.publish(4))
+        world.waiter.wait(4, 3, 500, 0.0)
+        looks.append(len(world.looks_s))
+        ends.append(world.now_s)
+
+    assert looks[1] < looks[0] / 2
+    assert ends[1] < 20.0 * 1.04

@@ -187,6 +187,9 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "models.upload.upload",
         UploadReport(**source, target=URL, choice="last", metric=1.0, older=files, deleted=files),
     )
+    answer("remote.message_channels.open_channels", [object()])
+    topic = "the SNS topic arn:aws:sns:us-east-1:123456789012:a-topic-with-a-long-name"
+    answer("remote.message_channels.try_channels", {topic: None})
     options = SimpleNamespace(prefix="model")
     answer(
         "models.download.plan_download", SimpleNamespace(**plan, options=options, import_command="")

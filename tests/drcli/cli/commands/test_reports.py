@@ -31,6 +31,7 @@ CALLS = {
     "find-sagemaker": "4243",
     "find-robomaker": "4243",
     "get-robomaker-stats": "steps/s",
+    "send-message hello": "Sent to",
     "upload-model -f": "Uploaded",
     "increment-upload-model -f": "The next upload goes to",
     "download-model -f -s s3://uploads/model -t model": "Downloaded",

@@ -1,0 +1,66 @@
+"""`dr send-message`."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import typer
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.cli import console
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import settings
+
+
+@dataclass(frozen=True)
+class MessageReport:
+    """The result of `dr-send-message`.
+
+    Attributes:
+        text: What was sent.
+        sent: Places that took the message.
+        failed: Why others did not, by place.
+    """
+
+    text: str
+    sent: list[str]
+    failed: dict[str, str] = field(default_factory=dict)
+
+
+def send_message(
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="What to say.")],
+    as_json: AsJson = False,
+) -> None:
+    """Send a message to every place that trainings send theirs to, to try the settings.
+
+    These are the SNS topic of DR_SNS_TOPIC_ARN, the webhook of DR_WEBHOOK_URL, and DR_MAIL_TO
+    through DR_SMTP_URL. Exits 4 if one of them does not take it.
+
+    Example: dr-send-message "Does this arrive?"
+    """
+    from drcli.remote.message_channels import Message, open_channels, try_channels
+
+    loaded = settings()
+    profile = loaded.storage.profile if loaded.cloud == "aws" else None
+    channels = open_channels(loaded, profile)
+    if not channels:
+        raise SettingsError(
+            "No place for messages is set.",
+            remedy="Set DR_SNS_TOPIC_ARN, DR_WEBHOOK_URL, or DR_MAIL_TO and DR_SMTP_URL in "
+            "system.env.",
+        )
+    facts = {"model": f"s3://{loaded.bucket}/{loaded.model_prefix}"}
+    message = Message("test", f"message: {loaded.model_prefix}", text, facts)
+    with console.waiting("Sending ..."):
+        results = try_channels(channels, message)
+    report = MessageReport(
+        text,
+        [name for name, error in results.items() if error is None],
+        {name: f"{error} {error.remedy}" for name, error in results.items() if error is not None},
+    )
+    said = "\n".join(f"Sent to {name}." for name in report.sent)
+    console.emit(report, said or None, as_json=as_json)
+    failures = [error for error in results.values() if error is not None]
+    if failures:
+        raise StorageError(
+            "\n".join(map(str, failures)), remedy="\n".join(each.remedy for each in failures)
+        )

@@ -1,0 +1,103 @@
+"""Sends messages about a training to the places that the settings name."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from drcli.base.errors import DrError
+from drcli.base.json_record import json_default
+from drcli.config.groups.unattended import MessageSettings
+from drcli.remote import mail_message, sns_message, webhook_message
+
+TIMEOUT_S = 10.0
+"""How long a server may take to accept a connection, and to answer."""
+
+TOPIC_VARIABLE = "MY_SNS_TOPIC"
+"""Variable with the topic on machines of deepracer-on-the-spot."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message.
+
+    Attributes:
+        event: What it is about: one of the events of DR_MESSAGE_EVENTS, or "test".
+        subject: One short line.
+        text: One or a few sentences.
+        facts: The same for programs: JSON values.
+    """
+
+    event: str
+    subject: str
+    text: str
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def lines(self) -> str:
+        """The text, and below it a line for each fact."""
+        facts = [
+            f"{name}: {value}" for name, value in self.facts.items() if value not in ("", None)
+        ]
+        return "\n".join([self.text, "", *facts]).rstrip()
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One place that messages go to.
+
+    Attributes:
+        name: For people: what it is, without secrets.
+        send: Sends a message; raises DrError.
+    """
+
+    name: str
+    send: Callable[[Message], None]
+
+
+def open_channels(settings: MessageSettings, profile: str | None = None) -> list[Channel]:
+    """The places that the settings name; nothing is sent yet.
+
+    Args:
+        settings: Addresses.
+        profile: Of the AWS files, for the topic; None leaves the search for keys to boto3.
+    """
+    found = []
+    topic = settings.sns_topic_arn or os.environ.get(TOPIC_VARIABLE, "")
+    if topic:
+        found.append(Channel(f"the SNS topic {topic}", lambda m: _to_topic(topic, profile, m)))
+    if settings.webhook_url:
+        url = settings.webhook_url
+        name = f"the webhook at {webhook_message.host_of(url)}"
+        found.append(Channel(name, lambda m: webhook_message.post(url, _body(m), TIMEOUT_S)))
+    if settings.mail_to and settings.smtp_url:
+        mail = mail_message.Mail(settings.smtp_url, settings.mail_to, settings.mail_from)
+        name = f"mail to {', '.join(mail.receivers)}"
+        found.append(Channel(name, lambda m: mail.send(f"[drcli] {m.subject}", m.lines, TIMEOUT_S)))
+    return found
+
+
+def try_channels(channels: list[Channel], message: Message) -> dict[str, DrError | None]:
+    """Send a message to all of them; for each name, why it failed or None."""
+    results: dict[str, DrError | None] = {}
+    for channel in channels:
+        try:
+            channel.send(message)
+            results[channel.name] = None
+        except DrError as error:
+            results[channel.name] = error
+    return results
+
+
+def _to_topic(topic: str, profile: str | None, message: Message) -> None:
+    sns_message.publish(
+        topic, message.subject, message.lines, message.event, profile=profile, timeout_s=TIMEOUT_S
+    )
+
+
+def _body(message: Message) -> dict[str, Any]:
+    """The message as JSON: `text` for Slack and Mattermost, `content` for Discord."""
+    import json
+
+    facts = json.loads(json.dumps(message.facts, default=json_default))
+    return webhook_message.body_of(message.event, message.subject, message.text, facts)

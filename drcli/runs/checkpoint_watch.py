@@ -1,0 +1,69 @@
+"""Knows the last and the best checkpoint of a running training, for duties that react to them."""
+
+from collections.abc import Callable
+
+from drcli.base.errors import DrError
+from drcli.exchange.scores import Score
+from drcli.runs.periodic import Periodic, within
+from drcli.store.best_checkpoint import read_scores
+from drcli.store.bucket import Bucket
+
+LOOK_S = 20.0
+"""How often it looks: one request."""
+
+
+class CheckpointWatch:
+    """Looks every few seconds in a thread; several duties share one."""
+
+    def __init__(self) -> None:
+        self._bucket: Bucket | None = None
+        self._open: Callable[[], Bucket] | None = None
+        self._prefix = ""
+        self._thread: Periodic | None = None
+        self.last: Score | None = None
+        """The newest checkpoint; None before the first look."""
+        self.best: Score | None = None
+        """The best one, None before the first evaluation."""
+
+    def start(self, open_bucket: Callable[[], Bucket], prefix: str) -> None:
+        """Begin to look; further calls do nothing."""
+        if self._thread is not None:
+            return
+        self._open, self._prefix = open_bucket, prefix
+        self._thread = Periodic("checkpoint watch", self.look, LOOK_S)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the looks."""
+        if self._thread is not None:
+            self._thread.stop()
+
+    def look(self) -> None:
+        """Look now.
+
+        Raises:
+            DrError: The bucket does not answer, or the scores are damaged.
+        """
+        if self._open is None:
+            return
+        if self._bucket is None:
+            self._bucket = self._open()
+        scores = read_scores(self._bucket, self._prefix)
+        if scores is None:
+            return
+        self.last = scores.last_checkpoint
+        if scores.best_checkpoint.avg_eval_metric is not None:
+            self.best = scores.best_checkpoint
+
+    def look_within(self, seconds: float) -> bool:
+        """Look once more, for a training that ends; whether that succeeded in time."""
+        done: list[bool] = []
+
+        def attempt() -> None:
+            try:
+                self.look()
+            except DrError:
+                return
+            done.append(True)
+
+        return within(seconds, attempt) and bool(done)

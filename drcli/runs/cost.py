@@ -1,0 +1,279 @@
+"""Counts machine hours and money of a training over all its starts, and ends it at the limit."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+from drcli.base.errors import DrError
+from drcli.base.json_record import RecordError
+from drcli.base.log import get_logger
+from drcli.exchange.job import Job
+from drcli.exchange.spending import Spending, StartSpending
+from drcli.remote.spot_price import SpotPrice, own_spot_price
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.outcome import Ending, Outcome
+from drcli.runs.periodic import Periodic, within
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.request_count import NIGHT_HOURS, RequestCount, read_counts
+
+_logger = get_logger(__name__)
+
+COUNT_S = 10.0
+"""How often time becomes money, and the file for `dr-status` is written."""
+
+WRITE_S = 300.0
+"""How often the object in the bucket is written: a vanished machine loses so much of its count."""
+
+PRICE_S = 3600.0
+"""How often EC2 is asked for the price again."""
+
+LOG_S = 1800.0
+"""How often the log tells time, money and requests."""
+
+_PATIENCE_S = 3.0
+_MOST_STEP_S = 60.0
+"""Longest time that one count adds: while the machine slept, nothing was counted or paid."""
+
+
+class Cost(Duty):
+    """Counts machine hours and money.
+
+    Args:
+        job: The training.
+        ask_price: Asks EC2; tests replace it.
+        clock: Monotonic seconds, for tests. The wall clock may jump.
+    """
+
+    name = "cost"
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        ask_price: Callable[[str | None], SpotPrice] = own_spot_price,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        settings = job.config.unattended
+        self._job = job
+        storage = job.config.storage
+        self._profile = storage.profile if storage.cloud == "aws" else None
+        self._ask = ask_price
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._auto = settings.spot_price == "auto"
+        self._max_usd = settings.max_cost
+        self._price = None if settings.spot_price in ("", "auto") else float(settings.spot_price)
+        self._price_of = "" if self._price is None else "DR_SPOT_PRICE"
+        self._began_s = self._counted_s = clock()
+        self._hours = self._usd = self._unpriced = 0.0
+        self._earlier: list[StartSpending] | None = None
+        self._damaged: list[str] = []
+        self._bucket: Bucket | None = None
+        self._open_bucket: Callable[[], Bucket] | None = None
+        self._key = keys.spending(job.config.model.prefix, job.term, job.session)
+        self._written_s = self._priced_s = -float("inf")
+        self._logged_s = self._began_s
+        self._thread = Periodic("cost", self.step, COUNT_S)
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin to count; nothing waits for prices or for the bucket."""
+        self._open_bucket = run.open_bucket
+        # The job of the run has the term of the lease.
+        self._key = keys.spending(run.job.config.model.prefix, run.job.term, run.job.session)
+        self._thread.start()
+
+    def check(self) -> Outcome | None:
+        """End the training when its money is spent."""
+        if not self._max_usd:
+            return None
+        spending = self.spending
+        if spending.usd is None or spending.usd < self._max_usd:
+            return None
+        return Outcome(
+            0,
+            f"Training is complete: the money limit ({_usd(self._max_usd)}) was reached; "
+            f"{spending.hours:.1f} machine hours cost {_usd(spending.usd)}.",
+        )
+
+    def finish(self, ending: Ending) -> None:
+        """Write the last count."""
+        self._thread.stop()
+        self._count()
+        within(min(_PATIENCE_S, ending.left_s(0.2)), self._write, ending.hurried)
+        self._write_file()
+        for line in self.sentences():
+            _logger.info("%s", line)
+
+    def leave(self, ending: Ending) -> None:
+        """Stop counting."""
+        self._thread.stop()
+
+    @property
+    def spending(self) -> Spending:
+        """Everything that is known now."""
+        earlier = self._earlier or []
+        usd = sum(each.usd for each in earlier if each.usd is not None) + self._usd
+        unpriced = self._unpriced + sum(each.hours for each in earlier if each.usd is None)
+        hours = self._hours + sum(each.hours for each in earlier)
+        known = self._price is not None or usd > 0.0
+        return Spending(
+            session=self._job.session,
+            starts=1 + len(earlier),
+            hours=hours,
+            usd=usd if known else None,
+            unpriced_hours=unpriced if known else 0.0,
+            usd_per_hour=self._price,
+            price_of=self._price_of,
+            max_usd=self._max_usd,
+            own_hours=self._hours,
+            max_minutes=self._job.max_minutes,
+            damaged=list(self._damaged),
+        )
+
+    def end_facts(self) -> Mapping[str, object]:
+        """For the `end` entry of the journal, for messages and for the command at the end."""
+        spending, requests = self.spending, self._requests()
+        facts: dict[str, object] = {
+            "machine_hours": round(spending.hours, 3),
+            "starts": spending.starts,
+            "cost": None if spending.usd is None else round(spending.usd, 4),
+            "cost_limit": spending.max_usd or None,
+            "requests": requests.requests,
+            "sent_mb": round(requests.sent_bytes / 1e6, 1),
+            "received_mb": round(requests.received_bytes / 1e6, 1),
+        }
+        return {name: value for name, value in facts.items() if value is not None}
+
+    def sentences(self) -> list[str]:
+        """Time, money and requests until now, for people."""
+        spending = self.spending
+        text = f"{spending.hours:.2f} machine hours in {spending.starts} start"
+        text += "s" if spending.starts > 1 else ""
+        if spending.usd is not None:
+            text += f", {_usd(spending.usd)}"
+            text += f" of {_usd(spending.max_usd)}" if spending.max_usd else ""
+            if spending.unpriced_hours:
+                text += f" (the price of {spending.unpriced_hours:.2f} hours is not known)"
+        lines = [f"{text}."]
+        requests = self._requests()
+        if requests.requests and self._hours > 0.0:
+            lines.append(requests_sentence(requests, self._hours))
+        return lines
+
+    def step(self) -> None:
+        """Count, ask for the price, write: whatever is due.
+
+        Raises:
+            DrError: The bucket does not answer; it is tried again.
+        """
+        self._count()
+        now_s = self._clock()
+        if self._auto and now_s - self._priced_s >= PRICE_S:
+            self._priced_s = now_s
+            self._ask_price()
+        self._write_file()
+        if now_s - self._logged_s >= LOG_S:
+            self._logged_s = now_s
+            for line in self.sentences():
+                _logger.info("%s", line)
+        if self._earlier is None:
+            self._read_earlier()
+        if now_s - self._written_s >= WRITE_S:
+            self._put()
+            self._written_s = now_s
+
+    def _count(self) -> None:
+        with self._lock:
+            now_s = self._clock()
+            hours = min(max(0.0, now_s - self._counted_s), _MOST_STEP_S) / 3600.0
+            self._counted_s = now_s
+            self._hours += hours
+            if self._price is None:
+                self._unpriced += hours
+            else:
+                self._usd += self._price * hours
+
+    def _ask_price(self) -> None:
+        try:
+            found = self._ask(self._profile)
+        except DrError as error:
+            if self._price is None:
+                limit = " DR_MAX_COST cannot be kept." if self._max_usd else ""
+                _logger.warning("%s %s%s", error, error.remedy, limit)
+            return
+        if self._price is None:  # the first minutes cost the same
+            self._usd += found.usd_per_hour * self._unpriced
+            self._unpriced = 0.0
+        if found.usd_per_hour != self._price:
+            _logger.info("Spot price of %s: %s per hour.", found.place, _usd(found.usd_per_hour))
+        self._price, self._price_of = found.usd_per_hour, f"spot price of {found.place}"
+
+    def _read_earlier(self) -> None:
+        """Read what earlier starts have cost; damaged objects are named and left out."""
+        bucket = self._opened()
+        found = []
+        for info in bucket.list(keys.spending_folder(self._job.config.model.prefix)):
+            if info.key == self._key:
+                continue
+            try:
+                found.append(StartSpending.decode(bucket.get(info.key)))
+            except ObjectMissing:
+                continue
+            except RecordError as error:
+                self._damaged.append(f"{bucket.name}/{info.key}")
+                _logger.warning(
+                    "%s/%s is damaged: %s. The cost of that start is missing.",
+                    bucket.name,
+                    info.key,
+                    error,
+                )
+        self._earlier = found
+
+    def _opened(self) -> Bucket:
+        if self._bucket is None:
+            assert self._open_bucket is not None
+            self._bucket = self._open_bucket()
+        return self._bucket
+
+    def _put(self) -> None:
+        priced = self._price is not None or self._usd > 0.0
+        own = StartSpending(
+            self._job.session,
+            socket.gethostname(),
+            self._hours,
+            self._usd if priced else None,
+            self._price,
+        )
+        self._opened().put(self._key, own.encode())
+
+    def _write(self) -> None:
+        try:
+            self._put()
+        except DrError as error:
+            _logger.warning("The cost of this start could not be written: %s", error)
+
+    def _write_file(self) -> None:
+        with suppress(OSError):  # a full disk: `dr-status` shows an older state
+            self.spending.write(self._job.folder)
+
+    def _requests(self) -> RequestCount:
+        return read_counts(self._job.folder, self._job.session)
+
+
+def requests_sentence(requests: RequestCount, hours: float) -> str:
+    """Requests and bytes per hour, and what a night of them costs at Amazon."""
+    night = requests.list_price_usd / hours * NIGHT_HOURS
+    return (
+        f"Requests to the bucket per hour: {requests.puts / hours:,.0f} that write or list, "
+        f"{requests.gets / hours:,.0f} that read; "
+        f"{requests.sent_bytes / hours / 1e6:,.0f} MB sent, "
+        f"{requests.received_bytes / hours / 1e6:,.0f} MB received. At Amazon's list prices, the "
+        f"requests of a night of {NIGHT_HOURS:g} hours cost {_usd(night)}."
+    )
+
+
+def _usd(amount: float) -> str:
+    return f"{amount:.2f} USD" if amount >= 0.1 or amount == 0.0 else f"{amount:.4f} USD"

@@ -1,0 +1,138 @@
+"""What is done once when a training is complete: upload its best checkpoint, and import it.
+
+Each piece may be repeated without harm, and has a name, so that a successor on another machine can
+complete what this one had no time for.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Literal, get_args
+
+from drcli.base.log import get_logger
+from drcli.config import secret_environment
+from drcli.exchange.job import Job
+from drcli.runs.command_process import CommandEnd, CommandProcess
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import Ending
+
+_logger = get_logger(__name__)
+
+EndWork = Literal["upload", "import"]
+"""The pieces: an upload of the best checkpoint, and its import into DeepRacer on AWS."""
+
+PATIENCE_S = 2700.0
+"""Longest time for a piece: DeepRacer on AWS may take half an hour to check a model."""
+
+PASSWORD = "DR_DROA_PASSWORD"
+"""Variable of the environment with the password for the import. Nobody is there to be asked."""
+
+_IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
+
+Start = Callable[..., CommandProcess]
+
+
+def wanted_work(job: Job) -> list[str]:
+    """The pieces that the settings ask for at the end of a complete training."""
+    settings, given = job.config.unattended, job.config.given
+    wanted: list[EndWork] = []
+    if settings.upload_model_on_completion:
+        wanted.append("upload")
+    if settings.import_model_on_completion and given.get("DR_DROA_URL"):
+        wanted.append("import")
+    return list(wanted)
+
+
+class EndOfTraining(Duty):
+    """Does the work at the end of a complete training.
+
+    Args:
+        job: The training.
+        start: Starts a command; tests replace it.
+    """
+
+    name = "end of the training"
+
+    def __init__(self, job: Job, *, start: Start = CommandProcess) -> None:
+        self._job = job
+        self._start = start
+        self._journal: Journal | None = None
+        self._left: list[str] | None = None
+
+    def start(self, run: RunningTraining) -> None:
+        """Say at the beginning what will not work at the end."""
+        self._journal = run.journal
+        given = self._job.config.given
+        if not self._job.config.unattended.import_model_on_completion:
+            return
+        if not given.get("DR_DROA_URL"):
+            if _IMPORT in given:
+                _logger.info(
+                    "%s: the import at the end is skipped, because DR_DROA_URL is not set.", _IMPORT
+                )
+        elif not secret_environment.all_secrets().get(PASSWORD):
+            _logger.info(
+                "The import into DeepRacer on AWS at the end needs the password in the variable "
+                "%s of the environment, or `droa-login` less than an hour before.",
+                PASSWORD,
+            )
+
+    def finish(self, ending: Ending) -> None:
+        """Do the work if the training is complete, as far as the time allows."""
+        self._left = self.left(ending)
+        for name in list(self._left):
+            within_s = min(PATIENCE_S, ending.left_s(0.8))
+            if within_s <= 0.0:
+                break
+            process = self._start(self._job, *self._command(name))
+            if self._note(name, process.wait(within_s, lambda: ending.left_s() <= 0.0)):
+                self._left.remove(name)
+        if self._left:
+            _logger.warning("Left to do at the end of the training: %s.", ", ".join(self._left))
+
+    def left(self, ending: Ending) -> list[str]:
+        """Names of the pieces that are not done: before `finish`, all that it is going to do.
+
+        If an earlier start has completed the training, that start has left them over
+        (`Ending.only`).
+        """
+        if self._left is not None:
+            return list(self._left)
+        if ending.outcome.code != 0:
+            return []
+        only: Sequence[str] = getattr(ending, "only", ())
+        return [name for name in only or wanted_work(self._job) if name in get_args(EndWork)]
+
+    def _command(self, name: str) -> tuple[str, ...]:
+        if name == "upload":
+            return "upload-model", "-b", "-f", "--json"
+        prefix = self._job.config.model.prefix
+        options = ("--model-prefix", prefix, "--model-name", import_name(prefix), "--best")
+        return "droa-import-model", *options, "--once", "--json"
+
+    def _note(self, name: str, end: CommandEnd) -> bool:
+        """Tell how a piece ended; whether it is done."""
+        what = {
+            "upload": "upload of the best checkpoint",
+            "import": "import into DeepRacer on AWS",
+        }[name]
+        if not end.ok:
+            again = {"upload": "dr-upload-model -b", "import": "droa-import-model --best --once"}
+            text = f"The {what} failed: {end.reason} `{again[name]}` makes up for it."
+            _logger.warning("%s", text)
+            if self._journal is not None:
+                self._journal.note("fault", text, event="upload", what=name)
+            return False
+        report = end.report
+        place = report.get("target") or f"{report.get('site', '')} ({report.get('model_id', '')})"
+        text = f"The {what} is done: {place}."
+        _logger.info("%s", text)
+        if self._journal is not None:
+            self._journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
+        return True
+
+
+def import_name(prefix: str) -> str:
+    """The name of a model at DeepRacer on AWS: letters, digits and hyphens, 64 at most."""
+    usable = re.sub(r"[^a-zA-Z0-9]+", "-", prefix).strip("-")
+    return usable[-64:].strip("-") or "model"

@@ -1,0 +1,207 @@
+"""Uploads a model while it trains: by the clock, at each new best checkpoint, and at interruptions.
+
+Each upload is a command of its own (`drcli.runs.command_process`), so that it can neither hold up
+nor end the training. One runs at a time.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drcli.base.log import get_logger
+from drcli.exchange.job import Job
+from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.command_process import CommandEnd, CommandProcess
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import INTERRUPTED, Ending, Outcome
+
+_logger = get_logger(__name__)
+
+BEST_EVERY_S = 300.0
+"""Least time between two uploads of best checkpoints: at first, each evaluation is a new best."""
+
+MODELS_SHARE, ARCHIVE_SHARE = 0.6, 0.4
+"""Shares of the time that is left at an interruption: for models, and then for the car archive. The
+rest is for logs and for releasing the lease."""
+
+LOOK_PATIENCE_S = 3.0
+STOPPED_PATIENCE_S = 5.0
+"""How long an upload that is running may still take when the training is stopped or fails."""
+
+Start = Callable[..., CommandProcess]
+"""Starts a command: takes the job and its arguments."""
+
+
+@dataclass
+class Upload:
+    """A kind of upload, and when it is due.
+
+    Attributes:
+        name: What it uploads, for the log.
+        command: Its arguments.
+        every_s: Seconds between two of them; None for each new checkpoint, `BEST_EVERY_S` apart.
+        best: Whether it is about the best checkpoint, not the last.
+        due_s: When it is due, on the monotonic clock. The wall clock may jump.
+        done: The checkpoint that was uploaded last.
+        problem: Why the last attempt failed; empty if it did not.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    every_s: float | None
+    best: bool = False
+    due_s: float = 0.0
+    done: str = ""
+    problem: str = ""
+
+
+def wanted_uploads(job: Job) -> list[Upload]:
+    """The uploads that the settings ask for, the most important first."""
+    settings = job.config.unattended
+    found = []
+    command: tuple[str, ...]
+    if settings.regular_upload:
+        every_s = 60.0 * settings.regular_upload
+        command = ("upload-model", "-f", "--json")
+        found.append(Upload("last checkpoint", command, every_s))
+    if settings.upload_best_model:
+        command = ("upload-model", "-b", "-f", "--json")
+        found.append(Upload("best checkpoint", command, None, best=True))
+    if settings.regular_physical_model_upload:
+        every_s = 60.0 * settings.regular_physical_model_upload
+        command = ("upload-car-zip", "-f", "-L", "--only-numbered", "--json")
+        found.append(Upload("car archive", command, every_s))
+    return found
+
+
+class TimedUploads(Duty):
+    """Uploads at their times, and what is wanted when the machine goes away.
+
+    A failing upload is told once, tried again at its next time, and never ends the training.
+
+    Args:
+        job: The training.
+        watch: Knows its checkpoints.
+        start: Starts a command; tests replace it.
+        clock: Monotonic seconds, for tests.
+    """
+
+    name = "uploads"
+
+    def __init__(
+        self,
+        job: Job,
+        watch: CheckpointWatch,
+        *,
+        start: Start = CommandProcess,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._job = job
+        self._watch = watch
+        self._start = start
+        self._clock = clock
+        self._uploads = wanted_uploads(job)
+        self._running: tuple[Upload, CommandProcess] | None = None
+        self._journal: Journal | None = None
+
+    def start(self, run: RunningTraining) -> None:
+        """Set the first times: one period from now."""
+        self._journal = run.journal
+        now_s = self._clock()
+        for upload in self._uploads:
+            upload.due_s = now_s + (upload.every_s or 0.0)
+        if self._uploads:
+            self._watch.start(run.open_bucket, run.job.config.model.prefix)
+
+    def check(self) -> Outcome | None:
+        """Begin an upload that is due, or note how one has ended."""
+        if self._running is not None:
+            upload, process = self._running
+            end = process.poll()
+            if end is None:
+                return None
+            self._running = None
+            self._note(upload, end)
+        now_s = self._clock()
+        for upload in self._uploads:
+            if now_s >= upload.due_s and self._is_new(upload):
+                self._begin(upload, now_s)
+                break
+        return None
+
+    def finish(self, ending: Ending) -> None:
+        """Upload what is wanted if the machine goes away; else end what runs.
+
+        What is uploaded at the end of a complete training is in `drcli.runs.end_of_training`.
+        """
+        self._watch.stop()
+        hurried = ending.outcome.code == INTERRUPTED or ending.deadline_s is not None
+        complete = ending.outcome.code == 0
+        models_until_s = self._clock() + ending.left_s(MODELS_SHARE)
+        if self._running is not None:
+            upload, process = self._running
+            self._running = None
+            patience_s = models_until_s - self._clock() if hurried else STOPPED_PATIENCE_S
+            if complete and not hurried:
+                patience_s = float("inf")
+            self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0))
+        if not hurried or complete or not self._uploads:
+            return
+        self._watch.look_within(min(LOOK_PATIENCE_S, ending.left_s(0.1)))
+        for upload in self._uploads:
+            # The best comes after the last, so that the pointers at the target name the best.
+            within_s = models_until_s - self._clock()
+            if upload.command[0] != "upload-model":
+                within_s = ending.left_s(ARCHIVE_SHARE)
+            if within_s <= 0.0 or not self._is_new(upload):
+                continue
+            process = self._start(self._job, *upload.command)
+            self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0))
+
+    def leave(self, ending: Ending) -> None:
+        """End what still runs: `finish` is not called if the model was lost."""
+        self._watch.stop()
+        if self._running is not None:
+            self._running[1].kill()
+            self._running = None
+
+    def _is_new(self, upload: Upload) -> bool:
+        """Whether there is a checkpoint that was not uploaded yet."""
+        score = self._watch.best if upload.best else self._watch.last
+        return score is not None and score.name != upload.done
+
+    def _begin(self, upload: Upload, now_s: float) -> None:
+        # Also if it fails: a bucket in trouble is not asked without a pause.
+        upload.due_s = now_s + (BEST_EVERY_S if upload.every_s is None else upload.every_s)
+        self._running = upload, self._start(self._job, *upload.command)
+
+    def _note(self, upload: Upload, end: CommandEnd) -> None:
+        """Tell how an upload ended: in the log, and in the journal, which makes the messages."""
+        if end.ok:
+            upload.done = str(end.report.get("checkpoint", ""))
+            target = end.report.get("target") or next(iter(end.report.get("files", [])), "")
+            size = end.report.get("copied_bytes", end.report.get("size_bytes", 0))
+            text = f"Uploaded the {upload.name} {upload.done} to {target} in {end.seconds:.0f} s."
+            _logger.info("%s", text)
+            if self._journal is not None:
+                if upload.problem:
+                    self._journal.note("recovery", f"The upload of the {upload.name} works again.")
+                self._journal.note(
+                    "upload",
+                    text,
+                    what=upload.name,
+                    checkpoint=upload.done,
+                    target=target,
+                    bytes=size,
+                    seconds=round(end.seconds, 1),
+                )
+            upload.problem = ""
+            return
+        again = "" if end.killed else " It is tried again at its next time."
+        text = f"The upload of the {upload.name} failed: {end.reason}{again}"
+        if text != upload.problem:
+            _logger.warning("%s", text)
+            if self._journal is not None:
+                self._journal.note("fault", text, event="upload", what=upload.name)
+        upload.problem = text
