@@ -11,8 +11,10 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.trace import STEP_S
+from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
+from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -32,6 +34,7 @@ class WorkerReport:
         restarts: How often the supervisor has restarted it.
         activity: What it does or waits for, in a few words.
         log: Path of its log file on this machine.
+        health: Its progress and memory; null if it does not run.
     """
 
     name: str
@@ -40,6 +43,7 @@ class WorkerReport:
     restarts: int
     activity: str
     log: str
+    health: WorkerHealth | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ class RunReport:
         warning: Problem with the learning curve; empty if there is none.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
             are reconstructed then, as far as possible.
+        watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
     """
 
     run_id: int
@@ -84,6 +89,7 @@ class RunReport:
     last: CheckpointEntry | None = None
     warning: str = ""
     damaged: list[str] = field(default_factory=list)
+    watches: list[str] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:
@@ -192,6 +198,7 @@ def inspect(config: RunConfig) -> RunReport:
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
             log=str(log_file(config.directory, record.prefix, worker.name)),
+            health=WorkerHealth.of(folder, worker.name, worker.pid) if running else None,
         )
         for worker in record.workers
     ]
@@ -213,6 +220,7 @@ def inspect(config: RunConfig) -> RunReport:
         last=last,
         warning=collapse(history, best.name if best is not None else None) or "",
         damaged=damaged,
+        watches=WatchRecord.read(folder, record.session).warnings,
     )
 
 

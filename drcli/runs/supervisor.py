@@ -153,7 +153,7 @@ class Supervisor:
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
-        child.started, child.finished = time.monotonic(), None
+        child.started, child.finished, child.ended_by = time.monotonic(), None, ""
         _logger.info("%s started as process %d.", child.name, child.process.pid)
 
     def _watch(self) -> Outcome:
@@ -167,7 +167,7 @@ class Supervisor:
                 lost = self._renewal.lost
                 return Outcome(lost.code, str(lost), lost.remedy)
             for child in self._children:
-                if not child.running:
+                if not child.running and not child.left_out:
                     outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
@@ -210,6 +210,13 @@ class Supervisor:
         lived_s = time.monotonic() - child.started
         how = f"by signal {-code}" if code < 0 else f"with exit code {code}"
         _logger.warning("%s ended %s after %.0f s.", child.name, how, lived_s)
+        for duty in self._duties:
+            if outcome := self._attempt(duty, partial(duty.died, child, code, words)):
+                return outcome
+        if child.left_out:
+            child.process = None
+            self._publish("running")
+            return None
         if outcome := _died_too_often(child, code, lived_s, words):
             return outcome
         if words is not None and words.silent and self._server_began < child.started:

@@ -17,6 +17,7 @@ from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import RunPlan, refuse_second_run
 from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
+from drcli.runs.watches import watches
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
@@ -120,13 +121,13 @@ def _supervise(job: Job) -> int:
         open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
         revive_server=lambda: server.ensure_running(storage),
         restart_server=lambda: server.restart(storage),
-        duties=_duties(),
+        duties=_duties(job),
     ).run()
 
 
-def _duties() -> list[Duty]:
+def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
-    return []
+    return [*watches(job)]
 
 
 def _is_ready(job: Job) -> bool:

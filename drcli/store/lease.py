@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
 from drcli.base.process_identity import is_alive, started_s, this_machine
@@ -125,13 +126,6 @@ def release(bucket: Bucket, prefix: str, session: str) -> None:
     lease = read_lease(bucket, prefix)
     if lease is not None and lease.session == session and not lease.released:
         write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))
-
-
-def elapsed_s() -> float:
-    """A clock that also runs while the process or the machine is suspended."""
-    if hasattr(time, "CLOCK_BOOTTIME"):
-        return time.clock_gettime(time.CLOCK_BOOTTIME)
-    return time.monotonic()
 
 
 def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:

@@ -159,7 +159,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
         for trial in range(races)
         for racer in range(len(racers))
     ]
-    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.should_stop)
+    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.step_done)
     driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, time.time())
     trials: list[list[TrialMetrics]] = []

@@ -64,7 +64,7 @@ class SimWorker:
         self._lifeline = lifeline
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
-        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
+        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
@@ -118,7 +118,7 @@ class SimWorker:
             worker,
             train.workers,
             should_stop=lifeline.should_stop,
-            say=self._activity.say,
+            say=self._activity.wait,
         )
 
     def run(self) -> None:
@@ -185,7 +185,7 @@ class SimWorker:
 
         try:
             plans = self._plans(numbers, trials)
-            self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon(name))
+            self._driver.drive(plans, collect, self._lifeline.step_done, self._epsilon(name))
         except (StopRequested, RewardError):
             writer.abandon()
             raise

@@ -21,6 +21,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
+from drcli.workers.pulse import Pulse
 
 BUG = 1
 """Exit code of an unexplained failure, which is a bug of ours."""
@@ -29,9 +30,14 @@ _logger = log.get_logger(__name__)
 
 
 class Lifeline:
-    """Knows whether this process should stop: a signal came, or its launcher has ended."""
+    """Knows whether this process should stop: a signal came, or its launcher has ended.
+
+    Attributes:
+        pulse: Says that this process lives and how far it is.
+    """
 
     def __init__(self, launcher_pid: int) -> None:
+        self.pulse = Pulse()
         self._launcher_pid = launcher_pid
         self._signalled = False
         signal.signal(signal.SIGTERM, self._note_signal)
@@ -42,6 +48,12 @@ class Lifeline:
 
     def should_stop(self) -> bool:
         """Whether to stop at the next good moment."""
+        self.pulse.turn()
+        return self._signalled or os.getppid() != self._launcher_pid
+
+    def step_done(self) -> bool:
+        """The same, asked after each step of driving or learning, which counts as progress."""
+        self.pulse.step_done()
         return self._signalled or os.getppid() != self._launcher_pid
 
 
@@ -50,15 +62,21 @@ class StopRequested(Exception):
 
 
 class Activity:
-    """Publishes in the bucket what this worker is doing."""
+    """Publishes in the bucket, and in the pulse, what this worker is doing."""
 
-    def __init__(self, bucket: Bucket, prefix: str, name: str) -> None:
+    def __init__(self, bucket: Bucket, prefix: str, name: str, pulse: Pulse) -> None:
         self._bucket = bucket
         self._key = keys.status(prefix, name)
+        self._pulse = pulse
         self._last = ""
 
-    def say(self, text: str) -> None:
+    def wait(self, text: str) -> None:
+        """Publish for which other worker this one waits, if that has changed."""
+        self.say(text, waits=True)
+
+    def say(self, text: str, *, waits: bool = False) -> None:
         """Publish a text if it has changed."""
+        self._pulse.say(text, waits=waits)
         if text == self._last:
             return
         self._last = text
@@ -92,6 +110,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.config.log_max_mb << 20)
     _logger.info("%s started as process %d.", name, os.getpid())
+    lifeline.pulse.start(job.folder, name)
     try:
         main(job, lifeline)
     except StopRequested:
