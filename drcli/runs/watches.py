@@ -1,8 +1,11 @@
 """The watches of a training: what keeps it alive, or ends it in time."""
 
+from drcli.base.elapsed import AwakeClock
 from drcli.exchange.job import Job
+from drcli.runs.disk_watch import DiskWatch
 from drcli.runs.duty import Duty
 from drcli.runs.frozen_watch import FrozenWatch
+from drcli.runs.memory_watch import MemoryWatch
 from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.stall_watch import StallWatch
 from drcli.runs.warnings_board import WarningsBoard
@@ -16,4 +19,6 @@ def watches(job: Job) -> list[Duty]:
     return [
         FrozenWatch(pulses, board),
         StallWatch(settings.stall_minutes, pulses, board),
+        MemoryWatch(board, AwakeClock()),
+        DiskWatch(job, board),
     ]

@@ -1,6 +1,7 @@
 """The simulation worker: drives with each new checkpoint and puts its rollouts into the bucket.
 
-Run by the supervisor as `python -m drcli.workers.sim K`, where K counts workers from 0.
+Run by the supervisor as `python -m drcli.workers.sim K [DIVISOR]`, where K counts workers from 0.
+With a divisor, it drives that many times fewer cars at a time.
 """
 
 import os
@@ -56,7 +57,8 @@ SEED_STRIDE = 7_919
 class SimWorker:
     """One simulation worker, from its first checkpoint to the end of the training."""
 
-    def __init__(self, job: Job, lifeline: Lifeline, worker: int) -> None:
+    def __init__(self, job: Job, lifeline: Lifeline, worker: int, divisor: int = 1) -> None:
+        """Prepare; where memory is short, a `divisor` makes it drive fewer cars at a time."""
         train, model = job.config.train, job.config.model
         race = job.config.race(worker)
         self._job = job
@@ -80,7 +82,7 @@ class SimWorker:
         # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
         trials = max(1, train.train_min_eval_trials, job.until_laps or 0)
         self._trials = trials if worker == 0 else 0
-        num_cars = race.train_lanes or share.count + self._trials
+        num_cars = -(-(race.train_lanes or share.count + self._trials) // divisor)
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
         self._track = directed(load_world(race), reverse=race.train_reverse_direction)
         actions = actions_of(metadata)
@@ -293,7 +295,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Run a simulation worker in this process."""
     flush_denormals()
     signal_guard.install()
-    SimWorker(job, lifeline, int(sys.argv[1])).run()
+    SimWorker(job, lifeline, *(int(word) for word in sys.argv[1:])).run()
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -21,6 +22,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.lease import Ownership
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
+from drcli.workers.memory_shortage import memory_shortage
 from drcli.workers.pulse import Pulse
 
 BUG = 1
@@ -135,6 +137,7 @@ def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     """Write the reason of a failure for the supervisor and into the log."""
     print_limit.end_limit()
+    memory = memory_shortage(error)
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
         from drcli.workers.build_race import reward_failure
@@ -142,7 +145,12 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
         error = reward_failure(error)
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
+        if memory:  # its own fault or not: a new process may have enough
+            ended = replace(ended, final=False, memory=True)
         _logger.error("%s %s", error, error.remedy)
+    elif memory:
+        ended = replace(memory, message=f"{name} {memory.message}")
+        _logger.error("%s", ended.message, exc_info=error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
