@@ -97,6 +97,7 @@ class DiskWatch(Duty):
         self._warned: dict[int, int] = {}
         self._disks: Sequence[tuple[Disk, float]] = ()
         self._occupied: Sequence[Occupied] = ()
+        self._listed_step = 0
         self._thread = Periodic("disk watch", self.look, LOOK_S)
 
     def start(self, run: RunningTraining) -> None:
@@ -117,7 +118,9 @@ class DiskWatch(Duty):
             if disk is not None and disk.device not in found:
                 found[disk.device] = disk, self._lasts_s(disk)
         disks = list(found.values())
-        if any(self._step_of(disk, lasts_s) for disk, lasts_s in disks) and not self._occupied:
+        step = max((self._step_of(disk, lasts_s) for disk, lasts_s in disks), default=0)
+        if step > self._listed_step:
+            self._listed_step = step
             self._occupied = largest(self._bucket_folder, self._data)
         temporary = self._measure(self._temporary)
         if temporary is not None and temporary.device not in found:
