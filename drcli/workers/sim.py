@@ -162,7 +162,10 @@ class SimWorker:
         manifest = Manifest(iteration, self._share.worker, str(name), session)
         writer = RolloutWriter(self._bucket, self._prefix, manifest)
         trials = self._trials if self._evaluates(name) else 0
-        begin = time.time()
+        begin, began_s = time.time(), time.monotonic()
+
+        def driven_s() -> float:
+            return time.monotonic() - began_s  # somebody may set the time of day
 
         def collect(episode: Driven) -> None:
             if episode.phase == "evaluation":
@@ -179,9 +182,9 @@ class SimWorker:
                 shard.clear()
             if last:
                 evaluates = name.number if trials else None
-                writer.finish(Driving(drive_s=time.time() - begin, evaluates=evaluates))
+                writer.finish(Driving(drive_s=driven_s(), evaluates=evaluates))
                 self._delivered_s = time.monotonic()
-                self._publish_training(iteration, name, training, (begin, time.time()))
+                self._publish_training(iteration, name, training, (begin, begin + driven_s()))
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
@@ -195,7 +198,7 @@ class SimWorker:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
             if self._drives > 1:  # the first drive may include compilation
-                self._budget.spend(share * (time.time() - begin))
+                self._budget.spend(share * driven_s())
             self._add_evaluation(iteration, name, evaluation, numbers.stop)
 
     def _evaluates(self, name: CheckpointName) -> bool:

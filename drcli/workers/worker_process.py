@@ -92,7 +92,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     It refuses writes when another training has taken over the model. When the worker was asked to
     stop, it waits only briefly for a server that does not answer.
     """
-    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop, unattended=True)
     return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 
