@@ -46,8 +46,9 @@ class StallWatch(Duty):
         self._pulses = pulses
         self._board = board
         self._ask_stacks = ask_stacks
-        self._checked_s = self._since_s = pulses.now_s
-        self._update_s = pulses.now_s
+        # When it was looked, when the present quiet time began, and when anybody worked.
+        self._checked_s = self._since_s = self._worked_s = pulses.now_s
+        self._update_s = self._excused_s = pulses.now_s
         self._told_s = 0.0
         self._restarted = False
         self._stuck: list[tuple[Child, int, StacksRequest | None]] = []
@@ -71,8 +72,9 @@ class StallWatch(Duty):
                 self._kill_stuck()
             return None
         if self._note_progress():
-            self._tell_of_missing_update()
-            self._restart_single()
+            if now_s - self._worked_s < self._stall_s / 2.0:  # somebody works just now
+                self._tell_of_missing_update()
+                self._restart_single()
             return None
         if now_s - self._since_s < self._stall_s:
             return None
@@ -94,7 +96,7 @@ class StallWatch(Duty):
         """Do not count the time in which the bucket does not answer: no worker is to blame."""
         if words is not None and (words.silent or words.code == StorageError.code):
             now_s = self._pulses.now_s
-            self._since_s = self._update_s = now_s
+            self._since_s = self._update_s = self._excused_s = now_s
             if self._silent_bucket_s is None:
                 self._silent_bucket_s = now_s
             away = duration(max(60.0, now_s - self._silent_bucket_s))
@@ -109,8 +111,8 @@ class StallWatch(Duty):
         """Whether any worker made progress within the last minutes, the restart included."""
         works = [seen.work_s for _, seen in self._seen() if seen.work_s is not None]
         newest_s = max(works, default=None)
-        if newest_s is not None and newest_s > self._since_s:
-            self._since_s = newest_s
+        if newest_s is not None and newest_s > max(self._since_s, self._worked_s):
+            self._since_s = self._worked_s = newest_s
             self._restarted = False
             self._silent_bucket_s = None
             self._board.clear("stall")
@@ -135,7 +137,7 @@ class StallWatch(Duty):
         """Restart a worker that should work and has not for the whole time, while others do."""
         now_s = self._pulses.now_s
         for child, seen in self._seen():
-            quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s)
+            quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s, self._excused_s)
             if seen.record is not None and not seen.record.waits and quiet_s >= self._stall_s:
                 activity = seen.record.activity
                 self._board.tell(
