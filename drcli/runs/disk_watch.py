@@ -160,9 +160,9 @@ class DiskWatch(Duty):
         files = disk.files
         if self._min_bytes and disk.free_bytes < self._limit(disk):
             what = (
-                f"Only {size(disk.free_bytes)} are left on the disk of {disk.folder}, less than "
-                f"the {size(self._limit(disk))} that are needed to save everything "
-                "(DR_DISK_MIN_MB). The training has stopped in time."
+                f"Only {size(disk.free_bytes)} are left on the disk of {disk.folder}. The training "
+                "has stopped while everything can still be saved (DR_DISK_MIN_MB; the limit is "
+                f"{size(self._limit(disk))})."
             )
             return Outcome(DiskFull.code, f"{what}{self._largest()}", self._remedy(resume=True))
         if self._min_bytes and files is not None and files < LEAST_FILES:

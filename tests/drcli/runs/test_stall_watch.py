@@ -72,13 +72,14 @@ def test_a_stuck_worker_is_restarted_once_and_then_the_run_ends(stage):
     stage.run.say("trainer", "waits for rollouts of iteration 7", waits=True)
     stage.pass_time(1, working=["sim-0"])
 
-    assert stage.pass_time(12) is None
+    assert stage.pass_time(12, turning=["trainer"]) is None
     assert stage.restarts == {"sim-0": 1}
     assert stage.run.told == [
         "No progress for 10 min: the trainer waits for sim-0, alive, last frame 10 min ago. "
         "The stuck workers are restarted once."
     ]
-    outcome = stage.pass_time(12)
+    stage.run.say("trainer", "waits for rollouts of iteration 7", waits=True)
+    outcome = stage.pass_time(12, turning=["trainer"])
 
     assert outcome.code == 5
     assert "the trainer waits for sim-0, alive, no frame since its start" in outcome.message
