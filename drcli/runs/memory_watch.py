@@ -17,8 +17,11 @@ from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import TRAINER, Child
 from drcli.workers.memory_shortage import REMEDY
 
-LOOK_S = 5.0
+LOOK_S = 3.0
 """Time between two looks at the memory of the workers."""
+
+LEAST_S = 60.0
+"""Shortest time over which growth is looked at; a fast leak fills a small container in minutes."""
 
 GREW_BYTES, GREW_SHARE = 64e6, 0.1
 """Growth is named if it is more than this, and more than this share of what the worker had."""
@@ -49,7 +52,7 @@ class Watched:
 
     pid: int
     since_s: float
-    trend: Trend = field(default_factory=Trend)
+    trend: Trend = field(default_factory=lambda: Trend(LEAST_S))
     bytes: int = 0
     named_bytes: float = 0.0
 
@@ -81,6 +84,7 @@ class MemoryWatch(Duty):
         self._workers: dict[str, Watched] = {}
         self._looked_s = -LOOK_S
         self._tight_s: float | None = None
+        self._kill_s: float | None = None
         self._state = read()
         self._smaller = SmallerRun(board)
 
@@ -95,7 +99,7 @@ class MemoryWatch(Duty):
         if now_s - self._looked_s < LOOK_S:
             return None
         self._looked_s = now_s
-        self._state = self._read()
+        self._note_state(now_s)
         for child in self._run.children:
             if child.running and child.process is not None:
                 self._measure(child, child.process.pid, now_s)
@@ -122,8 +126,12 @@ class MemoryWatch(Duty):
         growth = self._growth(watched) if watched is not None else None
         lived_s = 0.0 if watched is None else self._clock() - watched.since_s
         child.quick_deaths = 0  # not 25 restarts: there are only a few steps to something smaller
+        if growth is not None:
+            what += (
+                f" It had grown from {megabytes(growth.begin)} in {duration(growth.seconds)}. "
+                f"{_cause(child)}"
+            )
         if growth is not None and lived_s >= YOUNG_S:
-            what += f" It had grown from {megabytes(growth.begin)} in {duration(growth.seconds)}."
             self._board.tell("fault", f"{what} It is started again.", worker=child.name)
             return None
         if self._restart_leak(self._clock()):
@@ -209,9 +217,17 @@ class MemoryWatch(Duty):
 
     def _ran_out(self) -> bool:
         """Whether the kernel has just killed a process because memory ran out."""
+        now_s = self._clock()
+        self._note_state(now_s)
+        # The kernel counts the kill before it has removed the process.
+        signs = (self._kill_s, self._tight_s)
+        self._kill_s = None  # it explains one death
+        return any(sign_s is not None and now_s - sign_s <= TIGHT_S for sign_s in signs)
+
+    def _note_state(self, now_s: float) -> None:
         before, self._state = self._state, self._read()
-        recently = self._tight_s is not None and self._clock() - self._tight_s <= TIGHT_S
-        return self._state.kills > before.kills or recently
+        if self._state.kills > before.kills:
+            self._kill_s = now_s
 
     def _others(self, without: Child | None = None) -> str:
         """What the workers have, in words."""

@@ -130,6 +130,17 @@ def test_nearly_full_memory_explains_a_kill_that_the_kernel_does_not_count(stage
     assert "sim-0 was killed because the memory limit of the container" in stage.run.told[1]
 
 
+def test_a_kill_that_is_counted_before_the_process_is_gone_explains_one_death(stage):
+    stage.state = MemoryState(8 * GB, 4 * GB, kills=1)
+    stage.pass_time(0.2)
+
+    stage.kill("sim-0")
+    assert len(stage.run.told) == 1
+    stage.kill("sim-0")
+
+    assert len(stage.run.told) == 1
+
+
 def test_a_kill_by_somebody_else_is_not_about_memory(stage):
     stage.pass_time(1)
 
