@@ -42,9 +42,6 @@ TIGHT_S = 30.0
 LEAK_GROWTH = 1.5
 """A worker that has grown by this factor is restarted when memory is nearly full."""
 
-MOST_OPEN = 0.8
-"""Share of the open files that a process may have, from which on a worker is named."""
-
 
 @dataclass
 class Watched:

@@ -6,6 +6,7 @@ from drcli.runs.disk_watch import DiskWatch
 from drcli.runs.duty import Duty
 from drcli.runs.frozen_watch import FrozenWatch
 from drcli.runs.memory_watch import MemoryWatch
+from drcli.runs.open_files_watch import OpenFilesWatch
 from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.stall_watch import StallWatch
 from drcli.runs.warnings_board import WarningsBoard
@@ -19,6 +20,7 @@ def watches(job: Job) -> list[Duty]:
     return [
         FrozenWatch(pulses, board),
         StallWatch(settings.stall_minutes, pulses, board),
+        OpenFilesWatch(pulses, board),
         MemoryWatch(board, AwakeClock()),
         DiskWatch(job, board),
     ]
