@@ -148,7 +148,7 @@ class MemoryWatch(Duty):
         if watched is None or watched.pid != pid:
             watched = self._workers[child.name] = Watched(pid, now_s)
         size = self._size_of(pid)
-        if size is None:
+        if not size:  # it is just being removed
             return
         watched.bytes = size
         watched.trend.add(now_s, size)

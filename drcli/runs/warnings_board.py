@@ -1,6 +1,5 @@
 """The present warnings of all watches: in the log, in the journal, and in `dr-status`."""
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +32,7 @@ class WarningsBoard:
 
     def tell(self, kind: Kind, text: str, **facts: object) -> None:
         """Write a sentence into log and journal."""
-        _logger.log(logging.INFO if kind == "recovery" else logging.WARNING, "%s", text)
+        _logger.warning("%s", text)
         if self._journal is not None:
             self._journal.note(kind, text, **facts)
 

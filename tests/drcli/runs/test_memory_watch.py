@@ -141,6 +141,16 @@ def test_a_kill_that_is_counted_before_the_process_is_gone_explains_one_death(st
     assert len(stage.run.told) == 1
 
 
+def test_the_memory_of_a_worker_is_that_before_the_kernel_removed_it(stage):
+    stage.pass_time(1)
+    stage.sizes["sim-0"] = 0
+    stage.pass_time(0.2)
+
+    stage.kill_for_memory("sim-0")
+
+    assert "It had 600 MB." in stage.run.told[0]
+
+
 def test_a_kill_by_somebody_else_is_not_about_memory(stage):
     stage.pass_time(1)
 
