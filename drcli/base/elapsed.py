@@ -36,3 +36,14 @@ class AwakeClock:
         self._awake_s += min(max(0.0, now_s - self._read_s), LONGEST_STEP_S)
         self._read_s = now_s
         return self._awake_s
+
+
+def duration(seconds: float) -> str:
+    """A time for people: "14 s", "12 min", "3 h 20 min"."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    if minutes < 120:
+        return f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"

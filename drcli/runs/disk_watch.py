@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.elapsed import elapsed_s
+from drcli.base.elapsed import duration, elapsed_s
 from drcli.base.errors import DiskFull
 from drcli.base.trend import Trend
 from drcli.exchange.job import Job
@@ -14,7 +14,6 @@ from drcli.runs.disk_contents import Occupied, largest
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Ending, Outcome
 from drcli.runs.periodic import Periodic
-from drcli.runs.seen_pulses import duration
 from drcli.runs.warnings_board import WarningsBoard
 
 LOOK_S = 10.0

@@ -6,12 +6,13 @@ and it uses no processor time.
 
 import psutil
 
+from drcli.base.elapsed import duration
 from drcli.base.errors import SettingsError
 from drcli.checks.reward_timeout import WHY
 from drcli.exchange.job import WorkerExit
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
-from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s, duration
+from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import Child
 from drcli.runs.worker_stacks import StacksRequest

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import psutil
 
+from drcli.base.elapsed import duration
 from drcli.base.memory_state import MemoryState, read_memory
 from drcli.base.trend import Growth, Trend
 from drcli.exchange.job import WorkerExit
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
-from drcli.runs.seen_pulses import duration
 from drcli.runs.smaller_run import SmallerRun
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import TRAINER, Child

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import psutil
 
-from drcli.base.elapsed import AwakeClock
+from drcli.base.elapsed import AwakeClock, duration
 from drcli.exchange.pulse_record import PulseRecord
 from drcli.runs.worker_processes import TRAINER, Child
 
@@ -110,14 +110,3 @@ def cpu_s(pid: int) -> float | None:
     except psutil.Error:
         return None
     return float(times.user + times.system)
-
-
-def duration(seconds: float) -> str:
-    """A time for people: "14 s", "12 min", "3 h 20 min"."""
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    if minutes < 120:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if minutes else f"{hours} h"

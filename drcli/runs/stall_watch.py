@@ -6,11 +6,12 @@ a huge iteration nor a slow reward function is a stall.
 
 from collections.abc import Callable, Sequence
 
+from drcli.base.elapsed import duration
 from drcli.base.errors import StorageError, WorkerDied
 from drcli.exchange.job import WorkerExit
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
-from drcli.runs.seen_pulses import Seen, SeenPulses, duration
+from drcli.runs.seen_pulses import Seen, SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import TRAINER, Child
 from drcli.runs.worker_stacks import StacksRequest

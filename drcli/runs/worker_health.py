@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.elapsed import elapsed_s
+from drcli.base.elapsed import duration, elapsed_s
 from drcli.exchange.pulse_record import PulseRecord
-from drcli.runs.seen_pulses import duration
 from drcli.runs.worker_processes import TRAINER
 
 SILENT_S = 10.0

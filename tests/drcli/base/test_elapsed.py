@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.base.elapsed import LONGEST_STEP_S, AwakeClock
+from drcli.base.elapsed import LONGEST_STEP_S, AwakeClock, duration
 
 
 def test_time_passes_while_the_clock_is_read():
@@ -26,3 +26,11 @@ def test_a_clock_that_runs_backwards_stands_still():
     clock = AwakeClock(lambda: next(times))
 
     assert [clock(), clock()] == pytest.approx([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0, "0 s"), (14.2, "14 s"), (600, "10 min"), (7200, "2 h"), (12_000, "3 h 20 min")],
+)
+def test_times_for_people(seconds, words):
+    assert duration(seconds) == words

@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.exchange.job import WorkerExit
-from drcli.runs.seen_pulses import SeenPulses, duration
+from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.stall_watch import StallWatch
 from drcli.runs.warnings_board import WarningsBoard
 from watched_run import WatchedRun
@@ -149,11 +149,3 @@ def test_without_minutes_nothing_is_a_stall(tmp_path):
 
     assert stage.pass_time(60) is None
     assert stage.run.told == []
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(0, "0 s"), (14.2, "14 s"), (600, "10 min"), (7200, "2 h"), (12_000, "3 h 20 min")],
-)
-def test_times_for_people(seconds, words):
-    assert duration(seconds) == words
