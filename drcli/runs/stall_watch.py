@@ -19,6 +19,10 @@ from drcli.runs.worker_stacks import StacksRequest
 TURN_S = 60.0
 """A worker whose main thread did not come by for so long is stuck in one call."""
 
+MOST_STALLS = 3
+"""How many stalls without an update between them end the run: workers that move on for a while
+after each restart, and then get stuck again, will not finish an iteration."""
+
 ANSWER_S = 4.0
 """How long a worker may take to write its stacks before it is killed."""
 
@@ -52,6 +56,8 @@ class StallWatch(Duty):
         self._update_s = self._excused_s = pulses.now_s
         self._told_s = 0.0
         self._restarted = False
+        self._stalls = 0
+        self._place = ""
         self._stuck: list[tuple[Child, int, StacksRequest | None]] = []
         self._kill_at_s = 0.0
         self._silent_bucket_s: float | None = None
@@ -80,10 +86,11 @@ class StallWatch(Duty):
         if now_s - self._since_s < self._stall_s:
             return None
         what = f"No progress for {duration(now_s - self._since_s)}: {self._situation()}."
-        if self._restarted:
+        self._stalls += 1
+        if self._restarted or self._stalls >= MOST_STALLS:
             return Outcome(
                 WorkerDied.code,
-                f"{what} Restarting the workers did not help.",
+                f"{what} Restarting the workers did not help. {self._place}".rstrip(),
                 "Everything learned so far is kept. Read where the workers are stuck with "
                 "`dr-logs trainer` and `dr-logs sim`, then continue with "
                 "`dr-start-training --resume`.",
@@ -121,7 +128,7 @@ class StallWatch(Duty):
         trainer = self._pulses.of(TRAINER)
         if trainer is not None and trainer.work_s is not None and trainer.work_s > self._update_s:
             self._update_s = trainer.work_s
-            self._told_s = 0.0
+            self._told_s, self._stalls, self._place = 0.0, 0, ""
             self._board.clear("update")
         return self._pulses.now_s - self._since_s < self._stall_s
 
@@ -198,8 +205,8 @@ class StallWatch(Duty):
                 continue  # it has ended meanwhile
             line, text = request.reward_place() if request is not None else (0, "")
             if line:
-                place = f"{child.name} was inside reward_function.py, line {line}: {text}"
-                self._board.tell("fault", place, worker=child.name, line=line)
+                self._place = f"{child.name} was inside reward_function.py, line {line}: {text}"
+                self._board.tell("fault", self._place, worker=child.name, line=line)
             child.kill_for("stalled")
         self._stuck = []
         self._since_s = self._pulses.now_s

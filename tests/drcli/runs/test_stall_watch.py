@@ -98,6 +98,33 @@ def test_a_restart_that_helps_is_no_reason_to_end_later(stage):
     assert stage.restarts == {"sim-0": 2, "trainer": 2}
 
 
+class Stacks:
+    """The stacks of a worker inside the reward function."""
+
+    def reward_place(self):
+        return 14, "libc.pthread_mutex_lock(mutex)"
+
+
+def test_a_worker_that_gets_stuck_again_and_again_before_any_update_ends_the_run(stage):
+    stage.watch._ask_stacks = lambda child: Stacks() if child.name == "sim-0" else None
+
+    def drive_and_stop():
+        stage.run.say("sim-0", "drives iteration 7")
+        stage.run.say("trainer", "waits for rollouts of iteration 7", waits=True)
+        stage.pass_time(1, working=["sim-0"], turning=["trainer"])
+        return stage.pass_time(12, turning=["trainer"])
+
+    assert drive_and_stop() is None
+    assert drive_and_stop() is None
+    outcome = drive_and_stop()
+
+    assert outcome.code == 5
+    assert outcome.message.endswith(
+        "sim-0 was inside reward_function.py, line 14: libc.pthread_mutex_lock(mutex)"
+    )
+    assert stage.restarts == {"sim-0": 2}
+
+
 def test_workers_that_all_wait_for_each_other_are_all_restarted(stage):
     stage.run.say("sim-0", "waits for the trainer", waits=True)
     stage.run.say("trainer", "waits for rollouts", waits=True)
