@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import psutil
 
 from drcli.base.elapsed import duration
+from drcli.base.errors import WorkerDied
 from drcli.base.memory_state import MemoryState, read_memory
 from drcli.base.trend import Growth, Trend
 from drcli.exchange.job import WorkerExit
@@ -140,7 +141,7 @@ class MemoryWatch(Duty):
                 "memory", f"{what} {step}", "recovery", worker=child.name, reason="memory"
             )
             return None
-        code = words.code if words is not None else 5
+        code = words.code if words is not None else WorkerDied.code
         return Outcome(code, f"{what} The training cannot get any smaller.", REMEDY)
 
     def _measure(self, child: Child, pid: int, now_s: float) -> None:
