@@ -5,6 +5,7 @@
 log-guru imports every file that does, and fails at one that begins in the middle.
 """
 
+import calendar
 import os
 import re
 import time
@@ -20,6 +21,7 @@ UPLOADED = ".uploaded"
 EARLIER_TRAININGS = 3
 """How many earlier trainings keep their logs."""
 
+_STAMP = "%Y%m%d-%H%M%S"
 _WORKER = r"(?:trainer|supervisor|sim-\d+)\.log"
 _LOG = re.compile(rf"({_WORKER})(\.part-\d+)?")
 _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
@@ -105,12 +107,21 @@ def _delete_earliest(folder: Path, max_bytes: int) -> None:
 
 
 def _stamp(folders: list[Path]) -> str:
-    """The current time in UTC, or the next second whose name is still free."""
+    """The current time in UTC, or the second after the newest stamp.
+
+    If the clock was set back, the new stamp must still be the newest: the oldest logs are deleted.
+    """
     found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
     newest = max((match[1] for match in found if match), default="")
-    now = int(time.time())
-    stamps = [time.strftime("%Y%m%d-%H%M%S", time.gmtime(now + s)) for s in range(60)]
-    return next((stamp for stamp in stamps if stamp > newest), stamps[0])
+    now = time.strftime(_STAMP, time.gmtime())
+    if now > newest:
+        return now
+    try:
+        return time.strftime(
+            _STAMP, time.gmtime(calendar.timegm(time.strptime(newest, _STAMP)) + 1)
+        )
+    except ValueError:  # no time at all, such as the 99th month
+        return now
 
 
 def _files(folder: Path) -> list[Path]:

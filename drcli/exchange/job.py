@@ -156,6 +156,7 @@ class WorkerExit:
         code: Exit code for the command.
         final: Whether a new process would end the same way.
         silent: Whether the bucket's server did not answer.
+        memory: Whether memory ran out.
     """
 
     message: str
@@ -163,6 +164,7 @@ class WorkerExit:
     code: int
     final: bool = False
     silent: bool = False
+    memory: bool = False
 
     @staticmethod
     def of(error: DrError) -> "WorkerExit":

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
-from drcli.exchange.job import Job
+from drcli.exchange.job import Job, WorkerExit
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import Ending, Outcome
 from drcli.runs.worker_processes import Child
@@ -58,6 +58,13 @@ class Duty:
 
     def check(self) -> Outcome | None:
         """Look around; an outcome ends the run."""
+
+    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+        """Note that a worker has ended, with its exit code and what it wrote; it is started next.
+
+        An outcome ends the run. `child.left_out` lets the run go on without the worker, and
+        `child.arguments` are those of the next process.
+        """
 
     def restarted(self, child: Child) -> None:
         """Note that a worker has just been started again."""

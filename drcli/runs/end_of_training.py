@@ -5,7 +5,7 @@ complete what this one had no time for.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Literal, get_args
 
 from drcli.base.log import get_logger
@@ -100,8 +100,7 @@ class EndOfTraining(Duty):
             return list(self._left)
         if ending.outcome.code != 0:
             return []
-        only: Sequence[str] = getattr(ending, "only", ())
-        return [name for name in only or wanted_work(self._job) if name in get_args(EndWork)]
+        return [name for name in ending.only or wanted_work(self._job) if name in get_args(EndWork)]
 
     def _command(self, name: str) -> tuple[str, ...]:
         if name == "upload":

@@ -4,10 +4,11 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost
 from drcli.exchange.run_state import Lease
 from drcli.store.bucket import Bucket
-from drcli.store.lease import STALE_S, elapsed_s, lost_to, read_lease, write_lease
+from drcli.store.lease import STALE_S, lost_to, read_lease, write_lease
 
 LOOK_S = 4.0
 """How often the owner checks the lease. A training that loses it must end within 15 seconds, some

@@ -12,8 +12,10 @@ from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
 from drcli.exchange.trace import STEP_S
+from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
+from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -34,6 +36,7 @@ class WorkerReport:
         restarts: How often the supervisor has restarted it.
         activity: What it does or waits for, in a few words.
         log: Path of its log file on this machine.
+        health: Its progress and memory; null if it does not run.
     """
 
     name: str
@@ -42,6 +45,7 @@ class WorkerReport:
     restarts: int
     activity: str
     log: str
+    health: WorkerHealth | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ class RunReport:
         spending: Machine hours and money of all starts; None before the first count.
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
+        watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
     """
 
     run_id: int
@@ -121,6 +126,7 @@ class RunReport:
     spending: Spending | None = None
     money_left: float | None = None
     requests: RequestReport | None = None
+    watches: list[str] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:
@@ -229,6 +235,7 @@ def inspect(config: RunConfig) -> RunReport:
             restarts=worker.restarts,
             activity=activities.get(worker.name, "") if running else "",
             log=str(log_file(config.directory, record.prefix, worker.name)),
+            health=WorkerHealth.of(folder, worker.name, worker.pid) if running else None,
         )
         for worker in record.workers
     ]
@@ -260,6 +267,7 @@ def inspect(config: RunConfig) -> RunReport:
         spending=spending,
         money_left=_money_left(spending),
         requests=_requests(folder, record.session, spending),
+        watches=WatchRecord.read(folder, record.session).warnings,
     )
 
 

@@ -126,7 +126,7 @@ class Supervisor:
         child.process = start_process(
             self._job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
-        child.started, child.finished = time.monotonic(), None
+        child.started, child.finished, child.ended_by = time.monotonic(), None, ""
         _logger.info("%s started as process %d.", child.name, child.process.pid)
 
     def _watch(self) -> Outcome:
@@ -138,7 +138,7 @@ class Supervisor:
                 lost = self._renewal.lost
                 return Outcome(lost.code, str(lost), lost.remedy)
             for child in self._children:
-                if not child.running:
+                if not child.running and not child.left_out:
                     outcome = self._handle_exit(child)
                     if outcome is not None:
                         return outcome
@@ -194,6 +194,13 @@ class Supervisor:
         _logger.warning("%s", ended)
         why = words.message if words is not None else ""
         self._journal.note("fault", f"{ended} {why}".rstrip(), worker=child.name, code=code)
+        for duty in self._duties:
+            if outcome := attempt(duty, partial(duty.died, child, code, words)):
+                return outcome
+        if child.left_out:
+            child.process = None
+            self._publish("running")
+            return None
         if outcome := died_too_often(child, code, lived_s, words):
             return outcome
         if words is not None and words.silent and self._server_began < child.started:

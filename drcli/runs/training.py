@@ -25,6 +25,7 @@ from drcli.runs.run_messages import Messages
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.take_model import refuse_second_run
 from drcli.runs.timed_uploads import TimedUploads
+from drcli.runs.watches import watches
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
 from drcli.store.connect import open_bucket
@@ -143,6 +144,7 @@ def _duties(job: Job) -> list[Duty]:
     watch, cost = CheckpointWatch(), Cost(job)
     return [
         InterruptionWatch(),
+        *watches(job),
         TimedUploads(job, watch),
         EndOfTraining(job),
         cost,

@@ -1,5 +1,6 @@
 """Starts and stops the processes of a run, each apart from the terminal and with its own log."""
 
+import signal
 import subprocess
 import sys
 import time
@@ -15,6 +16,9 @@ TRAINER = "trainer"
 
 SIMULATION_EXIT_S = 4.0
 """How long the trainer waits for the exit of simulation workers, to score their evaluations."""
+
+KILLED_S = 5.0
+"""How long the kernel may take to remove a killed process."""
 
 
 def start_process(
@@ -59,7 +63,12 @@ def end_process(process: subprocess.Popen[bytes], patience_s: float) -> bool:
 
 @dataclass
 class Child:
-    """A worker process, and how often it was restarted."""
+    """A worker process, and how often it was restarted.
+
+    Attributes:
+        ended_by: Why a watch has killed the process; empty if it was somebody else.
+        left_out: Whether the run goes on without this worker.
+    """
 
     name: str
     module: str
@@ -70,17 +79,36 @@ class Child:
     finished: float | None = None
     restarts: int = 0
     quick_deaths: int = 0
+    ended_by: str = ""
+    left_out: bool = False
 
     @property
     def running(self) -> bool:
         """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
 
+    def kill_for(self, reason: str) -> None:
+        """Kill the process, so that the supervisor starts another one; does not wait."""
+        if self.process is not None and self.running:
+            self.ended_by = reason
+            self.process.kill()
+
+    def give_up(self) -> None:
+        """Count a killed process as ended even if the kernel has not removed it yet.
+
+        A process inside an operation of a disk or network drive that never ends stays until that
+        operation ends. It cannot do harm: after SIGKILL, none of its own code runs again.
+        """
+        if self.process is not None and self.running:
+            self.process.returncode = -signal.SIGKILL
+
     def kill(self) -> None:
         """Kill the process and wait for its end."""
         if self.process is not None and self.running:
             self.process.kill()
-            self.process.wait()
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(KILLED_S)
+            self.give_up()
 
 
 def stop_workers(children: Sequence[Child], patience_s: float) -> list[Child]:

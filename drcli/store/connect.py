@@ -28,6 +28,7 @@ def open_bucket(
     patience_s: float = 60.0,
     read_timeout_s: float | None = None,
     hurried: Callable[[], bool] = lambda: False,
+    unattended: bool = False,
 ) -> S3Bucket:
     """The bucket; its local server is started if needed. The last arguments are of `S3Bucket`.
 
@@ -41,6 +42,7 @@ def open_bucket(
         patience_s=patience_s,
         read_timeout_s=read_timeout_s or usual_s,
         hurried=hurried,
+        unattended=unattended,
     )
 
 

@@ -13,9 +13,10 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
-from drcli.base.process_identity import is_alive, started_s, this_machine
+from drcli.base.process_identity import is_alive, is_stopped, started_s, this_machine
 from drcli.exchange.run_state import Lease
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -68,9 +69,18 @@ def holder(bucket: Bucket, prefix: str) -> Lease | None:
 
 
 def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on the prefix; None if there is none, or its owner has ended."""
-    held = holder(bucket, prefix)
-    return held if held is not None and is_owner_alive(held) else None
+    """The lease of the training on the prefix; None if there is none, or its owner has ended.
+
+    Of an owner on this machine, more is known than the age of its lease: if it runs, it holds the
+    lease even when a clock that was set forward makes the lease look old.
+    """
+    lease = read_lease(bucket, prefix)
+    if lease is None or lease.newer or lease.released:
+        return lease if lease is not None and lease.newer else None
+    if lease.machine == this_machine():
+        renews = lease.age_s < STALE_S or not is_stopped(lease.pid)
+        return lease if renews and is_owner_alive(lease) else None
+    return lease if lease.age_s < STALE_S else None
 
 
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
@@ -87,7 +97,7 @@ def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
         raise _owned_by_newer(bucket, prefix)
     raise ModelInUse(
         f"s3://{bucket.name}/{prefix} is being trained by {held.owner} "
-        f"(last heard from {held.age_s:.0f} s ago).",
+        f"(last heard from {max(0.0, held.age_s):.0f} s ago).",
         remedy="Stop that training, or choose another DR_LOCAL_S3_MODEL_PREFIX. If that machine "
         f"is gone, try again in {STALE_S:.0f} seconds.",
     )
@@ -134,13 +144,6 @@ def release(bucket: Bucket, prefix: str, session: str) -> None:
     lease = read_lease(bucket, prefix)
     if lease is not None and lease.session == session and not lease.released:
         write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))
-
-
-def elapsed_s() -> float:
-    """A clock that also runs while the process or the machine is suspended."""
-    if hasattr(time, "CLOCK_BOOTTIME"):
-        return time.clock_gettime(time.CLOCK_BOOTTIME)
-    return time.monotonic()
 
 
 def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:

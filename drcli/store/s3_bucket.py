@@ -55,6 +55,7 @@ class S3Bucket:
             dead local server within seconds.
         read_timeout_s: How long an answer may stall.
         hurried: Whether this process was asked to stop; calls are hardly repeated then.
+        unattended: Whether to wait, too, if the clock of this machine is wrong.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
 
@@ -70,6 +71,7 @@ class S3Bucket:
         patience_s: float = 60.0,
         read_timeout_s: float = 60.0,
         hurried: Callable[[], bool] = lambda: False,
+        unattended: bool = False,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -77,6 +79,7 @@ class S3Bucket:
         self.name = name
         self._patience_s = patience_s
         self._hurried = hurried
+        self._unattended = unattended
         self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
@@ -185,7 +188,8 @@ class S3Bucket:
             try:
                 return call()
             except (BotoCoreError, ClientError, Boto3Error, ConnectionError) as e:
-                patience_s = self._patience_s * patience_share(e)
+                share = patience_share(e, unattended=self._unattended)
+                patience_s = self._patience_s * share
                 if self._hurried():
                     patience_s = min(patience_s, HURRIED_PATIENCE_S)
                 waited_s = self._clock() - started_s

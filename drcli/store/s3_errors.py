@@ -92,16 +92,19 @@ class Attempt:
         return f"{self.action} {what} at {self.endpoint.place}"
 
 
-def patience_share(error: Exception) -> float:
+def patience_share(error: Exception, *, unattended: bool = False) -> float:
     """For which part of the patience a call is repeated: all (1), a little (0.1) or none (0).
 
     A server that is silent or busy may be starting again. One with an internal error may be
-    overwriting the object; rclone then fails for a moment.
+    overwriting the object; rclone then fails for a moment. An `unattended` process also waits for
+    the clock of its machine to be set right; a person wants to know at once that it is wrong.
     """
     from botocore import exceptions as boto
 
     if isinstance(error, boto.ClientError):
         code, status = _answer(error)
+        if code in _CLOCK_CODES:
+            return float(unattended)
         if code in _FULL_CODES or status == 507:
             return 0.0
         if code in _BUSY_CODES or status == 503:

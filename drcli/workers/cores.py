@@ -3,17 +3,16 @@
 import math
 import os
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
+from drcli.base.control_groups import ROOT, group_folders
 from drcli.config.settings import TrainConfig
 
 OVERLAP_CORES = 4
 """With this many cores or more, driving and learning run at the same time."""
 
-_ROOT = Path("/")
 
-
-def cores(root: Path = _ROOT) -> int:
+def cores(root: Path = ROOT) -> int:
     """Processor cores that this process may use.
 
     These are the cores that it may run on (`taskset`), or fewer if a container or service limits
@@ -46,25 +45,11 @@ def learning_threads(train: TrainConfig) -> int:
 
 def _limits(root: Path) -> Iterator[float]:
     """The limits of this process's control groups, in cores."""
-    try:
-        lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
-    except OSError:  # another system than Linux
-        return
-    for line in lines:
-        if line.count(":") < 2:
-            continue
-        _, controllers, path = line.split(":", 2)
-        unified = controllers == ""
-        if not unified and "cpu" not in controllers.split(","):
-            continue
-        mount = root / "sys/fs/cgroup" / controllers
-        group = PurePosixPath(path.lstrip("/"))
-        # A container sees the path that its group has outside, and its own group at the root.
-        for folder in (mount / group, *(mount / parent for parent in group.parents)):
-            names = ("cpu.max",) if unified else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
-            limit = _limit(*(folder / name for name in names))
-            if limit is not None:
-                yield limit
+    for folder, unified in group_folders("cpu", root):
+        names = ("cpu.max",) if unified else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+        limit = _limit(*(folder / name for name in names))
+        if limit is not None:
+            yield limit
 
 
 def _limit(*files: Path) -> float | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from drcli.base.log import get_logger
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.trace import STEP_S, Episode, Phase, Row
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
@@ -17,6 +18,8 @@ from drsim.car.actions import Actions
 from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
+
+_logger = get_logger(__name__)
 
 DRAWS = 256
 """Random numbers drawn at a time for an episode."""
@@ -249,6 +252,8 @@ class Driver:
             chosen.append((group, frames, seen, decision))
         with print_limit.limited_prints():
             result = self._simulation.step(steering, speed)
+        if self._simulation.unstable.any():
+            _tell_of_unstable([seat for seat in driving if self._simulation.unstable[seat.car]])
         for group, frames, seen, decision in chosen:
             _record(group, frames, seen, decision, (steering, speed), result)
             cut = [seat for seat in group if result.truncated[seat.car]]
@@ -281,6 +286,17 @@ class Driver:
         for seat, value in zip(cut, decision.values.tolist(), strict=True):
             seat.episode.cut = True
             seat.episode.last_value = value
+
+
+def _tell_of_unstable(seats: Iterable[_Seat]) -> None:
+    for seat in seats:
+        _logger.warning(
+            "The physics of %s episode %d failed at step %d: the car jumped, flew or became NaN. "
+            "It counts as off track.",
+            seat.plan.phase,
+            seat.plan.number,
+            len(seat.episode.rows) + 1,
+        )
 
 
 def _groups(driving: Iterable[_Seat]) -> Iterable[list[_Seat]]:

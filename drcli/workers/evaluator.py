@@ -153,15 +153,15 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
         seed=job.seed,
     )
     driven: list[Driven] = []
-    begin = time.time()
+    begin, began_s = time.time(), time.monotonic()
     plans = [
         Plan(trial, "evaluation", 0.0, racer=racer)
         for trial in range(races)
         for racer in range(len(racers))
     ]
-    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.should_stop)
+    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.step_done)
     driven.sort(key=lambda episode: episode.number)
-    wall_clock = (begin, time.time())
+    wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
     for racer, entry in enumerate(entered):
         own = [episode for episode in driven if episode.racer == racer]

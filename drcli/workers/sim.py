@@ -1,6 +1,7 @@
 """The simulation worker: drives with each new checkpoint and puts its rollouts into the bucket.
 
-Run by the supervisor as `python -m drcli.workers.sim K`, where K counts workers from 0.
+Run by the supervisor as `python -m drcli.workers.sim K [DIVISOR]`, where K counts workers from 0.
+With a divisor, it drives that many times fewer cars at a time.
 """
 
 import os
@@ -56,7 +57,8 @@ SEED_STRIDE = 7_919
 class SimWorker:
     """One simulation worker, from its first checkpoint to the end of the training."""
 
-    def __init__(self, job: Job, lifeline: Lifeline, worker: int) -> None:
+    def __init__(self, job: Job, lifeline: Lifeline, worker: int, divisor: int = 1) -> None:
+        """Prepare; where memory is short, a `divisor` makes it drive fewer cars at a time."""
         train, model = job.config.train, job.config.model
         race = job.config.race(worker)
         self._job = job
@@ -64,7 +66,7 @@ class SimWorker:
         self._lifeline = lifeline
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
-        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}")
+        self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
@@ -80,7 +82,7 @@ class SimWorker:
         # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
         trials = max(1, train.train_min_eval_trials, job.until_laps or 0)
         self._trials = trials if worker == 0 else 0
-        num_cars = race.train_lanes or share.count + self._trials
+        num_cars = -(-(race.train_lanes or share.count + self._trials) // divisor)
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
         self._track = directed(load_world(race), reverse=race.train_reverse_direction)
         actions = actions_of(metadata)
@@ -119,7 +121,7 @@ class SimWorker:
             train.workers,
             frugal=job.config.storage.cloud != "local",
             should_stop=lifeline.should_stop,
-            say=self._activity.say,
+            say=self._activity.wait,
         )
 
     def run(self) -> None:
@@ -161,7 +163,10 @@ class SimWorker:
         manifest = Manifest(iteration, self._share.worker, str(name), session)
         writer = RolloutWriter(self._bucket, self._prefix, manifest)
         trials = self._trials if self._evaluates(name) else 0
-        begin = time.time()
+        begin, began_s = time.time(), time.monotonic()
+
+        def driven_s() -> float:
+            return time.monotonic() - began_s  # somebody may set the time of day
 
         def collect(episode: Driven) -> None:
             if episode.phase == "evaluation":
@@ -178,15 +183,15 @@ class SimWorker:
                 shard.clear()
             if last:
                 evaluates = name.number if trials else None
-                writer.finish(Driving(drive_s=time.time() - begin, evaluates=evaluates))
+                writer.finish(Driving(drive_s=driven_s(), evaluates=evaluates))
                 self._delivered_s = time.monotonic()
-                self._publish_training(iteration, name, training, (begin, time.time()))
+                self._publish_training(iteration, name, training, (begin, begin + driven_s()))
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
             plans = self._plans(numbers, trials)
-            self._driver.drive(plans, collect, self._lifeline.should_stop, self._epsilon(name))
+            self._driver.drive(plans, collect, self._lifeline.step_done, self._epsilon(name))
         except (StopRequested, RewardError):
             writer.abandon()
             raise
@@ -194,7 +199,7 @@ class SimWorker:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
             if self._drives > 1:  # the first drive may include compilation
-                self._budget.spend(share * (time.time() - begin))
+                self._budget.spend(share * driven_s())
             self._add_evaluation(iteration, name, evaluation, numbers.stop)
 
     def _evaluates(self, name: CheckpointName) -> bool:
@@ -294,7 +299,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Run a simulation worker in this process."""
     flush_denormals()
     signal_guard.install()
-    SimWorker(job, lifeline, int(sys.argv[1])).run()
+    SimWorker(job, lifeline, *(int(word) for word in sys.argv[1:])).run()
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ class Trainer:
         self._lifeline = lifeline
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
-        self._activity = Activity(self._bucket, self._prefix, "trainer")
+        self._activity = Activity(self._bucket, self._prefix, "trainer", lifeline.pulse)
         self._activity.say("starting")
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
         for sentence in repair(own):
@@ -193,7 +193,7 @@ class Trainer:
         Without the pointer to the newest checkpoint, workers and trainer would wait for each other
         forever.
         """
-        self._activity.say(f"waits for rollouts of iteration {self._newest.number}")
+        self._activity.wait(f"waits for rollouts of iteration {self._newest.number}")
         self._scoring.score(self._newest)
         if time.monotonic() >= self._rechecked + RECHECK_S:
             self._rechecked = time.monotonic()
@@ -213,7 +213,7 @@ class Trainer:
                 collected.rollout,
                 seed=self._job.seed + SEED_STRIDE * self._newest.number,
                 on_epoch=lambda stats: plain.info(reference_log.epoch_line(stats)),
-                should_stop=self._lifeline.should_stop,
+                should_stop=self._lifeline.step_done,
                 steps_before=self._newest.steps,
             )
         except UpdateInterruptedError:
@@ -293,7 +293,7 @@ class Trainer:
     def _await_evaluation(self, collected: Collected) -> None:
         """Wait for the evaluation that a worker still drives, if there is one."""
         if collected.evaluates is not None:
-            self._activity.say(f"waits for the evaluation of checkpoint {collected.evaluates}")
+            self._activity.wait(f"waits for the evaluation of checkpoint {collected.evaluates}")
             self._scoring.wait(collected.evaluates, collected.drive_s, self._lifeline.should_stop)
 
     def _publish(self, learned: IterationRecord | None = None) -> None:

@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -22,6 +23,8 @@ from drcli.store.lease import Ownership
 from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
+from drcli.workers.memory_shortage import memory_shortage
+from drcli.workers.pulse import Pulse
 
 BUG = 1
 """Exit code of an unexplained failure, which is a bug of ours."""
@@ -30,9 +33,14 @@ _logger = log.get_logger(__name__)
 
 
 class Lifeline:
-    """Knows whether this process should stop: a signal came, or its launcher has ended."""
+    """Knows whether this process should stop: a signal came, or its launcher has ended.
+
+    Attributes:
+        pulse: Says that this process lives and how far it is.
+    """
 
     def __init__(self, launcher_pid: int) -> None:
+        self.pulse = Pulse()
         self._launcher_pid = launcher_pid
         self._signalled = False
         signal.signal(signal.SIGTERM, self._note_signal)
@@ -43,6 +51,12 @@ class Lifeline:
 
     def should_stop(self) -> bool:
         """Whether to stop at the next good moment."""
+        self.pulse.turn()
+        return self._signalled or os.getppid() != self._launcher_pid
+
+    def step_done(self) -> bool:
+        """The same, asked after each step of driving or learning, which counts as progress."""
+        self.pulse.step_done()
         return self._signalled or os.getppid() != self._launcher_pid
 
 
@@ -51,15 +65,21 @@ class StopRequested(Exception):
 
 
 class Activity:
-    """Publishes in the bucket what this worker is doing."""
+    """Publishes in the bucket, and in the pulse, what this worker is doing."""
 
-    def __init__(self, bucket: Bucket, prefix: str, name: str) -> None:
+    def __init__(self, bucket: Bucket, prefix: str, name: str, pulse: Pulse) -> None:
         self._bucket = bucket
         self._key = keys.status(prefix, name)
+        self._pulse = pulse
         self._last = ""
 
-    def say(self, text: str) -> None:
+    def wait(self, text: str) -> None:
+        """Publish for which other worker this one waits, if that has changed."""
+        self.say(text, waits=True)
+
+    def say(self, text: str, *, waits: bool = False) -> None:
         """Publish a text if it has changed."""
+        self._pulse.say(text, waits=waits)
         if text == self._last:
             return
         self._last = text
@@ -73,7 +93,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     It refuses writes when another training has taken over the model. When the worker was asked to
     stop, it waits only briefly for a server that does not answer.
     """
-    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop, unattended=True)
     return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 
@@ -95,6 +115,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     _logger.info("%s started as process %d.", name, os.getpid())
     requests = CountFile(job.folder, name, job.session)
     requests.start()
+    lifeline.pulse.start(job.folder, name)
     try:
         main(job, lifeline)
     except StopRequested:
@@ -120,6 +141,7 @@ def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace
 def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     """Write the reason of a failure for the supervisor and into the log."""
     print_limit.end_limit()
+    memory = memory_shortage(error)
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
         from drcli.workers.build_race import reward_failure
@@ -127,7 +149,12 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
         error = reward_failure(error)
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
+        if memory:  # its own fault or not: a new process may have enough
+            ended = replace(ended, final=False, memory=True)
         _logger.error("%s %s", error, error.remedy)
+    elif memory:
+        ended = replace(memory, message=f"{name} {memory.message}")
+        _logger.error("%s", ended.message, exc_info=error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)

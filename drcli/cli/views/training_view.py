@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.status import RequestReport, RunReport
+    from drcli.runs.status import RequestReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
 """Iterations in the table of the live display."""
@@ -73,10 +73,8 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.state in ("failed", "interrupted") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
-        for worker in report.workers:
-            state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
-            state += f", restarted {worker.restarts} x" if worker.restarts else ""
-            parts.append(indented(f"{worker.name} ({state}): {worker.activity}"))
+        parts += [indented(_worker(worker)) for worker in report.workers]
+    parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
@@ -188,6 +186,16 @@ def end_text(report: "RunReport") -> str:
     """How a training ended."""
     best = f" Best checkpoint: {report.best.name}." if report.best else ""
     return f"{report.message}{best} {report.remedy}".strip()
+
+
+def _worker(worker: "WorkerReport") -> str:
+    """A line about a worker."""
+    if worker.pid is None:
+        return f"{worker.name}: not started, or left out"
+    state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
+    state += f", restarted {worker.restarts} x" if worker.restarts else ""
+    health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
+    return f"{worker.name} ({state}): {worker.activity}{health}"
 
 
 def _source(pretrained: "Pretrained") -> str:

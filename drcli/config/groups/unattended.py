@@ -124,6 +124,21 @@ class CostSettings(Group, title="Money"):
 class WatchSettings(Group, title="Watches", file="system.env"):
     """What ends or mends a training that is in trouble."""
 
+    stall_minutes: int = setting(
+        "DR_STALL_MINUTES",
+        10,
+        "Minutes without any progress after which workers are restarted, and the training ends if "
+        "that does not help; 0 never.",
+        low=0,
+    )
+    disk_min_mb: int = setting(
+        "DR_DISK_MIN_MB",
+        500,
+        "Free megabytes on the disk of data/ below which the training stops in time to save "
+        "everything; 0 never.",
+        low=0,
+    )
+
 
 class MessageSettings(Group, title="Messages", file="system.env"):
     """Who is told what happens to a training."""

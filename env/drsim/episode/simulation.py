@@ -12,6 +12,7 @@ from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
 from drsim.episode.privileged_features import features
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
+from drsim.episode.stability import mark_unstable
 from drsim.episode.step import StepResult
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic
@@ -33,6 +34,8 @@ class Simulation:
         frames: Current camera frames of each car, grey. A live view. Shape (n, eyes, 120, 160).
         scans: Current values of the lidar sensor; of width 0 without one. Shape (n, d).
         traffic: The obstacles, bots and opponents of each car; None where a car is alone.
+        unstable: Cars whose physics failed in the last step: they jumped, flew or became NaN. They
+            stand where they were before that step, and count as off track. Shape (n,).
     """
 
     def __init__(
@@ -103,6 +106,7 @@ class Simulation:
             num_cars, num_threads, car_parameters, longest_latency_s=realism.longest_latency_s
         )
         self._episodes = Episodes(num_cars, self.rules)
+        self.unstable: Bools = np.zeros(num_cars, np.bool_)
         self._episodes_begun: Ints = np.zeros(num_cars, np.int64)
         self._along_m: Floats = np.zeros(num_cars)
         self._where: Location
@@ -173,8 +177,12 @@ class Simulation:
         running = ~episodes.state.over
         driven = running & (episodes.state.pause_steps == 0)
         waiting = running & ~driven
-        came_from = self._cars.origin_xy.copy()
+        came_from, came_yaw = self._cars.origin_xy.copy(), self._cars.yaw_rad.copy()
         self._cars.drive(steering_deg, speed_mps, driven)
+        cars = self._cars
+        if mark_unstable(cars.origin_xy, came_from, cars.yaw_rad, cars.lens_pos, self.unstable):
+            poses = np.column_stack([came_from, came_yaw])[self.unstable]
+            cars.place(np.flatnonzero(self.unstable), poses)
         if self.traffic is not None:
             self.traffic.advance(running)
             self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
@@ -189,9 +197,8 @@ class Simulation:
             contacts = self._contacts(driven)
             crashed = contacts.crashed if contacts is not None else np.zeros_like(driven)
             fraction = self._along_m / self.track.length_m
-            verdict = episodes.judge(
-                Observed(driven, fraction, moved_m, off_track=self._wheels_on == 0, crashed=crashed)
-            )
+            off_track = (self._wheels_on == 0) | self.unstable
+            verdict = episodes.judge(Observed(driven, fraction, moved_m, off_track, crashed))
             episodes.wait(waiting)
             situation = self._situation(
                 steering_deg, speed_mps, driven & (verdict.status == Status.CRASHED)

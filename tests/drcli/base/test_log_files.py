@@ -103,3 +103,12 @@ def test_large_logs_of_earlier_trainings_go_but_for_the_last(tmp_path):
 
     [kept] = tmp_path.iterdir()
     assert kept.read_text()[0] == "2"
+
+
+def test_logs_of_a_training_after_the_clock_was_set_back_are_still_the_newest(tmp_path):
+    (tmp_path / "sim-0.log.20990101-000000").write_text("earlier")
+    (tmp_path / "sim-0.log").write_text("newest")
+
+    log_files.set_aside([tmp_path], 1 << 20)
+
+    assert (tmp_path / "sim-0.log.20990101-000001").read_text() == "newest"

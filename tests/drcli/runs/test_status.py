@@ -7,9 +7,14 @@ from dataclasses import replace
 import psutil
 import pytest
 
+from drcli.base.elapsed import elapsed_s
 from drcli.exchange import run_record
-from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
+from drcli.exchange.pulse_record import open_pulse_file
+from drcli.exchange.run_record import RunRecord, StorageRecord, WorkerRecord, run_folder
+from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
+from drcli.runs.worker_health import WorkerHealth
+from drcli.workers.pulse import Pulse
 
 
 @pytest.fixture
@@ -79,3 +84,55 @@ def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
     found = note.storage_at_start(now, racer.folder)
 
     assert found == replace(began.storage, port=4711)
+
+
+def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, running):
+    folder = run_folder(racer.folder, racer.settings().run_id)
+    here = replace(running, workers=[WorkerRecord("sim-0", os.getpid(), 1)])
+    here.write(folder)
+    WatchRecord("one", ["sim-0 grows steadily."]).write(folder)
+    pulse = Pulse()
+    pulse.step_done()
+    descriptor = open_pulse_file(folder, "sim-0")
+    os.pwrite(descriptor, pulse.record().file_content(), 0)
+    os.close(descriptor)
+
+    report = inspect(racer.settings().run)
+
+    [worker] = report.workers
+    assert worker.health is not None
+    assert worker.health.steps == 1
+    assert 0.0 <= worker.health.progress_age_s < 60.0
+    assert worker.health.memory_mb > 1.0
+    assert worker.health.words("sim-0").startswith("last frame ")
+    assert report.watches == ["sim-0 grows steadily."]
+
+
+@pytest.mark.parametrize("pid", [1, None])
+def test_the_pulse_of_another_process_says_nothing(tmp_path, pid):
+    descriptor = open_pulse_file(tmp_path, "sim-0")
+    os.pwrite(descriptor, Pulse().record().file_content(), 0)
+    os.close(descriptor)
+
+    assert WorkerHealth.of(tmp_path, "sim-0", pid) is None
+
+
+def test_a_pulse_from_before_the_last_boot_says_nothing(tmp_path):
+    pulse = replace(Pulse().record(), written_s=elapsed_s() + 9000.0)
+    descriptor = open_pulse_file(tmp_path, "sim-0")
+    os.pwrite(descriptor, pulse.file_content(), 0)
+    os.close(descriptor)
+
+    assert WorkerHealth.of(tmp_path, "sim-0", os.getpid()) is None
+
+
+def test_a_silent_worker_is_shown_as_such():
+    health = WorkerHealth(0, None, 45.0, 512.4, 19)
+
+    assert health.words("trainer") == "no gradient step yet, silent for 45 s, 512 MB"
+
+
+def test_warnings_of_an_earlier_start_are_over(tmp_path):
+    WatchRecord("one", ["sim-0 grows steadily."]).write(tmp_path)
+
+    assert WatchRecord.read(tmp_path, "two").warnings == []

@@ -18,10 +18,14 @@ from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_record import RunRecord
-from drcli.runs import run_ending, supervisor
+from drcli.runs import frozen_watch, run_ending, seen_pulses, supervisor
+from drcli.runs.duty import Duty
+from drcli.runs.frozen_watch import FrozenWatch
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.run_logs import log_file
+from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.supervisor import Supervisor
+from drcli.runs.warnings_board import WarningsBoard
 from drcli.store import keys, lease
 from memory_bucket import MemoryBucket
 
@@ -69,6 +73,7 @@ class Stage:
         )
         self.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
         self.server_restarts = 0
+        self.duties: list[Duty] = []
         self.bucket = MemoryBucket()
         self.revive_server: Callable[[], None] = lambda: None
 
@@ -109,6 +114,7 @@ class Stage:
             open_bucket=MemoryBucket,
             revive_server=self.revive_server,
             restart_server=self.restart_server,
+            duties=self.duties,
         ).run()
 
 
@@ -329,3 +335,39 @@ def test_a_worker_that_crashes_again_and_again_ends_the_run_and_names_the_fault(
     record = RunRecord.read(stage.job.folder)
     assert record.message == "sim-0 died 4 times in a row: a memory fault (signal SIGSEGV)."
     assert "dr-logs sim-0" in record.remedy
+
+
+class LeavesOut(Duty):
+    """Lets the run go on without the worker that ended."""
+
+    def died(self, child, code, words):
+        """Leave it out."""
+        child.left_out = True
+
+
+def test_a_run_goes_on_without_a_worker_that_a_duty_leaves_out(stage):
+    stage.duties = [LeavesOut()]
+    stage.scripts = {"trainer": [Late()], "sim-0": ["raise SystemExit(1)"]}
+
+    assert stage.run() == 0
+
+    workers = {worker.name: worker for worker in RunRecord.read(stage.job.folder).workers}
+    assert (workers["sim-0"].pid, workers["sim-0"].restarts) == (None, 0)
+
+
+def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
+    monkeypatch.setattr(frozen_watch, "STARTING_S", 0.3)
+    monkeypatch.setattr(seen_pulses, "LOOK_S", 0.02)
+    monkeypatch.setattr(seen_pulses, "QUIET_S", 0.1)
+    ends = stage.job.folder / "end"
+    waits = f"import os, time\nwhile not os.path.exists({str(ends)!r}): time.sleep(0.01)"
+    stops = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
+    second = f"open({str(ends)!r}, 'w').close(); import time; time.sleep(60)"
+    stage.scripts = {"trainer": [waits] * 3, "sim-0": [stops, second]}
+    pulses = SeenPulses(stage.job.folder)
+    stage.duties = [FrozenWatch(pulses, WarningsBoard(stage.job.folder, "start"))]
+
+    assert stage.run() == 0
+
+    restarts = {w.name: w.restarts for w in RunRecord.read(stage.job.folder).workers}
+    assert restarts["sim-0"] == 1

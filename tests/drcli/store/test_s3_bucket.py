@@ -168,6 +168,19 @@ def test_refused_keys_are_no_matter_of_patience(scripted, clock, code):
     assert clock.pauses_s == []
 
 
+@pytest.mark.parametrize(("unattended", "waited_s"), [(False, 0.0), (True, 60.0)])
+def test_only_a_process_without_a_person_waits_for_the_clock_to_be_set(
+    scripted, clock, unattended, waited_s
+):
+    bucket = scripted(answer("RequestTimeTooSkewed", 403), endpoint=REMOTE, repeat=True)
+    bucket._unattended = unattended
+
+    with pytest.raises(StorageError, match="the clocks of this machine and of the server differ"):
+        bucket.get("k")
+
+    assert clock.now_s == pytest.approx(waited_s)
+
+
 def test_a_missing_permission_is_named_at_once(scripted, clock):
     bucket = scripted(answer("AccessDenied", 403), endpoint=REMOTE, repeat=True)
 

@@ -1,5 +1,7 @@
 """What the driver hands to the learner: every sensor, every step once, cuts with their rest."""
 
+import logging
+
 import numpy as np
 import pytest
 import torch
@@ -8,6 +10,7 @@ from drcli.exchange.trace import STEP_S
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import Observation, PolicySpec
+from drcli.workers import driving
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
@@ -177,3 +180,28 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
 
 def test_a_step_of_a_trace_is_one_of_the_simulation():
     assert STEP_S == 1.0 / CONTROL_HZ
+
+
+def test_a_car_whose_physics_fails_ends_its_episode_and_is_named(tmp_path, monkeypatch, caplog):
+    monkeypatch.chdir(tmp_path)  # the physics engine writes its own log there
+    monkeypatch.setattr(driving, "_logger", logging.getLogger("driving"))
+    step = Simulation.step
+    steps = 0
+
+    def failing_step(self, steering_deg, speed_mps):
+        nonlocal steps
+        steps += 1
+        if steps == 4:
+            self._cars._qpos[1, 0] = np.nan
+        return step(self, steering_deg, speed_mps)
+
+    monkeypatch.setattr(Simulation, "step", failing_step)
+
+    with caplog.at_level("WARNING", "driving"):
+        driven = drive(PolicySpec(3, network=COMPACT))
+
+    assert [episode.number for episode in driven] == [0, 1, 2]
+    assert (driven[1].status, driven[1].steps) == ("off_track", 4)
+    assert driven[0].steps > 4
+    [record] = caplog.records
+    assert record.getMessage().startswith("The physics of training episode 1 failed at step 5")

@@ -102,3 +102,45 @@ def test_whatever_a_reward_function_prints_reaches_the_log_in_any_locale(job, mo
 
     assert process.returncode == 0
     assert said.decode() == "Kurve → \\ud800\n"
+
+
+LIMITED = """
+import resource
+from drcli.workers import worker_process as process
+
+def main(job, lifeline):
+    pages = int(open("/proc/self/statm").read().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, ((pages << 12) + (256 << 20),) * 2)
+    bytearray(1 << 30)
+
+process.run("sim-0", main)
+"""
+
+
+def test_a_worker_without_memory_says_so_and_is_no_bug(job):
+    code, words = ended(job, LIMITED)
+
+    assert code == 5
+    assert words is not None
+    assert (words.memory, words.final) == (True, False)
+    assert words.message.startswith("sim-0 ran out of memory: it uses ")
+    assert "DR_WORKERS" in words.remedy
+
+
+def test_a_worker_has_a_pulse_from_its_start(job):
+    from drcli.exchange.pulse_record import PulseRecord
+
+    script = """
+import time
+from drcli.workers import worker_process as process
+
+def main(job, lifeline):
+    time.sleep(0.3)
+
+process.run("sim-0", main)
+"""
+    assert ended(job, script)[0] == 0
+
+    pulse = PulseRecord.read(job.folder, "sim-0")
+    assert pulse is not None
+    assert (pulse.activity, pulse.work) == ("starting", 0)

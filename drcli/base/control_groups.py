@@ -1,0 +1,35 @@
+"""Finds the folders of this process's control groups, where Linux keeps limits of containers."""
+
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+ROOT = Path("/")
+
+
+def group_folders(controller: str, root: Path = ROOT) -> Iterator[tuple[Path, bool]]:
+    """The folders of the groups that limit this process, the innermost first.
+
+    Args:
+        controller: What is limited, such as "cpu" or "memory".
+        root: Of the file system, for tests.
+
+    Yields:
+        A folder, which need not exist, and whether its files are those of the second version of
+        control groups.
+    """
+    try:
+        lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
+    except OSError:  # another system than Linux
+        return
+    for line in lines:
+        if line.count(":") < 2:
+            continue
+        _, controllers, path = line.split(":", 2)
+        unified = controllers == ""
+        if not unified and controller not in controllers.split(","):
+            continue
+        mount = root / "sys/fs/cgroup" / controllers
+        group = PurePosixPath(path.lstrip("/"))
+        # A container sees the path that its group has outside, and its own group at the root.
+        for folder in (mount / group, *(mount / parent for parent in group.parents)):
+            yield folder, unified

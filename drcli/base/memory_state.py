@@ -1,0 +1,95 @@
+"""How much memory this process may still use: on the machine, and in its control groups."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from drcli.base.control_groups import ROOT, group_folders
+
+_UNLIMITED = 1 << 60
+"""The first version of control groups writes a number near 2**63 where there is no limit."""
+
+
+@dataclass(frozen=True)
+class MemoryState:
+    """Memory at one moment.
+
+    Attributes:
+        total_bytes: What all processes together may use.
+        available_bytes: What of it is free, or can be freed at once.
+        limited: Whether a control group sets the limit, such as that of a container; else it is the
+            memory of the machine.
+        kills: How many processes the kernel has killed so far because memory ran out.
+    """
+
+    total_bytes: int
+    available_bytes: int
+    limited: bool = False
+    kills: int = 0
+
+    @property
+    def place(self) -> str:
+        """Whose memory it is, in words."""
+        gigabytes = f"{self.total_bytes / 1e9:.1f} GB"
+        return (
+            f"the memory limit of the container or control group ({gigabytes})"
+            if self.limited
+            else f"the memory of the machine ({gigabytes})"
+        )
+
+
+def read_memory(root: Path = ROOT) -> MemoryState:
+    """Memory as it is now; `root` is that of the file system, for tests."""
+    machine, swap = psutil.virtual_memory(), psutil.swap_memory()
+    found = MemoryState(machine.total + swap.total, machine.available + swap.free)
+    for total, available in _groups(root):
+        if total < found.total_bytes and available < found.available_bytes:
+            found = MemoryState(total, max(0, available), limited=True)
+    return MemoryState(found.total_bytes, found.available_bytes, found.limited, _kills(root))
+
+
+def _groups(root: Path) -> Iterator[tuple[int, int]]:
+    """Limit and free part of it, in bytes, of each group that has a limit."""
+    for folder, unified in group_folders("memory", root):
+        names = ("memory.max", "memory.current") if unified else _FIRST_VERSION
+        limit, used = (_number(folder / name) for name in names)
+        if limit is None or used is None or limit >= _UNLIMITED:
+            continue
+        # Pages of files that nobody has used for a while are given back before anybody is killed.
+        stat = _counts(folder / "memory.stat")
+        cache = stat.get("inactive_file" if unified else "total_inactive_file", 0)
+        yield limit, limit - used + cache
+
+
+_FIRST_VERSION = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+
+
+def _kills(root: Path) -> int:
+    """Processes that were killed in this group or, if Linux does not count them, anywhere."""
+    for folder, unified in group_folders("memory", root):
+        counts = _counts(folder / ("memory.events" if unified else "memory.oom_control"))
+        if "oom_kill" in counts:
+            # The count of the machine contains those of all groups.
+            machine = _counts(root / "proc/vmstat").get("oom_kill", 0)
+            return max(machine, counts["oom_kill"])
+    return _counts(root / "proc/vmstat").get("oom_kill", 0)
+
+
+def _number(path: Path) -> int | None:
+    """The number in a file; None if there is none, as for "max"."""
+    try:
+        return int(path.read_text("ascii", "replace"))
+    except (OSError, ValueError):
+        return None
+
+
+def _counts(path: Path) -> dict[str, int]:
+    """The numbers of a file with lines of a name and a number; empty if it cannot be read."""
+    try:
+        lines = path.read_text("ascii", "replace").splitlines()
+    except OSError:
+        return {}
+    words = (line.split() for line in lines)
+    return {pair[0]: int(pair[1]) for pair in words if len(pair) == 2 and pair[1].isdigit()}

@@ -1,0 +1,126 @@
+"""Replaces workers that no longer run: stopped by a signal, or inside a system call for good.
+
+Such a worker cannot end by itself, and its supervisor sees a living process. But its pulse stops,
+and it uses no processor time.
+"""
+
+import psutil
+
+from drcli.base.elapsed import duration
+from drcli.base.errors import SettingsError
+from drcli.checks.reward_timeout import WHY
+from drcli.exchange.job import WorkerExit
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.outcome import Outcome
+from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s
+from drcli.runs.warnings_board import WarningsBoard
+from drcli.runs.worker_processes import Child
+from drcli.runs.worker_stacks import StacksRequest
+
+FROZEN_S = 30.0
+"""Time without a pulse and without processor time after which a worker is replaced."""
+
+STARTING_S = 120.0
+"""The same before the first pulse: it loads libraries, perhaps from a slow disk."""
+
+BUSY_S = 120.0
+"""Time without a pulse although the worker computes: one operation never lets Python go on."""
+
+USED_S = 0.05
+"""A worker that used less processor time than this did not run."""
+
+ANSWER_S = 4.0
+"""How long a worker may take to write its stacks."""
+
+REMOVAL_S = 10.0
+"""How long the kernel may take to remove a killed worker before another one is started."""
+
+_STATES = {
+    psutil.STATUS_STOPPED: "stopped by a signal",
+    psutil.STATUS_DISK_SLEEP: "waiting for a disk or network drive",
+}
+
+
+class FrozenWatch(Duty):
+    """Kills frozen workers, so that the supervisor starts others in their places."""
+
+    name = "frozen workers"
+
+    def __init__(self, pulses: SeenPulses, board: WarningsBoard) -> None:
+        self._pulses = pulses
+        self._board = board
+        self._killed: dict[int, float] = {}
+        self._asked: dict[int, tuple[StacksRequest, float]] = {}
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin."""
+        self._run = run
+        self._board.begin(run.journal)
+
+    def check(self) -> Outcome | None:
+        """Look at the pulses every two seconds."""
+        if not self._pulses.look(self._run.children):
+            return None
+        for child in self._run.children:
+            seen = self._pulses.of(child.name)
+            if seen is None or child.process is None:
+                continue
+            if seen.pid in self._killed:
+                if self._pulses.now_s - self._killed[seen.pid] > REMOVAL_S:
+                    child.give_up()
+            elif outcome := self._look_at(child, seen):
+                return outcome
+        return None
+
+    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+        """Forget a process that has ended."""
+        if child.process is not None:
+            self._killed.pop(child.process.pid, None)
+            self._asked.pop(child.process.pid, None)
+        return None
+
+    def _look_at(self, child: Child, seen: Seen) -> Outcome | None:
+        silent_s = self._pulses.silent_s(seen)
+        if silent_s < (FROZEN_S if seen.record is not None else STARTING_S):
+            self._asked.pop(seen.pid, None)
+            return None
+        try:
+            state = psutil.Process(seen.pid).status()
+        except psutil.Error:
+            return None  # it has just ended
+        used_s = cpu_s(seen.pid)
+        idle = used_s is None or used_s - (seen.quiet_cpu_s or 0.0) < USED_S
+        if state == psutil.STATUS_STOPPED or (idle and state != psutil.STATUS_TRACING_STOP):
+            how = _STATES.get(state, "without using the processor")
+            self._replace(child, seen, f"was frozen for {duration(silent_s)} ({how})")
+            return None
+        return None if silent_s < BUSY_S or idle else self._look_into(child, seen, silent_s)
+
+    def _look_into(self, child: Child, seen: Seen, silent_s: float) -> Outcome | None:
+        """End the run if the reward function is inside one endless operation; else replace it."""
+        now_s = self._pulses.now_s
+        if seen.pid not in self._asked:
+            request = StacksRequest.send(self._run.job, child) if seen.record else None
+            if request is not None:
+                self._asked[seen.pid] = request, now_s
+                return None
+        elif now_s - self._asked[seen.pid][1] < ANSWER_S:
+            return None
+        else:
+            line, text = self._asked[seen.pid][0].reward_place()
+            if line:
+                return Outcome(
+                    SettingsError.code,
+                    f"Reward function error: The reward function in reward_function.py, line "
+                    f"{line}, failed: {WHY}.\n  {text}",
+                    "Correct reward_function.py, then continue with `dr-start-training --resume`, "
+                    "or start over with `-w`.",
+                )
+        how = "was inside one operation that Python cannot interrupt"
+        self._replace(child, seen, f"{how} for {duration(silent_s)}")
+        return None
+
+    def _replace(self, child: Child, seen: Seen, what: str) -> None:
+        self._killed[seen.pid] = self._pulses.now_s
+        child.kill_for("frozen")
+        self._board.tell("fault", f"{child.name} {what}; it is replaced.", worker=child.name)

@@ -1,0 +1,216 @@
+"""Notices that a training makes no progress although its processes live, and what to do then.
+
+Progress is a finished step of any worker: cars that moved on, or a step of the learner. So neither
+a huge iteration nor a slow reward function is a stall.
+"""
+
+from collections.abc import Callable, Sequence
+
+from drcli.base.elapsed import duration
+from drcli.base.errors import StorageError, WorkerDied
+from drcli.exchange.job import WorkerExit
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.outcome import Outcome
+from drcli.runs.seen_pulses import Seen, SeenPulses
+from drcli.runs.warnings_board import WarningsBoard
+from drcli.runs.worker_processes import TRAINER, Child
+from drcli.runs.worker_stacks import StacksRequest
+
+TURN_S = 60.0
+"""A worker whose main thread did not come by for so long is stuck in one call."""
+
+MOST_STALLS = 3
+"""How many stalls without an update between them end the run: workers that move on for a while
+after each restart, and then get stuck again, will not finish an iteration."""
+
+ANSWER_S = 4.0
+"""How long a worker may take to write its stacks before it is killed."""
+
+
+class StallWatch(Duty):
+    """Restarts workers that are stuck, and ends the run if that does not help."""
+
+    name = "stall watch"
+
+    def __init__(
+        self,
+        minutes: int,
+        pulses: SeenPulses,
+        board: WarningsBoard,
+        ask_stacks: Callable[[Child], StacksRequest | None] | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            minutes: DR_STALL_MINUTES; 0 to watch nothing.
+            pulses: Of the workers; somebody else looks at them.
+            board: For warnings.
+            ask_stacks: Asks a worker for its stacks; for tests.
+        """
+        self._stall_s = 60.0 * minutes
+        self._pulses = pulses
+        self._board = board
+        self._ask_stacks = ask_stacks
+        # When it was looked, when the present quiet time began, and when anybody worked.
+        self._checked_s = self._since_s = self._worked_s = pulses.now_s
+        self._update_s = self._excused_s = pulses.now_s
+        self._told_s = 0.0
+        self._restarted = False
+        self._stalls = 0
+        self._place = ""
+        self._stuck: list[tuple[Child, int, StacksRequest | None]] = []
+        self._kill_at_s = 0.0
+        self._silent_bucket_s: float | None = None
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin."""
+        self._run = run
+        self._board.begin(run.journal)
+        self._checked_s = self._since_s = self._update_s = self._pulses.now_s
+
+    def check(self) -> Outcome | None:
+        """Look for progress whenever there are new pulses."""
+        now_s = self._pulses.now_s
+        if self._stall_s == 0.0 or now_s == self._checked_s:
+            return None
+        self._checked_s = now_s
+        if self._stuck:
+            if now_s >= self._kill_at_s:
+                self._kill_stuck()
+            return None
+        if self._note_progress():
+            if now_s - self._worked_s < self._stall_s / 2.0:  # somebody works just now
+                self._tell_of_missing_update()
+                self._restart_single()
+            return None
+        if now_s - self._since_s < self._stall_s:
+            return None
+        what = f"No progress for {duration(now_s - self._since_s)}: {self._situation()}."
+        self._stalls += 1
+        if self._restarted or self._stalls >= MOST_STALLS:
+            return Outcome(
+                WorkerDied.code,
+                f"{what} Restarting the workers did not help. {self._place}".rstrip(),
+                "Everything learned so far is kept. Read where the workers are stuck with "
+                "`dr-logs trainer` and `dr-logs sim`, then continue with "
+                "`dr-start-training --resume`.",
+            )
+        self._board.warn("stall", f"{what} The stuck workers are restarted once.", "fault")
+        self._restarted = True
+        self._prepare_to_kill(self._blamed())
+        return None
+
+    def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
+        """Do not count the time in which the bucket does not answer: no worker is to blame."""
+        if words is not None and (words.silent or words.code == StorageError.code):
+            now_s = self._pulses.now_s
+            self._since_s = self._update_s = self._excused_s = now_s
+            if self._silent_bucket_s is None:
+                self._silent_bucket_s = now_s
+            away = duration(max(60.0, now_s - self._silent_bucket_s))
+            self._board.show(
+                "bucket",
+                f"The bucket has failed workers for {away}: {words.message} The training goes on "
+                "when it answers again.",
+            )
+        return None
+
+    def _note_progress(self) -> bool:
+        """Whether any worker made progress within the last minutes, the restart included."""
+        works = [seen.work_s for _, seen in self._seen() if seen.work_s is not None]
+        newest_s = max(works, default=None)
+        if newest_s is not None and newest_s > max(self._since_s, self._worked_s):
+            self._since_s = self._worked_s = newest_s
+            self._restarted = False
+            self._silent_bucket_s = None
+            self._board.clear("stall")
+            self._board.clear("bucket")
+        trainer = self._pulses.of(TRAINER)
+        if trainer is not None and trainer.work_s is not None and trainer.work_s > self._update_s:
+            self._update_s = trainer.work_s
+            self._told_s, self._stalls, self._place = 0.0, 0, ""
+            self._board.clear("update")
+        return self._pulses.now_s - self._since_s < self._stall_s
+
+    def _tell_of_missing_update(self) -> None:
+        """Say once, and then after twice the time, that others work and the trainer does not."""
+        quiet_s = self._pulses.now_s - self._update_s
+        if quiet_s < max(self._stall_s, 2.0 * self._told_s):
+            return
+        self._told_s = quiet_s
+        text = f"No update for {duration(quiet_s)}: {self._situation()}."
+        self._board.warn("update", text, "notice")
+
+    def _restart_single(self) -> None:
+        """Restart a worker that should work and has not for the whole time, while others do."""
+        now_s = self._pulses.now_s
+        for child, seen in self._seen():
+            quiet_s = now_s - max(seen.since_s, seen.work_s or 0.0, seen.turn_s, self._excused_s)
+            if seen.record is not None and not seen.record.waits and quiet_s >= self._stall_s:
+                activity = seen.record.activity
+                self._board.tell(
+                    "fault",
+                    f"{child.name} ({activity}) made no progress for {duration(quiet_s)} while "
+                    "others did; it is restarted.",
+                    worker=child.name,
+                )
+                self._prepare_to_kill([child])
+
+    def _situation(self) -> str:
+        """Who waits for whom, in words."""
+        waiting = [c.name for c, seen in self._seen() if seen.record and seen.record.waits]
+        others = [c.name for c, _ in self._seen() if c.name not in waiting]
+        alive = {c.name: f"{c.name}, {self._pulses.describe(c.name)}" for c, _ in self._seen()}
+        if TRAINER in waiting and others:
+            return f"the trainer waits for {'; '.join(alive[name] for name in others)}"
+        if others == [TRAINER]:
+            activity = self._activity(TRAINER)
+            return f"all wait for the trainer ({activity}), {self._pulses.describe(TRAINER)}"
+        if not others:
+            return f"all workers wait for each other: {'; '.join(alive.values())}"
+        return "; ".join(f"{alive[name]} ({self._activity(name)})" for name in others)
+
+    def _activity(self, name: str) -> str:
+        seen = self._pulses.of(name)
+        return seen.record.activity if seen is not None and seen.record is not None else "starting"
+
+    def _blamed(self) -> list[Child]:
+        """The workers that do not wait for another one, or whose main thread is stuck; or all."""
+        now_s = self._pulses.now_s
+        stuck = [
+            child
+            for child, seen in self._seen()
+            if seen.record is None or not seen.record.waits or now_s - seen.turn_s > TURN_S
+        ]
+        return stuck or [child for child, _ in self._seen()]
+
+    def _prepare_to_kill(self, children: Sequence[Child]) -> None:
+        """Ask the workers for their stacks, and kill them a little later."""
+        for child in children:
+            pid = child.process.pid if child.process is not None else 0
+            self._stuck.append((child, pid, self._stacks_of(child)))
+        self._kill_at_s = self._pulses.now_s + ANSWER_S
+
+    def _stacks_of(self, child: Child) -> StacksRequest | None:
+        seen = self._pulses.of(child.name)
+        if seen is None or seen.record is None:
+            return None
+        if self._ask_stacks is not None:
+            return self._ask_stacks(child)
+        return StacksRequest.send(self._run.job, child)
+
+    def _kill_stuck(self) -> None:
+        for child, pid, request in self._stuck:
+            if child.process is None or child.process.pid != pid:
+                continue  # it has ended meanwhile
+            line, text = request.reward_place() if request is not None else (0, "")
+            if line:
+                self._place = f"{child.name} was inside reward_function.py, line {line}: {text}"
+                self._board.tell("fault", self._place, worker=child.name, line=line)
+            child.kill_for("stalled")
+        self._stuck = []
+        self._since_s = self._pulses.now_s
+
+    def _seen(self) -> list[tuple[Child, Seen]]:
+        pairs = ((child, self._pulses.of(child.name)) for child in self._run.children)
+        return [(child, seen) for child, seen in pairs if seen is not None]

@@ -1,0 +1,112 @@
+"""Writes the pulse of this worker: its supervisor sees whether it lives and how far it is.
+
+The main thread only sets a few attributes at each step. A thread writes them to a file, also while
+the main thread is inside one long call.
+"""
+
+import faulthandler
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+from drcli.base.elapsed import elapsed_s
+from drcli.base.log import get_logger
+from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, short_activity
+
+BEAT_S = 2.0
+"""Time between two writes."""
+
+STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
+"""Signal on which a worker writes the stacks of its threads into its log, and goes on."""
+
+_PROC = Path("/proc/self")
+
+_logger = get_logger(__name__)
+
+
+class Pulse:
+    """The pulse of one process. Only the main thread calls `turn`, `step_done` and `say`."""
+
+    def __init__(self) -> None:
+        self._activity = "starting"
+        self._waits = False
+        self._work = 0
+        self._worked_s: float | None = None
+        self._turned_s = elapsed_s()
+        self._beats = 0
+        self._pid = os.getpid()
+
+    def turn(self) -> None:
+        """Note that the main thread came by."""
+        self._turned_s = elapsed_s()
+
+    def step_done(self) -> None:
+        """Note a finished step of driving or learning."""
+        self._work += 1
+        self._worked_s = self._turned_s = elapsed_s()
+
+    def say(self, activity: str, *, waits: bool) -> None:
+        """Note what the worker does, or which other worker it waits for."""
+        self._activity, self._waits = activity, waits
+
+    def start(self, folder: Path, name: str) -> None:
+        """Begin to write the pulse of the worker of this name.
+
+        Without a file to write to (a full disk), the worker goes on without a pulse.
+        """
+        if STACKS_SIGNAL is not None:
+            faulthandler.register(STACKS_SIGNAL, file=sys.__stderr__ or 2, all_threads=True)
+        try:
+            descriptor = open_pulse_file(folder, name)
+        except OSError as error:
+            _logger.warning("The pulse of this worker cannot be written: %s", error)
+            return
+        # An event of its own: a reward function may replace `time.sleep`.
+        end = threading.Event()
+        threading.Thread(
+            target=self._beat, args=(descriptor, end), name="pulse", daemon=True
+        ).start()
+
+    def record(self) -> PulseRecord:
+        """The pulse of now."""
+        return PulseRecord(
+            pid=self._pid,
+            beats=self._beats,
+            written_s=elapsed_s(),
+            activity=short_activity(self._activity),
+            waits=self._waits,
+            work=self._work,
+            worked_s=self._worked_s,
+            turned_s=self._turned_s,
+            memory_bytes=own_memory_bytes(),
+            open_files=own_open_files(),
+        )
+
+    def _beat(self, descriptor: int, end: threading.Event) -> None:
+        while True:
+            self._beats += 1
+            with suppress(OSError):
+                os.pwrite(descriptor, self.record().file_content(), 0)
+            end.wait(BEAT_S)
+
+
+def own_memory_bytes() -> int:
+    """Memory of this process (resident set)."""
+    try:
+        pages = int((_PROC / "statm").read_bytes().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        import psutil  # not needed on Linux
+
+        return int(psutil.Process().memory_info().rss)
+
+
+def own_open_files() -> int:
+    """Number of files that this process has open; 0 if unknown."""
+    try:
+        return len(os.listdir(_PROC / "fd"))  # noqa: PTH208  pathlib would make objects of them
+    except OSError:
+        return 0

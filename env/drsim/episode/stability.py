@@ -1,0 +1,32 @@
+"""Finds cars whose physics failed, by how they moved."""
+
+import math
+
+from drsim.arrays import Bools, Floats
+from drsim.jit import kernel
+
+FURTHEST_M = 1.0
+"""No car moves further in a step: the fastest makes 0.27 m. When its numbers become infinite, the
+physics engine puts a car back to the origin of the world."""
+
+HIGHEST_M = 0.5
+"""No camera gets this high above the ground: it is fixed 0.13 m above it."""
+
+
+@kernel
+def mark_unstable(
+    xy: Floats, came_from: Floats, yaw_rad: Floats, lens_pos: Floats, unstable: Bools
+) -> bool:
+    """Mark the cars that moved in a way that no car can; whether there are any.
+
+    `xy` and `came_from` are their origins after and before a step, metres, shape (n, 2); `lens_pos`
+    are their cameras, shape (n, 3). `unstable` is changed in place, shape (n,).
+    """
+    any_unstable = False
+    for i in range(len(unstable)):
+        moved_m = max(abs(xy[i, 0] - came_from[i, 0]), abs(xy[i, 1] - came_from[i, 1]))
+        # Written so that NaN is unstable, too.
+        stable = moved_m < FURTHEST_M and abs(lens_pos[i, 2]) < HIGHEST_M
+        unstable[i] = not (stable and math.isfinite(xy[i, 0] + xy[i, 1] + yaw_rad[i]))
+        any_unstable = any_unstable or unstable[i]
+    return any_unstable

@@ -1,0 +1,90 @@
+"""The pulse that a worker writes."""
+
+import os
+import subprocess
+import sys
+import time
+
+from drcli.base.elapsed import elapsed_s
+from drcli.exchange.pulse_record import PulseRecord
+from drcli.workers.pulse import STACKS_SIGNAL, Pulse
+
+STUCK = """
+import sys, time
+from pathlib import Path
+from drcli.workers import pulse
+
+pulse.BEAT_S = 0.02
+beat = pulse.Pulse()
+beat.start(Path(sys.argv[1]), "sim-0")
+
+def reward_function(params):
+    time.sleep(60)
+
+reward_function({})
+"""
+
+
+def test_progress_and_activity_are_in_the_pulse():
+    pulse = Pulse()
+    before_s = elapsed_s()
+    pulse.say("drives iteration 7", waits=False)
+    pulse.step_done()
+    pulse.step_done()
+
+    record = pulse.record()
+
+    assert (record.activity, record.waits, record.work) == ("drives iteration 7", False, 2)
+    assert before_s <= record.worked_s <= record.written_s
+    assert record.worked_s == record.turned_s
+    assert record.pid == os.getpid()
+    assert 1e6 < record.memory_bytes < 1e12
+
+
+def test_waiting_is_no_progress():
+    pulse = Pulse()
+    pulse.say("waits for the trainer", waits=True)
+    pulse.turn()
+
+    record = pulse.record()
+
+    assert (record.waits, record.work, record.worked_s) == (True, 0, None)
+
+
+def test_nobody_can_change_the_times_by_setting_the_clock(monkeypatch):
+    pulse = Pulse()
+    pulse.step_done()
+    first = pulse.record()
+    monkeypatch.setattr(time, "time", lambda: 1.0)
+    pulse.step_done()
+
+    assert 0.0 <= pulse.record().worked_s - first.worked_s < 60.0
+
+
+def test_a_worker_inside_one_call_has_a_pulse_and_shows_its_stacks_when_it_is_asked(tmp_path):
+    log = tmp_path / "log"
+    with log.open("wb") as file:
+        process = subprocess.Popen([sys.executable, "-c", STUCK, str(tmp_path)], stderr=file)
+    try:
+        deadline = time.monotonic() + 60.0
+        while not (record := PulseRecord.read(tmp_path, "sim-0")) or record.beats < 3:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        os.kill(process.pid, STACKS_SIGNAL)
+        while "reward_function" not in log.read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_pulse_costs_next_to_nothing():
+    """A step of the simulation takes milliseconds."""
+    pulse = Pulse()
+    begin = time.process_time()
+    for _ in range(10_000):
+        pulse.step_done()
+
+    assert (time.process_time() - begin) / 10_000 < 20e-6
