@@ -8,8 +8,10 @@ import psutil
 import pytest
 
 from drcli.exchange import run_record
+from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
 from drcli.runs.status import inspect
+from drcli.store import keys
 
 
 @pytest.fixture
@@ -79,3 +81,30 @@ def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
     found = note.storage_at_start(now, racer.folder)
 
     assert found == replace(began.storage, port=4711)
+
+
+@pytest.fixture
+def elsewhere(racer):
+    """Lays down how the newest start of model-1 ended, on a machine that is not this one."""
+
+    def lay_down(**changes):
+        outcome = RunOutcome("s", "a-spot-machine", 1.0, 2.0, **changes)
+        config = racer.settings().storage
+        path = config.data_dir / config.bucket / keys.outcome("model-1")
+        path.parent.mkdir(parents=True)
+        path.write_bytes(outcome.encode())
+        return inspect(racer.settings().run)
+
+    return lay_down
+
+
+def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
+    report = elsewhere(state="interrupted", code=75, message="EC2 took it.", remedy="Go on.")
+
+    assert (report.state, report.exit_code, report.pid) == ("interrupted", 75, None)
+    assert report.message == "On a-spot-machine: EC2 took it."
+    assert report.remedy == "Go on."
+
+
+def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
+    assert elsewhere().state == "none"
