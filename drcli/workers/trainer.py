@@ -299,8 +299,8 @@ class Trainer:
         """Publish the weights and the iteration that made them, None for the first ones.
 
         Optimizer state and graph are uploaded while the workers already drive with the new weights.
-        Once this process was asked to stop, nobody waits for the weights, and the state may come too
-        late: then the checkpoint is published with its state or not at all.
+        Once this process was asked to stop, nobody waits for the weights, and the state may come
+        too late: then the checkpoint is published with its state or not at all.
         """
         self._join_uploads()
         tensors = self._learner.optimizer.tensors()
