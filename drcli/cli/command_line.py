@@ -33,6 +33,8 @@ Exit codes:
     6  the training failed and cannot continue
     7  not available in this version, or not installed
     8  another machine has taken over the model
+    9  another machine trains the model (--no-wait)
+   75  interrupted, can be resumed
   130  interrupted (Ctrl-C)
   143  stopped (SIGTERM)
 """

@@ -21,6 +21,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import collapse, read_history
+from drcli.store.last_outcome import read_outcome
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.request_count import NIGHT_HOURS, read_counts
 
@@ -192,6 +193,7 @@ def inspect(config: RunConfig) -> RunReport:
     alive = record is not None and record.alive
     if not alive:
         record = RunRecord.read(folder)  # a supervisor records the outcome just before it exits
+    record = record or _record_of_elsewhere(config)
     if record is None:
         return RunReport(
             run_id=config.run_id,
@@ -254,7 +256,7 @@ def inspect(config: RunConfig) -> RunReport:
         exit_code=record.exit_code,
         started_at=record.started_at,
         elapsed_s=history[-1].elapsed_s if history else 0.0,
-        pid=record.pid,
+        pid=record.pid or None,
         workers=workers,
         history=history,
         best=best,
@@ -297,6 +299,34 @@ def _requests(folder: Path, session: str, spending: Spending | None) -> RequestR
         count.received_bytes,
         hours,
         count.list_price_usd / hours * NIGHT_HOURS,
+    )
+
+
+def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:
+    """How the run ended on another machine, as its own record would say; None if it has not."""
+    bucket = open_running_bucket(config.storage)
+    if bucket is None:
+        return None
+    try:
+        outcome = read_outcome(bucket, config.model.prefix)
+    except StorageError:
+        return None
+    if outcome is None or not outcome.ended:
+        return None
+    return RunRecord(
+        run_id=config.run_id,
+        session=outcome.session,
+        bucket=bucket.name,
+        prefix=config.model.prefix,
+        world=config.race().world_name,
+        state=outcome.state,
+        pid=0,
+        pid_started=0.0,
+        started_at=outcome.started_at,
+        ended_at=outcome.ended_at,
+        exit_code=outcome.code,
+        message=f"On {outcome.host}: {outcome.message}" if outcome.host else outcome.message,
+        remedy=outcome.remedy,
     )
 
 

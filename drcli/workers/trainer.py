@@ -300,14 +300,19 @@ class Trainer:
         """Publish the weights and the iteration that made them, None for the first ones.
 
         Optimizer state and graph are uploaded while the workers already drive with the new weights.
+        Once this process was asked to stop, nobody waits for the weights, and the state may come
+        too late: then the checkpoint is published with its state or not at all.
         """
         self._join_uploads()
+        tensors = self._learner.optimizer.tensors()
+        moments = save_tensors(tensors) if tensors and self._lifeline.should_stop() else None
         state = {name: t.contiguous() for name, t in self._learner.model.state_dict().items()}
         weights = save_tensors(state)
         record = self._checkpoints.save(
             self._newest.number,
             self._newest.steps,
             weights,
+            optimizer=moments,
             counters=Counters(
                 episodes=self._episodes,
                 elapsed_s=self._elapsed_s(),
@@ -319,10 +324,8 @@ class Trainer:
             ),
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
-        tensors = self._learner.optimizer.tensors()
-        if tensors:
-            moments = save_tensors(tensors)
-            self._submit(self._checkpoints.attach_optimizer, record, moments)
+        if tensors and moments is None:
+            self._submit(self._checkpoints.attach_optimizer, record, save_tensors(tensors))
         self._submit(self._graphs.write, record.number, weights)
 
     def _submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:

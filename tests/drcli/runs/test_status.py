@@ -9,12 +9,19 @@ import pytest
 
 from drcli.base.elapsed import elapsed_s
 from drcli.exchange import run_record
+<<<<<<< HEAD
 from drcli.exchange.pulse_record import open_pulse_file
 from drcli.exchange.run_record import RunRecord, StorageRecord, WorkerRecord, run_folder
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
 from drcli.workers.pulse import Pulse
+=======
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
+from drcli.runs.status import inspect
+from drcli.store import keys
+>>>>>>> interrupt
 
 
 @pytest.fixture
@@ -86,6 +93,7 @@ def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
     assert found == replace(began.storage, port=4711)
 
 
+<<<<<<< HEAD
 def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, running):
     folder = run_folder(racer.folder, racer.settings().run_id)
     here = replace(running, workers=[WorkerRecord("sim-0", os.getpid(), 1)])
@@ -136,3 +144,30 @@ def test_warnings_of_an_earlier_start_are_over(tmp_path):
     WatchRecord("one", ["sim-0 grows steadily."]).write(tmp_path)
 
     assert WatchRecord.read(tmp_path, "two").warnings == []
+=======
+@pytest.fixture
+def elsewhere(racer):
+    """Lays down how the newest start of model-1 ended, on a machine that is not this one."""
+
+    def lay_down(**changes):
+        outcome = RunOutcome("s", "a-spot-machine", 1.0, 2.0, **changes)
+        config = racer.settings().storage
+        path = config.data_dir / config.bucket / keys.outcome("model-1")
+        path.parent.mkdir(parents=True)
+        path.write_bytes(outcome.encode())
+        return inspect(racer.settings().run)
+
+    return lay_down
+
+
+def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
+    report = elsewhere(state="interrupted", code=75, message="EC2 took it.", remedy="Go on.")
+
+    assert (report.state, report.exit_code, report.pid) == ("interrupted", 75, None)
+    assert report.message == "On a-spot-machine: EC2 took it."
+    assert report.remedy == "Go on."
+
+
+def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
+    assert elsewhere().state == "none"
+>>>>>>> interrupt
