@@ -1,8 +1,7 @@
 """Trainings that nobody watches: interruptions, uploads by the clock, messages, money, faults."""
 
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import (
-    Address,
+from drcli.config.unattended_types import (
     MailAddresses,
     MessageEvents,
     Price,
@@ -10,6 +9,7 @@ from drcli.config.value_types import (
     SmtpUrl,
     TopicArn,
 )
+from drcli.config.value_types import Address
 
 
 class InterruptionSettings(Group, title="Interruptions"):
