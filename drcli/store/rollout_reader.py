@@ -19,8 +19,8 @@ FIRST_LOOK_S = 0.1
 """First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
 
 QUIET_SHARE, REMEMBERED = 0.7, 5
-"""Share of the shortest of the last waits in which a frugal reader does not look. Afterwards it asks
-for manifests: to list a folder costs twelve times as much as to read an object."""
+"""Share of the shortest of the last waits in which a frugal reader does not look. After that, it
+asks for manifests: to list a folder costs twelve times as much as to read an object."""
 
 LATE_SHARE = 0.05
 """How much later than the shortest of them it may notice that rollouts are there."""
