@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 
 from drcli.base.json_record import from_json
 from drcli.base.problems import Place, Problem, few
-from drcli.config.fields import FrozenGroups, Setting
+from drcli.config.fields import FrozenGroups, Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.physical_car import PhysicalCarSettings
 from drcli.config.groups.race import (
@@ -33,6 +33,9 @@ from drcli.config.groups.unattended import (
     WatchSettings,
 )
 from drcli.config.setting_problems import hidden, setting_problem
+
+_OF_SUPERVISOR = {*declared(MessageSettings), "DR_ON_END"}
+"""Settings that only the supervisor needs, and that may hold secrets."""
 
 Cloud = Literal["local", "remote", "aws", "azure"]
 Engine = Literal["rclone", "minio", "moto"]
@@ -415,7 +418,7 @@ class Settings(
         texts = {
             name: setting.text(getattr(self, setting.field))
             for name, setting in catalogue().items()
-            if name in self.sources and setting.effect == "used"
+            if name in self.sources and setting.effect == "used" and name not in _OF_SUPERVISOR
         }
         return {name: text for name, text in texts.items() if hidden(name, text) == text}
 

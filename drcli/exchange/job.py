@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,12 @@ class Job:
         return self.config.directory
 
     def spawn(
-        self, command: Sequence[str], *, with_secrets: bool = False, **options: Any
+        self,
+        command: Sequence[str],
+        *,
+        with_secrets: bool = False,
+        private: bool = False,
+        **options: Any,
     ) -> "subprocess.Popen[bytes]":
         """Start a process that works on this job, which it reads with `Job.received`.
 
@@ -95,6 +100,7 @@ class Job:
         Args:
             command: Program and arguments.
             with_secrets: Whether the process uses the bucket, and so needs the keys to it.
+            private: Whether it sends messages, and so needs their secret addresses.
             options: Of `subprocess.Popen`; `env` adds to the environment.
 
         Raises:
@@ -106,7 +112,8 @@ class Job:
             secret_environment.hide_process()
         options["env"] = {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})}
         secrets = secrets if with_secrets else {}
-        sent = {"version": VERSION, "job": asdict(self), "secrets": secrets}
+        job = self if private else self._without_addresses()
+        sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}
         data = json.dumps(sent, default=json_default, allow_nan=False).encode()
         process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
         assert process.stdin is not None
@@ -114,6 +121,11 @@ class Job:
             pipe.write(data)
         process.stdin = None
         return process
+
+    def _without_addresses(self) -> "Job":
+        """The same for processes that send no messages and may run the racer's code."""
+        public = self.config.unattended.replaced(webhook_url="", smtp_url="", on_end="")
+        return replace(self, config=replace(self.config, unattended=public))
 
     @staticmethod
     def received() -> "Job":

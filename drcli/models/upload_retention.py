@@ -13,7 +13,7 @@ from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError
 from drcli.base.problems import BadValue
-from drcli.config.value_types import retention_rules
+from drcli.config.unattended_types import retention_rules
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
 from drcli.formats.car_rules import END
 from drcli.models.put_model import Delivery

@@ -15,6 +15,7 @@ from drcli.exchange.trace import STEP_S
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.run_logs import log_file
+from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
@@ -23,7 +24,6 @@ from drcli.store.connect import open_running_bucket
 from drcli.store.history import collapse, read_history
 from drcli.store.last_outcome import read_outcome
 from drcli.store.repair import Model, readable_history, readable_scores
-from drcli.store.request_count import NIGHT_HOURS, read_counts
 
 
 @dataclass(frozen=True)
@@ -47,29 +47,6 @@ class WorkerReport:
     activity: str
     log: str
     health: WorkerHealth | None = None
-
-
-@dataclass(frozen=True)
-class RequestReport:
-    """Requests to S3 servers, and their bytes, of one start of a training.
-
-    Attributes:
-        puts: Requests that Amazon bills as PUT, COPY, POST or LIST.
-        gets: GET, HEAD and all others.
-        deletes: Requests that delete, which are free.
-        sent_bytes: In bodies of requests.
-        received_bytes: In bodies of answers.
-        hours: Time in which they were made.
-        night_usd: What the requests of ten hours cost at Amazon's list prices.
-    """
-
-    puts: int
-    gets: int
-    deletes: int
-    sent_bytes: int
-    received_bytes: int
-    hours: float
-    night_usd: float
 
 
 @dataclass(frozen=True)
@@ -265,40 +242,11 @@ def inspect(config: RunConfig) -> RunReport:
         damaged=damaged,
         iterations=len(history),
         iterations_left=max(0, most - len(history)) if most > 0 else None,
-        time_left_s=_time_left_s(spending),
+        time_left_s=time_left_s(spending),
         spending=spending,
-        money_left=_money_left(spending),
-        requests=_requests(folder, record.session, spending),
+        money_left=money_left(spending),
+        requests=request_report(folder, record.session, spending),
         watches=WatchRecord.read(folder, record.session).warnings,
-    )
-
-
-def _time_left_s(spending: Spending | None) -> float | None:
-    if spending is None or spending.max_minutes is None:
-        return None
-    return max(0.0, 60.0 * spending.max_minutes - 3600.0 * spending.own_hours)
-
-
-def _money_left(spending: Spending | None) -> float | None:
-    if spending is None or not spending.max_usd or spending.usd is None:
-        return None
-    return max(0.0, spending.max_usd - spending.usd)
-
-
-def _requests(folder: Path, session: str, spending: Spending | None) -> RequestReport | None:
-    """The requests of the newest start; None before they can be related to a time."""
-    count = read_counts(folder, session)
-    if spending is None or not count.requests or spending.own_hours <= 0.0:
-        return None
-    hours = spending.own_hours
-    return RequestReport(
-        count.puts,
-        count.gets,
-        count.deletes,
-        count.sent_bytes,
-        count.received_bytes,
-        hours,
-        count.list_price_usd / hours * NIGHT_HOURS,
     )
 
 

@@ -41,6 +41,7 @@ def start_process(
             # -P: a file of the working folder must not replace a module of the same name.
             [sys.executable, "-P", "-m", module, *arguments],
             with_secrets=True,
+            private=name == "supervisor",
             stdout=log,
             stderr=subprocess.STDOUT,
             env={**chosen, log_files.VARIABLE: str(path)},

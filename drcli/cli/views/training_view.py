@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.status import RequestReport, RunReport, WorkerReport
+    from drcli.runs.spending_report import RequestReport
+    from drcli.runs.status import RunReport, WorkerReport
 
 LIVE_ROWS = 6
 """Iterations in the table of the live display."""

@@ -3,8 +3,7 @@
 from typing import Literal
 
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import (
-    Address,
+from drcli.config.unattended_types import (
     MailAddresses,
     MessageEvents,
     Price,
@@ -12,6 +11,7 @@ from drcli.config.value_types import (
     SmtpUrl,
     TopicArn,
 )
+from drcli.config.value_types import Address
 
 
 class InterruptionSettings(Group, title="Interruptions"):

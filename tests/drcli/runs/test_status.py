@@ -9,19 +9,14 @@ import pytest
 
 from drcli.base.elapsed import elapsed_s
 from drcli.exchange import run_record
-<<<<<<< HEAD
 from drcli.exchange.pulse_record import open_pulse_file
+from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import RunRecord, StorageRecord, WorkerRecord, run_folder
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
-from drcli.workers.pulse import Pulse
-=======
-from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import RunRecord, StorageRecord, run_folder
-from drcli.runs.status import inspect
 from drcli.store import keys
->>>>>>> interrupt
+from drcli.workers.pulse import Pulse
 
 
 @pytest.fixture
@@ -93,7 +88,6 @@ def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
     assert found == replace(began.storage, port=4711)
 
 
-<<<<<<< HEAD
 def test_a_worker_has_its_progress_and_memory_and_the_watches_their_say(racer, running):
     folder = run_folder(racer.folder, racer.settings().run_id)
     here = replace(running, workers=[WorkerRecord("sim-0", os.getpid(), 1)])
@@ -144,7 +138,8 @@ def test_warnings_of_an_earlier_start_are_over(tmp_path):
     WatchRecord("one", ["sim-0 grows steadily."]).write(tmp_path)
 
     assert WatchRecord.read(tmp_path, "two").warnings == []
-=======
+
+
 @pytest.fixture
 def elsewhere(racer):
     """Lays down how the newest start of model-1 ended, on a machine that is not this one."""
@@ -170,4 +165,3 @@ def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
 
 def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
     assert elsewhere().state == "none"
->>>>>>> interrupt
