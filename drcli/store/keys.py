@@ -74,6 +74,17 @@ def training_metrics(metrics: str, worker: int = 0) -> str:
     return folder(metrics) + name
 
 
+def part(key: str, number: int) -> str:
+    """A part of an object that grows, with some of its entries; see `growing_file`."""
+    return f"{key}.part-{number:06d}"
+
+
+def part_number(key: str, part_key: str) -> int | None:
+    """The number of a part of this object; None for other keys."""
+    number = part_key.removeprefix(f"{key}.part-")
+    return int(number) if number != part_key and number.isdecimal() else None
+
+
 def evaluation_metrics(metrics: str, stamp: str) -> str:
     """Metrics of one stand-alone evaluation, below the metrics prefix."""
     return f"{folder(metrics)}evaluation/evaluation-{_checked_stamp(stamp)}.json"

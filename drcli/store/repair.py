@@ -6,6 +6,7 @@ command while no training runs; others only report what `find_damage` returns.
 """
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,8 +26,10 @@ from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-from drcli.store.history import read_history, write_history
+from drcli.store.growing_file import list_parts
+from drcli.store.history import HistoryReader, read_history, write_history
 from drcli.store.reconstruct import (
+    readable_objects,
     reconstruct_history,
     reconstruct_metrics,
     reconstruct_record,
@@ -87,13 +90,18 @@ def repair_metrics(model: Model) -> list[str]:
     return _repaired(model, _metrics(model))
 
 
-def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
-    """The learning curve for a reader that writes nothing, and a sentence if it is damaged."""
+def readable_history(
+    model: Model, reader: HistoryReader | None = None
+) -> tuple[list[IterationRecord], list[str]]:
+    """The learning curve for a reader that writes nothing, and a sentence if it is damaged.
+
+    A `reader` remembers what it has read before.
+    """
+    reader = reader or HistoryReader()
     try:
-        return read_history(model.bucket, model.prefix), []
+        return reader.read(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        data = model.bucket.get(keys.history(model.prefix))
-        return reconstruct_history(model.bucket, model.prefix, data), [str(error)]
+        return reconstruct_history(model.bucket, model.prefix), [str(error)]
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
@@ -108,6 +116,25 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json; ObjectMissing or ObjectDamaged."""
     remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
     return read_record(bucket, key, decode_metrics, remedy)
+
+
+def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
+    """The records of a worker's TrainingMetrics.json and its parts; ObjectDamaged."""
+    in_parts: dict[int, list[EpisodeMetrics]] = {}
+    for part in list_parts(bucket, key):
+        with suppress(ObjectMissing):  # deleted since the listing: the whole file has it
+            for record in read_metrics(bucket, part):
+                in_parts.setdefault(record.iteration or 0, []).append(record)
+    records: list[EpisodeMetrics] = []
+    with suppress(ObjectMissing):
+        records = read_metrics(bucket, key)
+    if not in_parts:
+        return records
+    counts = Counter(record.iteration for record in records)
+    newer = {n: of_n for n, of_n in in_parts.items() if len(of_n) >= counts[n]}
+    records = [record for record in records if record.iteration not in newer]
+    records += [record for of_n in newer.values() for record in of_n]
+    return sorted(records, key=lambda record: -1 if record.iteration is None else record.iteration)
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
@@ -189,7 +216,8 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
     for number in evaluated_numbers(bucket, prefix):
         key = keys.evaluation_result(prefix, number)
         yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
-    yield _Object(keys.history(prefix), decode_history, partial(_write_history, model))
+    for key in (keys.history(prefix), *list_parts(bucket, keys.history(prefix))):
+        yield _Object(key, decode_history, partial(_write_history, model))
     for name in map(str, whole_checkpoints(bucket, prefix)):
         key = keys.checkpoint_record(prefix, name)
         record = partial(CheckpointRecord.decode_of, name)
@@ -216,8 +244,9 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
 
 def _metrics(model: Model) -> Iterator[_Object]:
     for worker in model.workers:
-        key = keys.training_metrics(model.metrics_prefix, worker)
-        yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
+        whole = keys.training_metrics(model.metrics_prefix, worker)
+        for key in (whole, *list_parts(model.bucket, whole)):
+            yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
 
 
 def _refuse_missing(model: Model, *names: str) -> None:
@@ -230,7 +259,7 @@ def _refuse_missing(model: Model, *names: str) -> None:
 
 
 def _write_history(model: Model, damaged: bytes) -> str:
-    records = reconstruct_history(model.bucket, model.prefix, damaged)
+    records = reconstruct_history(model.bucket, model.prefix, [damaged])
     write_history(model.bucket, model.prefix, records)
     return f"It was reconstructed with {len(records)} iterations."
 
@@ -265,7 +294,10 @@ def _write_scores(model: Model, _damaged: bytes) -> str:
 
 
 def _write_metrics(model: Model, worker: int, damaged: bytes) -> str:
-    records = reconstruct_metrics(model.bucket, model.prefix, worker, damaged)
     key = keys.training_metrics(model.metrics_prefix, worker)
+    parts = list_parts(model.bucket, key)
+    files = [damaged, *readable_objects(model.bucket, [key, *parts])]
+    records = reconstruct_metrics(model.bucket, model.prefix, worker, files)
     model.bucket.put(key, encode_metrics(records, model.metric))
+    model.bucket.delete(parts)
     return f"It was reconstructed with {len(records)} episodes."

@@ -25,8 +25,13 @@ class Goals:
         self._clock = clock
         self._began_s = clock()
 
-    def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is complete, as one sentence; None if it is not."""
+    def reached(self, records: Sequence[IterationRecord], count: int | None = None) -> str | None:
+        """Why the training is complete, as one sentence; None if it is not.
+
+        Args:
+            records: The iterations so far, oldest first; older ones may be missing.
+            count: How many iterations there are with the missing ones.
+        """
         job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
@@ -35,8 +40,9 @@ class Goals:
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
             return f"Training is complete: the time limit ({_minutes(minutes)}) was reached."
         most, name = _iteration_limit(job, self._parameters)
-        if most <= len(records):
-            done = "1 iteration is" if len(records) == 1 else f"{len(records)} iterations are"
+        count = len(records) if count is None else count
+        if most <= count:
+            done = "1 iteration is" if count == 1 else f"{count} iterations are"
             return f"Training is complete: {done} done, {name} is {most}."
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:
