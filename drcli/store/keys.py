@@ -146,10 +146,15 @@ def journal(prefix: str, term: int, session: str) -> str:
     return f"{journal_folder(prefix)}{term:06d}-{session}.jsonl"
 
 
+def damaged_folder(prefix: str) -> str:
+    """Folder of damaged objects that were moved out of the model."""
+    return f"{run_folder(prefix)}damaged/"
+
+
 def damaged(prefix: str, key: str, stamp: str) -> str:
     """Where a damaged object is kept, with the time as fourteen digits: no tool reads it there."""
     name = key.removeprefix(run_folder(prefix)).removeprefix(folder(prefix))
-    return f"{run_folder(prefix)}damaged/{name}.{stamp}"
+    return f"{damaged_folder(prefix)}{name}.{stamp}"
 
 
 def status_folder(prefix: str) -> str:

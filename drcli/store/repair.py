@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 
 from drcli.base.json_record import NewerFormat, RecordError
 from drcli.config.settings import ModelConfig
@@ -36,6 +37,9 @@ from drcli.store.reconstruct import (
     reconstruct_scores,
     whole_checkpoints,
 )
+
+KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
+"""How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
 @dataclass(frozen=True)
@@ -140,13 +144,20 @@ def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
 def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
     """Move a damaged object, or its bytes if they are given, out of the model.
 
+    Of those that were moved before, the newest stay, at most `KEPT_DAMAGED` and `KEPT_BYTES`.
+
     Returns:
         Its new key.
     """
     kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
         bucket.put(kept, bucket.get(key) if data is None else data)
-    bucket.delete([key])
+    older = [i for i in bucket.list(keys.damaged_folder(prefix)) if i.key != kept]
+    older.sort(key=lambda info: info.modified, reverse=True)
+    sizes = list(accumulate(info.size_bytes for info in older))
+    few = [i.key for i, size in zip(older, sizes, strict=True) if size <= KEPT_BYTES]
+    doomed = {info.key for info in older} - set(few[: KEPT_DAMAGED - 1])
+    bucket.delete([key, *sorted(doomed)])
     return kept
 
 
