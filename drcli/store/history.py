@@ -16,6 +16,7 @@ from drcli.exchange.iteration import (
 )
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
+from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import GrowingFile, Layout, list_parts
 
 LAYOUT = Layout(HISTORY_HEAD, SEPARATOR, HISTORY_END)
@@ -140,7 +141,7 @@ class HistoryReader:
                     return read_history(bucket, prefix)
                 self._known[each] = infos[each], records
         parts = [self._known[part][1] for part in sorted(infos) if part != key]
-        return _combined(self._known[key][1] if key in infos else [], parts)
+        return combined_history(self._known[key][1] if key in infos else [], parts)
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
@@ -152,9 +153,9 @@ def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
         except ObjectMissing:  # deleted since the listing: the whole object has it
             continue
     try:
-        return _combined(read_record(bucket, key, decode_history, _REMEDY), parts)
+        return combined_history(read_record(bucket, key, decode_history, _REMEDY), parts)
     except ObjectMissing:
-        return _combined([], parts)
+        return combined_history([], parts)
 
 
 def write_history(bucket: Bucket, prefix: str, records: Sequence[IterationRecord]) -> None:
@@ -197,18 +198,3 @@ def collapse(records: Iterable[IterationRecord], best: str | None) -> str | None
         best: Name of the best checkpoint.
     """
     return Fall(records).sentence(best)
-
-
-def _combined(
-    whole: Sequence[IterationRecord], parts: Sequence[Sequence[IterationRecord]]
-) -> list[IterationRecord]:
-    """The records of an object and its parts, by iteration."""
-    if not parts:
-        return list(whole)
-    known = {record.iteration: record for record in whole}
-    for part in parts:
-        for record in part:
-            before = known.get(record.iteration, record)
-            if len(before.evaluation_progress) <= len(record.evaluation_progress):
-                known[record.iteration] = record
-    return [known[iteration] for iteration in sorted(known)]

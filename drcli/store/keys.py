@@ -85,6 +85,11 @@ def part_number(key: str, part_key: str) -> int | None:
     return int(number) if number != part_key and number.isdecimal() else None
 
 
+def is_part(key: str) -> bool:
+    """Whether this is a part of an object that grows."""
+    return re.search(r"\.part-\d+$", key) is not None
+
+
 def evaluation_metrics(metrics: str, stamp: str) -> str:
     """Metrics of one stand-alone evaluation, below the metrics prefix."""
     return f"{folder(metrics)}evaluation/evaluation-{_checked_stamp(stamp)}.json"

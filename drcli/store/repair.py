@@ -6,7 +6,6 @@ command while no training runs; others only report what `find_damage` returns.
 """
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.complete_files import combined_metrics
 from drcli.store.growing_file import list_parts
 from drcli.store.history import HistoryReader, read_history, write_history
 from drcli.store.reconstruct import (
@@ -124,21 +124,14 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json and its parts; ObjectDamaged."""
-    in_parts: dict[int, list[EpisodeMetrics]] = {}
+    parts = []
     for part in list_parts(bucket, key):
         with suppress(ObjectMissing):  # deleted since the listing: the whole file has it
-            for record in read_metrics(bucket, part):
-                in_parts.setdefault(record.iteration or 0, []).append(record)
-    records: list[EpisodeMetrics] = []
-    with suppress(ObjectMissing):
-        records = read_metrics(bucket, key)
-    if not in_parts:
-        return records
-    counts = Counter(record.iteration for record in records)
-    newer = {n: of_n for n, of_n in in_parts.items() if len(of_n) >= counts[n]}
-    records = [record for record in records if record.iteration not in newer]
-    records += [record for of_n in newer.values() for record in of_n]
-    return sorted(records, key=lambda record: -1 if record.iteration is None else record.iteration)
+            parts.append(read_metrics(bucket, part))
+    try:
+        return combined_metrics(read_metrics(bucket, key), parts)
+    except ObjectMissing:
+        return combined_metrics([], parts)
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
