@@ -8,13 +8,17 @@ from contextlib import suppress
 
 _REQUEST = re.compile(rb"(GET|PUT|POST|HEAD|DELETE) (\S+) HTTP/1\.1\r\n")
 
+_BY_TIME = re.compile(rb"lease\.json|GET \S*\.coach_checkpoint|GET \S*prefix=rollouts")
+"""Requests that are repeated while a process waits: their number depends on the time."""
+
 
 class CountingProxy:
     """Listens on a port of this machine in a thread of its own. Close it when done.
 
     Attributes:
         url: Where it listens.
-        counts: Requests by method.
+        counts: Requests by method, without those in `waiting`.
+        waiting: Requests that are repeated while a process waits: lease, pointer, rollouts.
         sent_bytes: Bytes that clients have sent.
         received_bytes: Bytes that clients have received.
     """
@@ -22,6 +26,7 @@ class CountingProxy:
     def __init__(self, port: int) -> None:
         self._port = port
         self.counts: Counter[str] = Counter()
+        self.waiting = 0
         self.sent_bytes = self.received_bytes = 0
         self._loop = asyncio.new_event_loop()
         ready = threading.Event()
@@ -31,7 +36,7 @@ class CountingProxy:
 
     @property
     def requests(self) -> int:
-        """How many requests there were."""
+        """How many there were without those that are repeated while a process waits."""
         return sum(self.counts.values())
 
     def close(self) -> None:
@@ -69,7 +74,9 @@ class CountingProxy:
                     # A client waits for the answer before its next request, so that a request
                     # always begins what is read.
                     request = _REQUEST.match(data)
-                    if request is not None:
+                    if request is not None and _BY_TIME.search(request[0]):
+                        self.waiting += 1
+                    elif request is not None:
                         self.counts[request[1].decode()] += 1
                     self.sent_bytes += len(data)
                 else:

@@ -27,7 +27,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,12 @@ DR_TRAIN_SEED=1
 DR_TRAIN_FROZEN_GRAPH=False
 """
 
-PARAMETERS = {"batch_size": 64, "num_epochs": 1, "num_episodes_between_training": 1}
+PARAMETERS = {
+    "batch_size": 64,
+    "num_epochs": 1,
+    "num_episodes_between_training": 1,
+    "lr": 1e-8,  # a policy that improved would drive longer episodes
+}
 
 
 @dataclass
@@ -63,7 +68,8 @@ class Sample:
     Attributes:
         iteration: Newest checkpoint.
         time_s: Wall clock.
-        requests: Of all processes so far, without those of this program.
+        requests: Of all processes so far, without those that are repeated while a process waits.
+        waiting: Those.
         sent_bytes: Written to the bucket so far.
         pss_mb: Memory by process.
         files: Open files by process.
@@ -75,6 +81,7 @@ class Sample:
     iteration: int
     time_s: float
     requests: int
+    waiting: int
     sent_bytes: int
     pss_mb: dict[str, float] = field(default_factory=dict)
     files: dict[str, int] = field(default_factory=dict)
@@ -113,6 +120,7 @@ class Workspace:
             f"DR_CLOUD=remote\nDR_REMOTE_MINIO_URL={self.proxy.url}\nDR_LOCAL_S3_BUCKET=bucket\n"
             "DR_LOCAL_S3_PROFILE=\nDR_LOG_MAX_MB=64\n"
         )
+        self._iteration = 0
         self.run_file = folder / "data" / "runs" / "0" / "run.json"
 
     @property
@@ -131,18 +139,20 @@ class Workspace:
 
     def iteration(self) -> int:
         """Number of the newest checkpoint."""
-        try:
+        with suppress(OSError, ValueError):  # it is just being written
             text = (self.model / "model" / ".coach_checkpoint").read_text()
-            return int(text.partition("_")[0])
-        except (OSError, ValueError):
-            return 0
+            self._iteration = int(text.partition("_")[0])
+        return self._iteration
 
     def sample(self, *, disk: bool) -> Sample:
         """Look at all processes now."""
         record = self.record()
         pids = {worker["name"]: worker["pid"] for worker in record["workers"]}
         pids |= {"supervisor": record["pid"], "server": self.server.pid}
-        taken = Sample(self.iteration(), time.time(), self.proxy.requests, self.proxy.sent_bytes)
+        proxy = self.proxy
+        taken = Sample(
+            self.iteration(), time.time(), proxy.requests, proxy.waiting, proxy.sent_bytes
+        )
         for name, pid in pids.items():
             try:
                 process = psutil.Process(pid)
@@ -230,6 +240,8 @@ def quarters(samples: list[Sample]) -> list[dict[str, Any]]:
                     if name in begin.cpu_s
                 },
                 "requests": (end.requests - begin.requests) / done,
+                "waiting_per_s": (end.waiting - begin.waiting)
+                / max(1.0, end.time_s - begin.time_s),
                 "sent_kb": (end.sent_bytes - begin.sent_bytes) / done / 1e3,
                 "disk_mb": disk[-1] if disk else {},
             }
@@ -266,6 +278,7 @@ def table(columns: list[dict[str, Any]], names: list[str]) -> str:
         add(f"processor time of {process}, ms", [c["cpu_ms"].get(process, 0.0) for c in columns])
     add("processor time, all, ms", [sum(c["cpu_ms"].values()) for c in columns])
     add("requests of an iteration", [c["requests"] for c in columns])
+    add("requests of waiting processes, a second", [c["waiting_per_s"] for c in columns])
     add("sent to the bucket, KB an iteration", [c["sent_kb"] for c in columns])
     for kind in columns[-1]["disk_mb"]:
         add(f"disk, {kind}, MB", [c["disk_mb"].get(kind, 0.0) for c in columns])
@@ -308,9 +321,11 @@ def main() -> None:
     given = parser.parse_args()
     result: dict[str, Any] = {}
     with workspace(given.traces_mb) as work:
-        columns = quarters(watch(work, given.iterations, given.minutes))
+        samples = watch(work, given.iterations, given.minutes)
+        columns = quarters(samples)
         print(table(columns, ["first quarter", "second", "third", "fourth"]))
         result |= {"quarters": columns, "bars": verdicts(columns)}
+        result["samples"] = [asdict(sample) for sample in samples]
         for bar, holds in result["bars"].items():
             print(f"{'holds' if holds else 'FAILS'}: {bar}")
         if given.late:

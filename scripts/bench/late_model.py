@@ -30,7 +30,7 @@ def age(bucket: Path, prefix: str, more: int) -> None:
     steps = records[more - 1].total_steps
     _age_metrics(metrics / "TrainingMetrics.json", count, len(real))
     _age_rows(metrics / "learner.csv", records)
-    _age_traces(model / "training-simtrace", count, len(real))
+    _age_traces(model / "training-simtrace", count)
     for path in sorted((model / "model").iterdir(), reverse=True):
         text = path.name
         if _CHECKPOINT.match(text):
@@ -109,16 +109,16 @@ def _age_rows(path: Path, records: list[IterationRecord]) -> None:
     path.write_text("\n".join([head, *aged, ""]))
 
 
-def _age_traces(folder: Path, count: int, known: int) -> None:
+def _age_traces(folder: Path, count: int) -> None:
     """Hard links, which take no space, to the real traces."""
     kept = folder.with_name("real-traces")
     folder.rename(kept)
     folder.mkdir()
-    sizes = {n: (kept / f"{n}-iteration.csv").stat().st_size for n in range(known)}
-    all_sizes = {n: sizes[(n - count) % known] for n in range(count)}
-    gone = set(chosen(all_sizes, count - 1, 1 << 60, MOST_ITERATIONS))
-    for n in all_sizes.keys() - gone:
-        os.link(kept / f"{(n - count) % known}-iteration.csv", folder / f"{n}-iteration.csv")
-    for path in kept.iterdir():
+    real = sorted(kept.iterdir())
+    sizes = {n: real[n % len(real)].stat().st_size for n in range(count)}
+    gone = set(chosen(sizes, count - 1, 1 << 60, MOST_ITERATIONS))
+    for n in sizes.keys() - gone:
+        os.link(real[n % len(real)], folder / f"{n}-iteration.csv")
+    for path in real:
         path.unlink()
     kept.rmdir()
