@@ -14,7 +14,7 @@ from drcli.store.bucket import Bucket
 
 MOST_ITERATIONS = 2000
 """How many iterations keep their traces, however small these are: the embedded server reads the
-whole folder again for a new object, 5 ms for a thousand objects (measured), and analysis tools read
+whole folder again for a new object, 8 ms for a thousand objects (measured), and analysis tools read
 every object."""
 
 NEWEST = 10
