@@ -86,11 +86,14 @@ class History:
 
     def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
         """Add the evaluation of a checkpoint, and publish."""
-        for at, record in enumerate(self.records):
-            if record.iteration == iteration:
-                changed = replace(record, evaluation_progress=progress, evaluation_lap_s=lap_s)
+        for at in reversed(range(len(self.records))):
+            if self.records[at].iteration == iteration:
+                changed = replace(
+                    self.records[at], evaluation_progress=progress, evaluation_lap_s=lap_s
+                )
                 self.records[at] = changed
                 self._file.put(iteration, encode_iteration(changed))
+                break
 
     def iterations_of(self, steps: int) -> int:
         """How many of the newest iterations have at least so many steps together."""

@@ -63,6 +63,7 @@ class TrainingMetrics:
         self._iterations = array("q")
         self._ends_ms = array("d")
         self._trials = array("q")
+        self._clock_ms, self._newest = 0.0, -1
         entries = []
         for iteration, group in groupby(records, lambda record: record.iteration or 0):
             of_iteration = list(group)
@@ -73,17 +74,19 @@ class TrainingMetrics:
     @property
     def clock_s(self) -> float:
         """Simulation clock after the last episode, seconds."""
-        return max(self._ends_ms, default=0.0) / 1000.0
+        return self._clock_ms / 1000.0
 
     def keep_before(self, iteration: int) -> None:
         """Remove the episodes and evaluations of this iteration and of later ones."""
-        if max(self._iterations, default=-1) < iteration:
+        if self._newest < iteration:
             return
         self._file.drop_from(iteration)
         kept = [at for at, number in enumerate(self._iterations) if number < iteration]
         self._iterations = array("q", (self._iterations[at] for at in kept))
         self._ends_ms = array("d", (self._ends_ms[at] for at in kept))
         self._trials = array("q", (self._trials[at] for at in kept))
+        self._clock_ms = max(self._ends_ms, default=0.0)
+        self._newest = max(self._iterations, default=-1)
 
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
@@ -114,6 +117,8 @@ class TrainingMetrics:
         self._iterations.append(iteration)
         self._ends_ms.append(max(record.metric_time for record in records))
         self._trials.append(max(record.trial for record in records))
+        self._clock_ms = max(self._clock_ms, self._ends_ms[-1])
+        self._newest = max(self._newest, iteration)
 
     def _record(self, episode: Episode, iteration: int, trial: int) -> EpisodeMetrics:
         number = self._number(iteration, trial)
