@@ -9,6 +9,7 @@ import dataclasses
 import json
 import math
 import re
+import sys
 import types
 from collections.abc import Mapping
 from functools import cache
@@ -29,6 +30,8 @@ from typing import (
 
 _LARGEST_INT = 2**53
 """Beyond it, programs that read JSON numbers as floats disagree."""
+
+_INT_LIMITS = (-_LARGEST_INT, _LARGEST_INT)
 
 _LARGEST_PID = 2**31 - 1
 _LATEST_S = 1e11
@@ -127,13 +130,51 @@ def from_json(kind: type[T], value: Any) -> T:
         raise RecordError(f"it is {_kind_of(value)} instead of an object with keys")
     dataclass: Any = kind  # mypy does not know this of a type variable
     found: dict[str, Any] = {}
-    hints = _hints(dataclass)
-    for item in dataclasses.fields(dataclass):
-        if item.name in value:
-            found[item.name] = _fitted(item.name, hints[item.name], value[item.name])
-        elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
-            raise RecordError(f"'{item.name}' is missing")
+    for name, hint, is_required, is_optional, usual, lowest, highest in _checks(dataclass):
+        if name not in value:
+            if is_required:
+                raise RecordError(f"'{name}' is missing")
+            continue
+        given = value[name]
+        # Files of long trainings have ten thousand records, so the usual values are checked first.
+        if type(given) is usual and (lowest is None or lowest <= given <= highest):
+            found[name] = given
+        elif given is None and is_optional:
+            found[name] = None
+        else:
+            found[name] = _fitted(name, hint, given)
     return kind(**found)
+
+
+@cache
+def _checks(kind: Any) -> tuple[tuple[str, Any, bool, bool, Any, Any, Any], ...]:
+    """For each field: name, hint, whether it is required and optional, the usual type, its limits.
+
+    Values of the usual type within the limits need no other check; None stands for no limits.
+    """
+    hints = _hints(kind)
+    checks = []
+    for item in dataclasses.fields(kind):
+        missing = dataclasses.MISSING
+        is_required = item.default is missing and item.default_factory is missing
+        hint = hints[item.name]
+        inner = [each for each in get_args(hint) if each is not type(None)]
+        is_optional = get_origin(hint) in (Union, types.UnionType) and len(inner) == 1
+        plain = float if hint is MaybeNan else inner[0] if is_optional else hint
+        usual: Any = None
+        lowest: float | None = None
+        highest: float | None = None
+        if plain is float:
+            usual = float
+            highest = _LATEST_S if _SECONDS.search(item.name) else sys.float_info.max
+            lowest = -highest
+        elif plain is int:
+            usual = int
+            lowest, highest = (1, _LARGEST_PID) if _PID.search(item.name) else _INT_LIMITS
+        elif plain in (str, bool):
+            usual = plain
+        checks.append((item.name, hint, is_required, is_optional, usual, lowest, highest))
+    return tuple(checks)
 
 
 @cache
@@ -160,6 +201,8 @@ def _fitted(name: str, hint: Any, value: Any) -> Any:
     if origin in (list, tuple):
         if not isinstance(value, list):
             _refuse(name, value)
+        if inner[0] is float and all(type(x) is float and abs(x) <= _LATEST_S for x in value):
+            return value if origin is list else tuple(value)
         items = [_fitted(name, inner[0], item) for item in value]
         return items if origin is list else tuple(items)
     if isinstance(hint, type) and issubclass(hint, tuple):  # with names

@@ -127,12 +127,14 @@ def is_over(report: "RunReport") -> bool:
 def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
     """Reports until the training ends or, with a `stop`, one more after that is set."""
     from drcli.runs.status import inspect
+    from drcli.store.history import HistoryReader
 
+    reader = HistoryReader()
     clock = stop or threading.Event()
     last: RunReport | None = None
     while True:
         stopped = clock.is_set()
-        report = inspect(config)
+        report = inspect(config, reader)
         if last is not None and not report.history:  # the bucket did not answer this time
             report = replace(report, history=last.history, best=last.best, last=last.last)
         yield report

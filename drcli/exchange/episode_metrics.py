@@ -4,7 +4,7 @@ The formats are the reference simulator's, and analysis tools read them. `iterat
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,11 +83,27 @@ def completion_percentage(progress: float) -> int:
     return min(100, max(0, int(progress)))
 
 
-def encode_metrics(records: Sequence[EpisodeMetrics], best_model_metric: str) -> bytes:
+METRICS_HEAD = b'{"metrics": ['
+"""What is before the records in `TrainingMetrics.json`."""
+
+SEPARATOR = b", "
+"""Between two records."""
+
+
+def metrics_end(best_model_metric: str) -> bytes:
+    """What follows the records; the metric is DR_TRAIN_BEST_MODEL_METRIC."""
+    end = {"version": FILE_VERSION, "best_model_metric": best_model_metric}
+    return b"], " + json.dumps(end).encode().removeprefix(b"{")
+
+
+def encode_records(records: Iterable[EpisodeMetrics]) -> bytes:
+    """Some records as they are in the file."""
+    return SEPARATOR.join(json.dumps(record.to_json()).encode() for record in records)
+
+
+def encode_metrics(records: Iterable[EpisodeMetrics], best_model_metric: str) -> bytes:
     """`TrainingMetrics.json` of one worker; the metric is DR_TRAIN_BEST_MODEL_METRIC."""
-    listed = [record.to_json() for record in records]
-    file = {"metrics": listed, "version": FILE_VERSION, "best_model_metric": best_model_metric}
-    return json.dumps(file).encode()
+    return METRICS_HEAD + encode_records(records) + metrics_end(best_model_metric)
 
 
 def decode_metrics(data: bytes) -> list[EpisodeMetrics]:

@@ -67,9 +67,21 @@ class IterationRecord(JsonRecord):
     alpha: float | None = None
 
 
+HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"
+"""What is before and after the records in the file `history.json`."""
+
+SEPARATOR = b", "
+"""Between two records."""
+
+
+def encode_iteration(record: IterationRecord) -> bytes:
+    """A record as it is in `history.json`. It may contain the word NaN, as Python's JSON does."""
+    return json.dumps(asdict(record)).encode()
+
+
 def encode_history(records: Sequence[IterationRecord]) -> bytes:
-    """The file `history.json`. It may contain the word NaN, as Python's JSON writes it."""
-    return json.dumps({"iterations": [asdict(record) for record in records]}).encode()
+    """The file `history.json`."""
+    return HISTORY_HEAD + SEPARATOR.join(map(encode_iteration, records)) + HISTORY_END
 
 
 def decode_history(data: bytes) -> list[IterationRecord]:

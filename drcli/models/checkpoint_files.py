@@ -11,6 +11,7 @@ from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.complete_files import read_complete
 from drcli.store.repair import Model, readable_scores
 
 Choice = Literal["last", "best"] | int
@@ -184,7 +185,7 @@ def read_model_files(
         described: The parameter file to copy if the model has none.
     """
     found, _ = _shared_files(model, bucket, prefix)
-    items = {name: Item(name, bucket.get(key)) for name, key in found.items()}
+    items = {name: Item(name, read_complete(bucket, key)) for name, key in found.items()}
     for name, item in items.items():
         if not item.data and not name.startswith(METRICS):
             raise ObjectDamaged(
@@ -256,6 +257,7 @@ def _shared_files(
         METRICS + info.key.removeprefix(folder): info.key
         for folder in dict.fromkeys(folders)
         for info in bucket.list(folder)
+        if not keys.is_part(info.key)  # of a file that grows, which is copied as a whole
     }
     missing = [name for name in wanted if name not in found]
     return found | metrics, missing if metrics else [*missing, METRICS]

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.base.json_record import RecordError
 from drcli.config.settings import Settings
-from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
+from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
 from drcli.modelfiles.droa_params import DROA_TRACKS, Direction, droa_parameters, split_world
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
@@ -28,8 +27,9 @@ from drcli.models.export_model import Selection
 from drcli.models.put_model import Progress
 from drcli.models.write_export import ExportTarget, pointer_items, write_archive, write_items
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.repair import read_all_metrics
 
 _KEYS = (
     "batch_size",
@@ -203,11 +203,9 @@ def _metrics(settings: Settings, bucket: Bucket, prefix: str) -> tuple[list[Epis
             if not (name.startswith("TrainingMetrics") and name.endswith(".json")):
                 continue
             try:
-                records += decode_metrics(bucket.get(info.key))
-            except ObjectMissing:
-                continue
-            except RecordError as e:
-                notices.warn(f"{bucket.name}/{info.key} is damaged: {e}. It is left out.")
+                records += read_all_metrics(bucket, info.key)
+            except (ObjectDamaged, ObjectNewer) as error:
+                notices.warn(f"{error} It is left out.")
         if records:
             break
     records.sort(key=lambda record: (record.iteration or 0, record.metric_time))

@@ -21,7 +21,7 @@ from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
-from drcli.store.history import collapse, read_history
+from drcli.store.history import HistoryReader, collapse, read_history
 from drcli.store.last_outcome import read_outcome
 from drcli.store.repair import Model, readable_history, readable_scores
 
@@ -163,8 +163,8 @@ class SpeedReport:
     real_time_factor: float | None = None
 
 
-def inspect(config: RunConfig) -> RunReport:
-    """Look up everything about a run."""
+def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport:
+    """Look up everything about a run; a `reader` saves time if this is repeated."""
     folder = run_folder(config.directory, config.run_id)
     record = RunRecord.read(folder)
     alive = record is not None and record.alive
@@ -188,7 +188,7 @@ def inspect(config: RunConfig) -> RunReport:
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
-            history, damaged = readable_history(model)
+            history, damaged = readable_history(model, reader)
             scores, also = readable_scores(model)
             damaged += also
             if scores is not None:

@@ -281,7 +281,7 @@ class CheckpointStore:
         return [str(name) for name in sorted(found, reverse=True)]
 
     def _prune(self, newest: CheckpointRecord) -> None:
-        """Delete all checkpoints except the newest ones and the best.
+        """Delete all checkpoints except the newest ones and the best, and their evaluations.
 
         One with a higher number than the newest was never published, or was skipped as damaged.
         """
@@ -294,8 +294,11 @@ class CheckpointStore:
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}
         graphs = {keys.checkpoint_graph(self._prefix, n) for n in (*gone, newest.number)}
+        results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
         self._bucket.delete(
-            [key for key, name in objects.items() if name in old] + sorted(graphs & set(listed))
+            [key for key, name in objects.items() if name in old]
+            + sorted(graphs & set(listed))
+            + results
         )
 
 

@@ -1,12 +1,30 @@
-"""The learning curve of a model: one record for each iteration, in one object."""
+"""The learning curve of a model: one record for each iteration, in an object that grows."""
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
+from drcli.exchange.iteration import (
+    HISTORY_END,
+    HISTORY_HEAD,
+    SEPARATOR,
+    IterationRecord,
+    decode_history,
+    encode_history,
+    encode_iteration,
+)
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing, read_record
+from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
+from drcli.store.complete_files import combined_history
+from drcli.store.growing_file import GrowingFile, Layout, list_parts
+
+LAYOUT = Layout(HISTORY_HEAD, SEPARATOR, HISTORY_END)
+
+ITERATIONS_PER_PART = 64
+
+REMEMBERED = 1000
+"""How many of the newest records stay in memory; goals and scores need fewer."""
 
 _SMOOTH = 3
 """Iterations over which completion is averaged, because it varies by chance."""
@@ -17,14 +35,30 @@ _PEAK = 40.0
 _FALL = 0.6
 """Share of the best completion below which the policy has collapsed."""
 
+_REMEDY = "Stop the training and continue with `dr-start-training --resume`, which reconstructs it."
+
 
 class History:
-    """All iterations of a model. Only the trainer writes it."""
+    """All iterations of a model. Only the trainer writes it.
+
+    Attributes:
+        records: All iterations until the first one is added, then the newest `REMEMBERED` at least,
+            and before them the newest that were evaluated.
+        count: How many iterations there are.
+    """
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
-        self._bucket = bucket
-        self._prefix = prefix
+        self._file = GrowingFile(
+            bucket, keys.history(prefix), LAYOUT, iterations_per_part=ITERATIONS_PER_PART
+        )
         self.records = read_history(bucket, prefix)
+        self.count = len(self.records)
+        self._file.restore(
+            ((r.iteration, encode_iteration(r)) for r in self.records),
+            list_parts(bucket, keys.history(prefix)),
+        )
+        self._steps = array("q", (r.steps for r in self.records))
+        self._fall = Fall(self.records)
 
     def restore(self, iteration: int, last: IterationRecord | None) -> None:
         """Go back to the time when a checkpoint was published.
@@ -35,54 +69,135 @@ class History:
                 trainer may have ended between the two.
         """
         self.records = [r for r in self.records if r.iteration < iteration]
+        self._file.drop_from(iteration)
+        self.count = len(self.records)
+        self._steps = array("q", (r.steps for r in self.records))
+        self._fall = Fall(self.records)
         if last is not None and last.iteration not in {r.iteration for r in self.records}:
-            self.add(last)
+            self._append(last)
+        self._file.write()
 
     def add(self, record: IterationRecord) -> None:
         """Append an iteration and publish."""
-        self.records.append(record)
-        write_history(self._bucket, self._prefix, self.records)
+        self._append(record)
+        if len(self.records) > 2 * REMEMBERED:
+            older = [r for r in self.records[:-REMEMBERED] if r.evaluation_progress]
+            self.records = older[-REMEMBERED:] + self.records[-REMEMBERED:]
 
     def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
         """Add the evaluation of a checkpoint, and publish."""
-        self.records = [
-            replace(r, evaluation_progress=progress, evaluation_lap_s=lap_s)
-            if r.iteration == iteration
-            else r
-            for r in self.records
-        ]
-        write_history(self._bucket, self._prefix, self.records)
+        for at in reversed(range(len(self.records))):
+            if self.records[at].iteration == iteration:
+                changed = replace(
+                    self.records[at], evaluation_progress=progress, evaluation_lap_s=lap_s
+                )
+                self.records[at] = changed
+                self._file.put(iteration, encode_iteration(changed))
+                break
+
+    def iterations_of(self, steps: int) -> int:
+        """How many of the newest iterations have at least so many steps together."""
+        count = 0
+        while steps > 0 and count < len(self._steps):
+            count += 1
+            steps -= self._steps[-count]
+        return count
+
+    def collapse(self, best: str | None) -> str | None:
+        """As the function `collapse`, for all iterations."""
+        return self._fall.sentence(best)
+
+    def finish(self) -> None:
+        """Write the object that other programs read for the last time."""
+        self._file.finish()
+
+    def _append(self, record: IterationRecord) -> None:
+        self.records.append(record)
+        self.count += 1
+        self._steps.append(record.steps)
+        self._fall.add(record)
+        self._file.put(record.iteration, encode_iteration(record))
+
+
+class HistoryReader:
+    """Reads the learning curve again and again, and only the objects that have changed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[ObjectInfo, list[IterationRecord]]] = {}
+
+    def read(self, bucket: Bucket, prefix: str) -> list[IterationRecord]:
+        """All iterations so far, oldest first; ObjectDamaged if an object is unreadable."""
+        key = keys.history(prefix)
+        listed = bucket.list(key.rpartition("/")[0] + "/")
+        infos = {
+            i.key: i for i in listed if i.key == key or keys.part_number(key, i.key) is not None
+        }
+        self._known = {
+            key: found for key, found in self._known.items() if found[0] == infos.get(key)
+        }
+        for each in sorted(infos, reverse=True):  # the whole object last, see `list_parts`
+            if each not in self._known:
+                try:
+                    records = read_record(bucket, each, decode_history, _REMEDY)
+                except ObjectMissing:  # deleted since the listing: the whole object has it
+                    self._known.clear()
+                    return read_history(bucket, prefix)
+                self._known[each] = infos[each], records
+        parts = [self._known[part][1] for part in sorted(infos) if part != key]
+        return combined_history(self._known[key][1] if key in infos else [], parts)
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """All iterations so far, oldest first; ObjectDamaged if it is unreadable."""
-    remedy = (
-        "Stop the training and continue with `dr-start-training --resume`, which reconstructs it."
-    )
+    """All iterations so far, oldest first; ObjectDamaged if an object is unreadable."""
+    key, parts = keys.history(prefix), []
+    for part in list_parts(bucket, key):
+        try:
+            parts.append(read_record(bucket, part, decode_history, _REMEDY))
+        except ObjectMissing:  # deleted since the listing: the whole object has it
+            continue
     try:
-        return read_record(bucket, keys.history(prefix), decode_history, remedy)
+        return combined_history(read_record(bucket, key, decode_history, _REMEDY), parts)
     except ObjectMissing:
-        return []
+        return combined_history([], parts)
 
 
 def write_history(bucket: Bucket, prefix: str, records: Sequence[IterationRecord]) -> None:
-    """Publish all iterations, oldest first."""
+    """Publish all iterations, oldest first, as the whole object without parts."""
+    parts = list_parts(bucket, keys.history(prefix))
     bucket.put(keys.history(prefix), encode_history(records))
+    bucket.delete(parts)
 
 
-def collapse(records: Sequence[IterationRecord], best: str | None) -> str | None:
+class Fall:
+    """Follows the completion of a policy, to see whether it has become far worse than it was."""
+
+    def __init__(self, records: Iterable[IterationRecord] = ()) -> None:
+        self._newest: list[float] = []
+        self._highest = self._last = 0.0
+        for record in records:
+            self.add(record)
+
+    def add(self, record: IterationRecord) -> None:
+        """Add the next iteration."""
+        self._newest = [*self._newest, record.mean_progress][-_SMOOTH:]
+        if len(self._newest) == _SMOOTH:
+            self._last = sum(self._newest) / _SMOOTH
+            self._highest = max(self._highest, self._last)
+
+    def sentence(self, best: str | None) -> str | None:
+        """What `collapse` returns."""
+        if self._highest < _PEAK or self._last > _FALL * self._highest:
+            return None
+        name = CheckpointName.parse(best or "")
+        where = "" if name is None else f"; best is {name.number}"
+        return f"completion fell from {self._highest:.0f} % to {self._last:.0f} %{where}"
+
+
+def collapse(records: Iterable[IterationRecord], best: str | None) -> str | None:
     """A sentence if the policy has become far worse than it was, None if not.
 
     Args:
         records: The iterations so far, oldest first.
         best: Name of the best checkpoint.
     """
-    progress = [record.mean_progress for record in records]
-    means = [
-        sum(progress[end - _SMOOTH : end]) / _SMOOTH for end in range(_SMOOTH, len(progress) + 1)
-    ]
-    if not means or max(means) < _PEAK or means[-1] > _FALL * max(means):
-        return None
-    name = CheckpointName.parse(best or "")
-    where = "" if name is None else f"; best is {name.number}"
-    return f"completion fell from {max(means):.0f} % to {means[-1]:.0f} %{where}"
+    return Fall(records).sentence(best)

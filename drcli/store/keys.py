@@ -74,6 +74,22 @@ def training_metrics(metrics: str, worker: int = 0) -> str:
     return folder(metrics) + name
 
 
+def part(key: str, number: int) -> str:
+    """A part of an object that grows, with some of its entries; see `growing_file`."""
+    return f"{key}.part-{number:06d}"
+
+
+def part_number(key: str, part_key: str) -> int | None:
+    """The number of a part of this object; None for other keys."""
+    number = part_key.removeprefix(f"{key}.part-")
+    return int(number) if number != part_key and number.isdecimal() else None
+
+
+def is_part(key: str) -> bool:
+    """Whether this is a part of an object that grows."""
+    return re.search(r"\.part-\d+$", key) is not None
+
+
 def evaluation_metrics(metrics: str, stamp: str) -> str:
     """Metrics of one stand-alone evaluation, below the metrics prefix."""
     return f"{folder(metrics)}evaluation/evaluation-{_checked_stamp(stamp)}.json"
@@ -156,10 +172,15 @@ def journal_session(prefix: str, key: str) -> str | None:
     return found[1] if found else None
 
 
+def damaged_folder(prefix: str) -> str:
+    """Folder of damaged objects that were moved out of the model."""
+    return f"{run_folder(prefix)}damaged/"
+
+
 def damaged(prefix: str, key: str, stamp: str) -> str:
     """Where a damaged object is kept, with the time as fourteen digits: no tool reads it there."""
     name = key.removeprefix(run_folder(prefix)).removeprefix(folder(prefix))
-    return f"{run_folder(prefix)}damaged/{name}.{stamp}"
+    return f"{damaged_folder(prefix)}{name}.{stamp}"
 
 
 def status_folder(prefix: str) -> str:

@@ -3,7 +3,9 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -22,6 +24,7 @@ from drcli.store.best_checkpoint import (
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
+from drcli.store.growing_file import list_parts
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
@@ -78,12 +81,35 @@ def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationRes
     return found
 
 
-def reconstruct_history(bucket: Bucket, prefix: str, damaged: bytes) -> list[IterationRecord]:
-    """The learning curve, from the checkpoints' records, the damaged file and the traces."""
+def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
+    """The content of those objects that exist."""
+    found = []
+    for key in keys_:
+        with suppress(ObjectMissing):
+            found.append(bucket.get(key))
+    return found
+
+
+def reconstruct_history(
+    bucket: Bucket, prefix: str, damaged: Iterable[bytes] = ()
+) -> list[IterationRecord]:
+    """The learning curve, from the checkpoints' records, its own objects and the traces.
+
+    `damaged` has objects that are not in their places any more.
+    """
     records = readable_records(bucket, prefix)
-    known = {r.iteration: r for r in _traced_history(bucket, prefix)}
-    known |= {r.iteration: r for r in whole_records(damaged, IterationRecord.from_json)}
-    for record in [r.counters.learned for r in records if r.counters.learned is not None]:
+    key = keys.history(prefix)
+    objects = [*damaged, *readable_objects(bucket, [key, *list_parts(bucket, key)])]
+    known: dict[int, IterationRecord] = {}
+    for data in objects:
+        for record in whole_records(data, IterationRecord.from_json):
+            before = known.get(record.iteration, record)
+            if len(before.evaluation_progress) <= len(record.evaluation_progress):
+                known[record.iteration] = record
+    learned = [r.counters.learned for r in records if r.counters.learned is not None]
+    stated = known | {record.iteration: record for record in learned}
+    known |= {r.iteration: r for r in _traced_history(bucket, prefix, stated)}
+    for record in learned:
         before = known.get(record.iteration, record)
         known[record.iteration] = replace(
             record,
@@ -154,16 +180,21 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
 
 
 def reconstruct_metrics(
-    bucket: Bucket, prefix: str, worker: int, damaged: bytes
+    bucket: Bucket, prefix: str, worker: int, files: Iterable[bytes]
 ) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json, from the damaged file and the traces."""
-    kept = whole_records(damaged, EpisodeMetrics.from_json)
+    """The records of a worker's TrainingMetrics.json, from its damaged files and the traces."""
+    found = [r for data in files for r in whole_records(data, EpisodeMetrics.from_json)]
+    # The whole file and a part may both have an episode.
+    own = {(r.iteration, r.phase, r.trial, r.episode, r.metric_time): r for r in found}
+    kept = list(own.values())
     training = [r for r in kept if r.phase == "training"]
     known = {(r.iteration, r.trial) for r in training if r.iteration is not None}
     numbers = {r.episode for r in training if r.iteration is None}  # of version 0.1.0
+    most = max((r.trial for r in training), default=0)
+    counts = Counter(iteration for iteration, _ in known)
     for iteration, of_iteration in traced_iterations(bucket, prefix).items():
-        if worker not in of_iteration:
-            continue
+        if worker not in of_iteration or (most and counts[iteration] == most):
+            continue  # a trace of a known iteration need not be read
         traced = read_csv(bucket.get(of_iteration[worker]))
         kept += [
             EpisodeMetrics.of(episode, iteration=iteration, episode=episode.number + 1, trial=trial)
@@ -184,19 +215,28 @@ def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
     return dict(sorted(found.items()))
 
 
-def _traced_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """Iterations from their traces, without the learner's numbers."""
+def _traced_history(
+    bucket: Bucket, prefix: str, known: Mapping[int, IterationRecord]
+) -> list[IterationRecord]:
+    """Iterations that are not known otherwise, from their traces, without the learner's numbers."""
     found: list[IterationRecord] = []
-    total, began_s = 0, math.inf
-    for iteration, of_worker in traced_iterations(bucket, prefix).items():
-        if iteration != len(found):
-            break  # the total is unknown after a gap
-        episodes = [e for key in of_worker.values() for e in read_csv(bucket.get(key))]
-        if not episodes:
-            break
+    traced = traced_iterations(bucket, prefix)
+    total: int | None = 0
+    elapsed_s, began_s = 0.0, math.nan
+    for iteration in range(max([*traced, *known], default=-1) + 1):
+        if iteration in known:
+            total, elapsed_s = known[iteration].total_steps, known[iteration].elapsed_s
+            began_s = math.nan
+            continue
+        of_worker = traced.get(iteration, {})
+        wanted = of_worker.values() if total is not None else ()
+        episodes = [e for key in wanted for e in read_csv(bucket.get(key))]
+        if total is None or not episodes:
+            total = None  # it is unknown after a gap, until the next known iteration
+            continue
         begin_s = min(e.wall_s[0] for e in episodes)
         end_s = max(e.wall_s[1] for e in episodes)
-        began_s = min(began_s, begin_s)
+        began_s = begin_s - elapsed_s if math.isnan(began_s) else min(began_s, begin_s)
         checkpoint = str(CheckpointName(iteration, total))
         steps = sum(e.steps for e in episodes)
         total += steps

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import accumulate
 
 from drcli.base.json_record import NewerFormat, RecordError
 from drcli.config.settings import ModelConfig
@@ -25,14 +26,20 @@ from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-from drcli.store.history import read_history, write_history
+from drcli.store.complete_files import combined_metrics
+from drcli.store.growing_file import list_parts
+from drcli.store.history import HistoryReader, read_history, write_history
 from drcli.store.reconstruct import (
+    readable_objects,
     reconstruct_history,
     reconstruct_metrics,
     reconstruct_record,
     reconstruct_scores,
     whole_checkpoints,
 )
+
+KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
+"""How many damaged objects of a model are kept, and the largest size of the older ones."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +94,18 @@ def repair_metrics(model: Model) -> list[str]:
     return _repaired(model, _metrics(model))
 
 
-def readable_history(model: Model) -> tuple[list[IterationRecord], list[str]]:
-    """The learning curve for a reader that writes nothing, and a sentence if it is damaged."""
+def readable_history(
+    model: Model, reader: HistoryReader | None = None
+) -> tuple[list[IterationRecord], list[str]]:
+    """The learning curve for a reader that writes nothing, and a sentence if it is damaged.
+
+    A `reader` remembers what it has read before.
+    """
+    reader = reader or HistoryReader()
     try:
-        return read_history(model.bucket, model.prefix), []
+        return reader.read(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        data = model.bucket.get(keys.history(model.prefix))
-        return reconstruct_history(model.bucket, model.prefix, data), [str(error)]
+        return reconstruct_history(model.bucket, model.prefix), [str(error)]
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
@@ -110,8 +122,22 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     return read_record(bucket, key, decode_metrics, remedy)
 
 
+def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
+    """The records of a worker's TrainingMetrics.json and its parts; ObjectDamaged."""
+    parts = []
+    for part in list_parts(bucket, key):
+        with suppress(ObjectMissing):  # deleted since the listing: the whole file has it
+            parts.append(read_metrics(bucket, part))
+    try:
+        return combined_metrics(read_metrics(bucket, key), parts)
+    except ObjectMissing:
+        return combined_metrics([], parts)
+
+
 def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
     """Move a damaged object, or its bytes if they are given, out of the model.
+
+    Of those that were moved before, the newest stay, at most `KEPT_DAMAGED` and `KEPT_BYTES`.
 
     Returns:
         Its new key.
@@ -119,7 +145,12 @@ def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) 
     kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
         bucket.put(kept, bucket.get(key) if data is None else data)
-    bucket.delete([key])
+    older = [i for i in bucket.list(keys.damaged_folder(prefix)) if i.key != kept]
+    older.sort(key=lambda info: info.modified, reverse=True)
+    sizes = list(accumulate(info.size_bytes for info in older))
+    few = [i.key for i, size in zip(older, sizes, strict=True) if size <= KEPT_BYTES]
+    doomed = {info.key for info in older} - set(few[: KEPT_DAMAGED - 1])
+    bucket.delete([key, *sorted(doomed)])
     return kept
 
 
@@ -189,7 +220,8 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
     for number in evaluated_numbers(bucket, prefix):
         key = keys.evaluation_result(prefix, number)
         yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
-    yield _Object(keys.history(prefix), decode_history, partial(_write_history, model))
+    for key in (keys.history(prefix), *list_parts(bucket, keys.history(prefix))):
+        yield _Object(key, decode_history, partial(_write_history, model))
     for name in map(str, whole_checkpoints(bucket, prefix)):
         key = keys.checkpoint_record(prefix, name)
         record = partial(CheckpointRecord.decode_of, name)
@@ -216,8 +248,9 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
 
 def _metrics(model: Model) -> Iterator[_Object]:
     for worker in model.workers:
-        key = keys.training_metrics(model.metrics_prefix, worker)
-        yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
+        whole = keys.training_metrics(model.metrics_prefix, worker)
+        for key in (whole, *list_parts(model.bucket, whole)):
+            yield _Object(key, decode_metrics, partial(_write_metrics, model, worker))
 
 
 def _refuse_missing(model: Model, *names: str) -> None:
@@ -230,7 +263,7 @@ def _refuse_missing(model: Model, *names: str) -> None:
 
 
 def _write_history(model: Model, damaged: bytes) -> str:
-    records = reconstruct_history(model.bucket, model.prefix, damaged)
+    records = reconstruct_history(model.bucket, model.prefix, [damaged])
     write_history(model.bucket, model.prefix, records)
     return f"It was reconstructed with {len(records)} iterations."
 
@@ -265,7 +298,10 @@ def _write_scores(model: Model, _damaged: bytes) -> str:
 
 
 def _write_metrics(model: Model, worker: int, damaged: bytes) -> str:
-    records = reconstruct_metrics(model.bucket, model.prefix, worker, damaged)
     key = keys.training_metrics(model.metrics_prefix, worker)
+    parts = list_parts(model.bucket, key)
+    files = [damaged, *readable_objects(model.bucket, [key, *parts])]
+    records = reconstruct_metrics(model.bucket, model.prefix, worker, files)
     model.bucket.put(key, encode_metrics(records, model.metric))
+    model.bucket.delete(parts)
     return f"It was reconstructed with {len(records)} episodes."

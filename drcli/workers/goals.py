@@ -39,8 +39,13 @@ class Goals:
         # On the monotonic clock, so that nobody ends the training by setting the machine's clock.
         self._ends_s = None if job.ends_at is None else clock() + job.ends_at - now()
 
-    def reached(self, records: Sequence[IterationRecord]) -> str | None:
-        """Why the training is complete, as one sentence; None if it is not."""
+    def reached(self, records: Sequence[IterationRecord], count: int | None = None) -> str | None:
+        """Why the training is complete, as one sentence; None if it is not.
+
+        Args:
+            records: The iterations so far, oldest first; older ones may be missing.
+            count: How many iterations there are with the missing ones.
+        """
         job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
         if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
@@ -52,8 +57,9 @@ class Goals:
             lived = _minutes(job.config.unattended.time_to_live_minutes)
             return f"Training is complete: {lived} have passed since its first start."
         most, name = _iteration_limit(job, self._parameters)
-        if most <= len(records):
-            done = "1 iteration is" if len(records) == 1 else f"{len(records)} iterations are"
+        count = len(records) if count is None else count
+        if most <= count:
+            done = "1 iteration is" if count == 1 else f"{count} iterations are"
             return f"Training is complete: {done} done, {name} is {most}."
         score, good_enough = mean_score(records), settings.train_stop_reward
         if score is not None and good_enough is not None and score >= good_enough:

@@ -3,7 +3,8 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
@@ -11,10 +12,13 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.learn.update_result import Stats
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.growing_file import GrowingFile, Layout, list_parts
 
 _logger = get_logger(__name__)
 
 NUMBER, STEPS = "iteration", "global_step"
+
+ITERATIONS_PER_PART = 64
 
 Row = dict[str, float]
 """Numbers of an iteration by name; unknown ones are left out."""
@@ -50,13 +54,16 @@ class LearnerMetrics:
     """`metrics/learner.csv`: a row for each iteration, for pandas and other programs.
 
     No training needs this file, so it never stops one: unreadable cells are left out, and the log
-    says when the file cannot be written.
+    says when the file cannot be written. After `restore`, only one thread may use it.
     """
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
         self._bucket = bucket
         self._key = keys.learner_metrics(prefix)
-        self._rows: dict[int, Row] = {}
+        self._columns = [NUMBER, STEPS]
+        self._file = GrowingFile(
+            bucket, self._key, _layout(self._columns), iterations_per_part=ITERATIONS_PER_PART
+        )
 
     def restore(self, history: Iterable[IterationRecord]) -> str | None:
         """Continue the file with the iterations of the history, which fill its gaps.
@@ -64,40 +71,56 @@ class LearnerMetrics:
         Returns:
             What is wrong with the file, or None.
         """
-        problem, written = None, dict[int, Row]()
+        problem, written, parts = None, dict[int, Row](), list[str]()
         try:
-            written = _read(self._bucket.get(self._key))
-        except ObjectMissing:
-            pass
+            parts = list_parts(self._bucket, self._key)
+            for key in (self._key, *parts):
+                with suppress(ObjectMissing):
+                    written |= _read(self._bucket.get(key))
         except (StorageError, ValueError, csv.Error) as error:
             problem = f"{self._bucket.name}/{self._key} cannot be read and is replaced: {error}"
-        self._rows = {r.iteration: row_of(r) | written.get(r.iteration, {}) for r in history}
+        rows = [(r.iteration, row_of(r) | written.get(r.iteration, {})) for r in history]
+        self._columns = columns_of(row for _, row in rows)
+        self._file.layout = _layout(self._columns)
+        lines = ((iteration, _line(row, self._columns)) for iteration, row in rows)
+        self._file.restore(lines, parts, outdated=True)
         return problem
 
     def add(self, row: Row) -> None:
-        """Append an iteration."""
-        self._rows[int(row[NUMBER])] = row
+        """Append an iteration and publish."""
+        columns = columns_of([dict.fromkeys(self._columns, 0.0), row])
+        new = len(columns) - len(self._columns)
+        if new:
+            self._columns = columns
+            self._file.replace(_layout(columns), lambda line: line[:-1] + b"," * new + b"\n")
+        self._store(lambda: self._file.put(int(row[NUMBER]), _line(row, columns)))
 
-    def snapshot(self) -> Sequence[Row]:
-        """The rows for `write`, which may run in another thread."""
-        return list(self._rows.values())
+    def finish(self) -> None:
+        """Write the file for the last time."""
+        self._file.finish()
 
-    def write(self, rows: Sequence[Row]) -> None:
-        """Publish the file."""
+    def _store(self, write: Callable[[], None]) -> None:
         try:
-            self._bucket.put(self._key, encoded(rows))
+            write()
         except StorageError as error:
             _logger.warning("%s/%s was not written: %s", self._bucket.name, self._key, error)
 
 
-def encoded(rows: Sequence[Mapping[str, float]]) -> bytes:
-    """Rows as CSV, with a column for each name; unknown numbers are empty cells."""
-    columns = dict.fromkeys([NUMBER, STEPS, *(name for row in rows for name in row)])
+def columns_of(rows: Iterable[Mapping[str, float]]) -> list[str]:
+    """A column for each name in these rows."""
+    return list(dict.fromkeys([NUMBER, STEPS, *(name for row in rows for name in row)]))
+
+
+def _layout(columns: Sequence[str]) -> Layout:
     text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
-    return text.getvalue().encode()
+    csv.writer(text, lineterminator="\n").writerow(columns)  # quotes a name with a comma
+    return Layout(text.getvalue().encode(), b"", b"")
+
+
+def _line(row: Mapping[str, float], columns: Sequence[str]) -> bytes:
+    """A line of the file; unknown numbers are empty cells. A number contains no comma."""
+    cells = (_text(row[name]) if name in row else "" for name in columns)
+    return f"{','.join(cells)}\n".encode()
 
 
 def _read(data: bytes) -> dict[int, Row]:

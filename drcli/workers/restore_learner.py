@@ -6,6 +6,7 @@ from drcli.base.log import get_logger
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import checkpoint_objects
 from drcli.workers.build_learner import Learner
 
 _logger = get_logger(__name__)
@@ -19,8 +20,13 @@ def restore_optimizer(learner: Learner, state: bytes) -> None:
         _logger.warning("The optimizer starts over: its saved state does not fit: %s", error)
 
 
-def forget_evaluations(bucket: Bucket, prefix: str, *, after: int) -> None:
-    """Delete the results of checkpoints after this number, because new ones get their numbers."""
-    numbers = [number for number in evaluated_numbers(bucket, prefix) if number > after]
+def forget_evaluations(bucket: Bucket, prefix: str, *, newest: int) -> None:
+    """Delete the results of checkpoints that do not exist, as seen from the newest checkpoint.
+
+    Those after it would be taken for new ones of their numbers. Those of deleted checkpoints are in
+    the history; only a result that came very late is still there.
+    """
+    known = {name.number for name in checkpoint_objects(bucket, prefix).values()}
+    numbers = [n for n in evaluated_numbers(bucket, prefix) if n > newest or n not in known]
     if numbers:
         bucket.delete([keys.evaluation_result(prefix, number) for number in numbers])

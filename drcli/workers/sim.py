@@ -125,6 +125,15 @@ class SimWorker:
         )
 
     def run(self) -> None:
+        """Drive until the training ends or somebody wants this worker to stop."""
+        try:
+            self._drive()
+        except (StopRequested, RewardError):
+            self._metrics.finish()
+            raise
+        self._metrics.finish()
+
+    def _drive(self) -> None:
         """Drive with one checkpoint after the other until the training ends.
 
         If driving and learning overlap, the worker drives an iteration with the checkpoint that
@@ -183,9 +192,12 @@ class SimWorker:
                 shard.clear()
             if last:
                 evaluates = name.number if trials else None
-                writer.finish(Driving(drive_s=driven_s(), evaluates=evaluates))
-                self._delivered_s = time.monotonic()
+                notes = Driving(drive_s=driven_s(), evaluates=evaluates)
+                # Trace and metrics first: once the manifest is there, the trainer learns, and the
+                # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
                 self._publish_training(iteration, name, training, (begin, begin + driven_s()))
+                writer.finish(notes)
+                self._delivered_s = time.monotonic()
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 

@@ -25,9 +25,10 @@ from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.history import History, collapse
+from drcli.store.history import History
 from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import RolloutReader
+from drcli.store.trace_retention import TraceRetention
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_learner
 from drcli.workers.collect_rollouts import Collected, Collector
@@ -97,6 +98,9 @@ class Trainer:
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration
         )
+        self._traces = TraceRetention(
+            self._bucket, self._prefix, train.workers, train.train_traces_max_mb << 20
+        )
         self._newest = CheckpointName(0, 0)
         self._episodes = counters.episodes
         self._elapsed_before_s = counters.elapsed_s
@@ -114,11 +118,12 @@ class Trainer:
                 self._scoring.score_all(self._newest)
             except StorageError as error:
                 _logger.warning("The last evaluation is not scored yet: %s", error)
+            self._finish_files()
             raise
 
     def _train(self) -> None:
         self._restore()
-        while (reason := self._goals.reached(self._history.records)) is None:
+        while (reason := self._reached()) is None:
             self._rechecked = time.monotonic()
             drivers = self._checkpoints.drivers(self._newest)
             collected = self._collector.collect(self._newest.number, drivers, self._is_wait_over)
@@ -139,7 +144,7 @@ class Trainer:
         for damage in found.damaged:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
         record = found.record
-        forget_evaluations(self._bucket, self._prefix, after=record.number)
+        forget_evaluations(self._bucket, self._prefix, newest=record.number)
         load_weights(self._learner.model, found.tensors, found.record.name)
         if found.optimizer is None:
             _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
@@ -179,13 +184,8 @@ class Trainer:
         While workers drive, the last iteration's rollouts stay: the embedded server removes a
         folder that becomes empty, and a worker that writes into it just then fails for a second.
         """
-        wanted, newest = self._learner.memory_steps, before - 1
-        for record in reversed(self._history.records):
-            if wanted <= 0:
-                break
-            wanted -= record.steps
-            newest = min(newest, record.iteration - 1)
-        self._reader.delete_learned(newest)
+        remembered = self._history.iterations_of(self._learner.memory_steps)
+        self._reader.delete_learned(min(before, self._newest.number - remembered) - 1)
 
     def _is_wait_over(self) -> bool:
         """Score checkpoints and check the pointer between two looks for rollouts.
@@ -199,8 +199,12 @@ class Trainer:
             self._rechecked = time.monotonic()
             if self._checkpoints.repair_pointer(self._newest):
                 _logger.warning("The pointer to %s was lost; it is written again.", self._newest)
-        reached = self._goals.reached(self._history.records) is not None
-        return self._lifeline.should_stop() or reached
+        return self._lifeline.should_stop() or self._reached() is not None
+
+    def _reached(self, *newest: IterationRecord) -> str | None:
+        """Why the training is complete, with iterations that the history does not have yet."""
+        history = self._history
+        return self._goals.reached([*history.records, *newest], history.count + len(newest))
 
     def _learn(self, collected: Collected) -> None:
         """Update the policy, publish it and record how the update went."""
@@ -256,19 +260,18 @@ class Trainer:
             exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
             elapsed_s=self._elapsed_s(),
         )
-        reason = self._goals.reached([*self._history.records, record])
+        reason = self._reached(record)
         if reason is not None:
             self._mark_end(reason)
         self._publish(record)
         self._history.add(record)
         row = row_of(record, last)
         plain.info(line_of(row))
-        self._metrics.add(row)
-        self._uploader.submit(self._metrics.write, self._metrics.snapshot())
+        self._submit(self._metrics.add, row)
         if reason is not None:
             self._await_evaluation(collected)
         self._scoring.score(self._newest)
-        fallen = collapse(self._history.records, self._checkpoints.best_name())
+        fallen = self._history.collapse(self._checkpoints.best_name())
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
@@ -327,6 +330,22 @@ class Trainer:
         if tensors and moments is None:
             self._submit(self._checkpoints.attach_optimizer, record, save_tensors(tensors))
         self._submit(self._graphs.write, record.number, weights)
+        self._submit(self._thin_traces, self._newest.number)
+
+    def _thin_traces(self, newest: int) -> None:
+        try:
+            thinned = self._traces.apply(newest)
+        except StorageError as error:
+            _logger.warning("Old traces were not deleted: %s", error)
+            return
+        if thinned is not None:
+            _logger.info(
+                "Deleted the traces of %d older iterations (%.1f MB); %d iterations have traces. "
+                "DR_TRAIN_TRACES_MAX_MB=0 keeps all.",
+                thinned.iterations,
+                thinned.size_bytes / 1e6,
+                thinned.left,
+            )
 
     def _submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
         """Do something in the thread of uploads."""
@@ -340,6 +359,12 @@ class Trainer:
     def _elapsed_s(self) -> float:
         return self._elapsed_before_s + time.monotonic() - self._started
 
+    def _finish_files(self) -> None:
+        """Write the files that grow for the last time."""
+        self._uploader.submit(self._metrics.finish)
+        self._history.finish()
+        self._uploader.shutdown()
+
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers to drive no further iteration."""
         end = TrainingEnd(self._job.session, reason)
@@ -351,7 +376,7 @@ class Trainer:
         self._join_uploads()
         self._mark_end(reason)
         self._forget_rollouts(before=self._newest.number)
-        self._uploader.shutdown()  # waits until the metrics are written
+        self._finish_files()
         self._activity.say("finished")
         WorkerExit(reason, "", 0).write(self._job.folder, "trainer")
         _logger.info(reason)

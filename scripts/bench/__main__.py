@@ -15,6 +15,7 @@ NAMES = (
     "learn",
     "lap",
     "camera",
+    "endurance",
     "fidelity",
     "memory",
     "reference",

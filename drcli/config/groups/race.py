@@ -115,6 +115,13 @@ class TrainSettings(Group, title="Training"):
         "Largest share of the time that evaluations may take; evaluations beyond that are skipped.",
         between=(0.001, 1),
     )
+    train_traces_max_mb: int = setting(
+        "DR_TRAIN_TRACES_MAX_MB",
+        4096,
+        "Largest size of the training traces of a model in the bucket; 0 for no limit. Beyond it, "
+        "every second of the older traces is deleted.",
+        low=0,
+    )
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS",
         0,

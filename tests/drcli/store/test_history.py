@@ -1,3 +1,4 @@
+import json
 import math
 from dataclasses import replace
 
@@ -5,7 +6,9 @@ import pytest
 
 from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointRecord, Counters
-from drcli.store.history import History, read_history
+from drcli.store import keys
+from drcli.store.growing_file import list_parts
+from drcli.store.history import REMEMBERED, History, HistoryReader, collapse, read_history
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
@@ -53,3 +56,77 @@ def test_the_first_checkpoint_has_no_iteration_before_it(history):
     history.restore(0, None)
 
     assert history.records == []
+
+
+@pytest.fixture
+def long() -> tuple[MemoryBucket, History]:
+    bucket = MemoryBucket()
+    history = History(bucket, "model")
+    for iteration in range(700):
+        history.add(iteration_record(iteration))
+    return bucket, history
+
+
+def test_a_long_history_is_read_back_while_it_is_written(long):
+    bucket, history = long
+    history.add_evaluation(699, [50.0], [])
+    history.add_evaluation(10, [60.0], [])
+
+    found = read_history(bucket, "model")
+
+    assert list_parts(bucket, keys.history("model"))
+    assert [r.iteration for r in found] == list(range(700))
+    assert (found[699].evaluation_progress, found[10].evaluation_progress) == ([50.0], [60.0])
+
+
+def test_after_its_end_other_programs_find_everything_in_one_object(long):
+    bucket, history = long
+
+    history.finish()
+
+    assert not list_parts(bucket, keys.history("model"))
+    assert len(json.loads(bucket.get(keys.history("model")))["iterations"]) == 700
+
+
+def test_a_killed_trainer_loses_no_iteration_and_repeats_none(long):
+    bucket, _ = long
+
+    second = History(bucket, "model")
+    second.restore(650, iteration_record(649))
+    second.add(iteration_record(650, mean_reward=9.0))
+
+    found = read_history(bucket, "model")
+    assert [r.iteration for r in found] == list(range(651))
+    assert found[650].mean_reward == 9.0
+
+
+def test_a_reader_that_looks_again_reads_only_what_has_changed(long, monkeypatch):
+    bucket, history = long
+    reader = HistoryReader()
+    reader.read(bucket, "model")
+    history.add(iteration_record(700))
+    read = []
+    real = bucket.get
+    monkeypatch.setattr(bucket, "get", lambda key, **_: read.append(key) or real(key))
+
+    found = reader.read(bucket, "model")
+
+    assert [r.iteration for r in found] == list(range(701))
+    assert len(read) == 1
+
+
+def test_the_memory_of_old_iterations_is_freed_but_goals_and_collapse_still_know_them():
+    history = History(MemoryBucket(), "model")
+    records = [
+        iteration_record(n, mean_progress=90.0 if n < 5 else 20.0) for n in range(3 * REMEMBERED)
+    ]
+    records[3] = replace(records[3], evaluation_progress=[90.0])
+    for record in records:
+        history.add(record)
+
+    assert len(history.records) <= 2 * REMEMBERED + 1
+    assert history.records[0].iteration == 3
+    assert history.count == 3 * REMEMBERED
+    assert history.collapse(None) == collapse(records, None)
+    assert history.collapse(None) is not None
+    assert history.iterations_of(250_000) == 2500

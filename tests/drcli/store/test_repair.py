@@ -8,7 +8,7 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.store import keys
 from drcli.store.bucket import ObjectNewer, Watch
-from drcli.store.repair import Model, find_damage, repair
+from drcli.store.repair import Model, find_damage, repair, set_aside
 from memory_bucket import MemoryBucket
 
 NAME = "0_Step-0.ckpt"
@@ -73,3 +73,16 @@ def test_a_damaged_object_is_kept_as_it_was(bucket):
     kept = [data for key, data in contents(bucket).items() if "/damaged/" in key]
     assert kept == [b"{"]
     assert bucket.reads[status] == 2  # to see what is wrong, and whether anything is newer
+
+
+def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
+    monkeypatch.setattr("drcli.store.repair.KEPT_DAMAGED", 5)
+    seconds = iter(range(10**6))
+    bucket = MemoryBucket(clock=lambda: float(next(seconds)))
+    for number in range(20):
+        key = keys.evaluation_result("model", number)
+        bucket.put(key, b"damaged")
+        set_aside(bucket, "model", key)
+
+    kept = sorted(info.key.split("/")[-1].split(".")[0] for info in bucket.list("runs/"))
+    assert kept == ["15", "16", "17", "18", "19"]

@@ -32,7 +32,6 @@ def written(bucket, *rows) -> None:
     metrics = LearnerMetrics(bucket, "model")
     for row in rows:
         metrics.add(row)
-    metrics.write(metrics.snapshot())
 
 
 def test_an_iteration_of_ppo_has_the_names_that_cleanrl_gives(bucket, make_record):
@@ -97,7 +96,7 @@ def test_a_resumed_training_goes_on_with_the_rows_that_still_count(bucket, make_
     metrics = LearnerMetrics(bucket, "model")
     problem = metrics.restore([make_record(0), make_record(1)])
     metrics.add(row_of(make_record(2), PPO_STATS))
-    metrics.write(metrics.snapshot())
+    metrics.finish()
 
     assert problem is None
     rows = table(bucket)
@@ -110,7 +109,7 @@ def test_what_the_file_lacks_comes_from_the_history(bucket, make_record):
 
     metrics = LearnerMetrics(bucket, "model")
     metrics.restore([make_record(0), make_record(1)])
-    metrics.write(metrics.snapshot())
+    metrics.finish()
 
     first, second = table(bucket)
     assert (first["losses/value_loss"], first["losses/clipfrac"]) == ("0.45", "")
@@ -136,7 +135,7 @@ def test_a_file_of_something_else_is_written_anew_and_said(bucket, make_record, 
 
     metrics = LearnerMetrics(bucket, "model")
     problem = metrics.restore([make_record(0)])
-    metrics.write(metrics.snapshot())
+    metrics.finish()
 
     assert KEY in problem
     assert [row["iteration"] for row in table(bucket)] == ["0"]
@@ -149,7 +148,7 @@ def test_damaged_cells_are_left_out(bucket, make_record):
 
     metrics = LearnerMetrics(bucket, "model")
     assert metrics.restore([make_record(0), make_record(1)]) is None
-    metrics.write(metrics.snapshot())
+    metrics.finish()
 
     rows = table(bucket)
     assert [row["losses/entropy"] for row in rows] == ["2.5", "3"]

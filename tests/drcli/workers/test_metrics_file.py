@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from drcli.exchange.episode_metrics import EpisodeMetrics
-from drcli.exchange.trace import Episode, Row
-from drcli.store import keys
+from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
+from drcli.exchange.trace import Episode, Row, csv_text, schedule
+from drcli.store import growing_file, keys
+from drcli.store.growing_file import list_parts
+from drcli.store.repair import Model, read_all_metrics, repair_metrics
 from drcli.workers.episode_share import Share
 from drcli.workers.metrics_file import TrainingMetrics
 from memory_bucket import MemoryBucket
@@ -105,6 +107,102 @@ def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
 
     records = json.loads(bucket.get(key))["metrics"]
     assert [r["episode"] for r in records] == [1, 3, 5]
+
+
+class DyingBucket(MemoryBucket):
+    """The process that writes is killed at its n-th write, before or after it has taken effect."""
+
+    def __init__(self, fatal: int, *, takes_effect: bool) -> None:
+        super().__init__()
+        self.fatal = fatal
+        self._takes_effect = takes_effect
+        self.writes = 0
+
+    def put(self, key, data, *, watch=None):
+        self._write(lambda: super(DyingBucket, self).put(key, data, watch=watch))
+
+    def delete(self, keys):
+        self._write(lambda: super(DyingBucket, self).delete(keys))
+
+    def _write(self, act):
+        self.writes += 1
+        fatal = self.writes == self.fatal
+        if self._takes_effect or not fatal:
+            act()
+        if fatal:
+            raise KeyboardInterrupt
+
+
+def _train(bucket: MemoryBucket, first: int) -> int:
+    """A worker from one iteration to the end of the training; returns where it was killed."""
+    iteration = first
+    try:
+        metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+        for iteration in range(first, 40):
+            metrics.keep_before(iteration)
+            metrics.add(iteration, [_episode(2 * iteration), _episode(2 * iteration + 1)])
+            if iteration % 3 == 0:
+                metrics.add(iteration, [], [_episode(0, "evaluation")])
+        metrics.finish()
+    except KeyboardInterrupt:
+        return iteration
+    return 40
+
+
+@pytest.fixture(params=[0, 20_000], ids=["parts at once", "parts later"])
+def in_parts(request, monkeypatch):
+    monkeypatch.setattr(growing_file, "SMALL_BYTES", request.param)
+    monkeypatch.setattr(growing_file, "WHOLE_EVERY_S", 0.0)
+
+
+@pytest.mark.usefixtures("in_parts")
+@pytest.mark.parametrize("takes_effect", [False, True])
+def test_whenever_a_worker_is_killed_no_episode_is_lost_or_doubled(takes_effect):
+    undisturbed = MemoryBucket()
+    assert _train(undisturbed, 0) == 40
+    assert list_parts(undisturbed, KEY) == []
+
+    fatal = 0
+    killed_at = 0
+    while killed_at < 40:
+        fatal += 3
+        bucket = DyingBucket(fatal, takes_effect=takes_effect)
+        killed_at = _train(bucket, 0)
+        if killed_at < 40:
+            known = {r.iteration for r in read_all_metrics(bucket, KEY)}
+            assert known >= set(range(killed_at))
+        bucket.fatal = 0
+        _train(bucket, min(killed_at, 39))
+
+        assert bucket.get(KEY) == undisturbed.get(KEY)
+        assert list_parts(bucket, KEY) == []
+
+
+@pytest.mark.usefixtures("in_parts")
+def test_a_damaged_part_is_set_aside_and_its_training_episodes_come_from_the_traces(bucket):
+    metrics = TrainingMetrics(bucket, PREFIX, "progress", TWO_EPISODES)
+    for iteration in range(40):
+        episodes = [_episode(2 * iteration), _episode(2 * iteration + 1)]
+        for episode in episodes:
+            episode.rows.insert(0, replace(episode.rows[0], done=False, time_s=0.0))
+        schedule(episodes, metrics.clock_s)
+        trace = csv_text(episodes, 20.0, (1.0, 2.0)).encode()
+        bucket.put(keys.training_trace("model", iteration), trace)
+        metrics.add(iteration, episodes)
+    expected = read_all_metrics(bucket, KEY)
+    metrics.finish()
+    damaged = keys.part(KEY, 2)
+    lost = {"metrics": [r.to_json() for r in expected if r.iteration >= 35]}
+    kept = [r for r in expected if r.iteration < 35]
+    bucket.put(KEY, encode_metrics(kept, "progress"))
+    bucket.put(damaged, json.dumps(lost).encode()[:-100])
+
+    [sentence] = repair_metrics(Model(bucket, "model", PREFIX))
+
+    assert damaged in sentence
+    assert [(r.iteration, r.trial, r.reward_score) for r in read_all_metrics(bucket, KEY)] == [
+        (r.iteration, r.trial, r.reward_score) for r in expected
+    ]
 
 
 def _drive(bucket: MemoryBucket, share: Share, iteration: int) -> None:
