@@ -86,7 +86,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     folder = run_folder(directory, settings.run_id)
     refuse_second_run(settings.run_id, folder)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    bucket.probe()
+    bucket.probe(keys.run_folder(prefix))
     lease.refuse_other_owner(bucket, prefix)
 
     newest = newest_checkpoint(bucket, prefix)

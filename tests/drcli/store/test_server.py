@@ -45,7 +45,7 @@ def kill(endpoint: Endpoint) -> None:
 
 def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     with closing(open_bucket(local)) as bucket:
-        bucket.probe()
+        bucket.probe("runs/model/")
         bucket.put("model/x/y", b"content")
         _, age_s = bucket.get_with_age("model/x/y")
 
@@ -289,7 +289,7 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
 
 def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
     with closing(open_bucket(replace(local, engine="moto"))) as bucket:
-        bucket.probe()
+        bucket.probe("runs/model/")
 
     assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None
 

@@ -1,0 +1,31 @@
+"""Shows what `dr doctor` found, and what a support bundle contains."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from drcli.cli.views.layout import counted
+
+if TYPE_CHECKING:
+    from drcli.checks.doctor.findings import DoctorReport
+
+_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+
+
+def findings(report: "DoctorReport") -> RenderableType:
+    """A line for each finding, and below it what to do."""
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for finding in report.findings:
+        text = Text(finding.text)
+        if finding.remedy:
+            text.append(f"\nTry: {finding.remedy}", style="bold")
+        table.add_row(Text(finding.state, style=_STYLES[finding.state]), finding.subject, text)
+    verdict = "No problems" if not report.problems else counted(report.problems, "problem")
+    warnings = counted(report.warnings, "warning")
+    end = Text(f"{verdict}, {warnings}, in {report.seconds:.1f} s.")
+    return Group(Text(report.folder, style="bold"), table, end)
