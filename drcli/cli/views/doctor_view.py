@@ -10,6 +10,7 @@ from drcli.cli.views.layout import counted
 
 if TYPE_CHECKING:
     from drcli.checks.doctor.findings import DoctorReport
+    from drcli.runs.support_bundle import BundleReport
 
 _STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
@@ -29,3 +30,25 @@ def findings(report: "DoctorReport") -> RenderableType:
     warnings = counted(report.warnings, "warning")
     end = Text(f"{verdict}, {warnings}, in {report.seconds:.1f} s.")
     return Group(Text(report.folder, style="bold"), table, end)
+
+
+def bundle(report: "BundleReport") -> RenderableType:
+    """The archive, what is in it, and what was removed."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_column(style="dim", no_wrap=True)
+    for file in report.files:
+        removed = f"{file.redactions:,} removed" if file.redactions else ""
+        table.add_row(f"{file.size_bytes:,}", file.name, removed)
+    known = counted(report.known_secrets, "known secret value")
+    lines: list[RenderableType] = [table]
+    if report.redactions:
+        lines.append(Text("Removed:", style="bold"))
+        lines += [Text(f"  {count:,} x {kind}") for kind, count in report.redactions.items()]
+    else:
+        lines.append(Text("Nothing had to be removed."))
+    lines += [Text(f"Left out: {reason}", style="yellow") for reason in report.left_out]
+    lines.append(Text(f"Searched again for {known}: none is in the archive."))
+    lines.append(Text(f"Wrote {report.file} ({report.size_bytes:,} bytes).", style="bold"))
+    return Group(*lines)

@@ -73,10 +73,10 @@ def test_containers_and_batch_systems_are_named(machine):
 class Metadata(BaseHTTPRequestHandler):
     """EC2's service for instance metadata, which wants a token."""
 
-    def do_PUT(self):  # noqa: N802
+    def do_PUT(self):
         self.answer(b"a-token")
 
-    def do_GET(self):  # noqa: N802
+    def do_GET(self):
         known = self.headers.get("X-aws-ec2-metadata-token") == "a-token"
         self.answer(b"spot" if known else b"unauthorized")
 
@@ -138,9 +138,7 @@ def test_a_containers_memory_limit_counts_without_its_cached_files(machine):
 
 
 def test_too_little_memory_is_a_problem_only_if_it_could_never_be_enough(machine):
-    root = machine(
-        **{"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/memory.max": "2000000000\n"}
-    )
+    root = machine(**{"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/memory.max": "2000000000\n"})
 
     [enough], [short] = examine_memory(1, root), examine_memory(4, root)
 
