@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
@@ -35,7 +36,7 @@ FOLDER = "drcli-support"
 """Folder in the archive."""
 
 MANIFEST = "manifest.json"
-MOST_BYTES = 24 << 20
+MOST_BYTES = 12 << 20
 """Of all texts together, before they are compressed."""
 
 LOG_BYTES = 1 << 20
@@ -320,6 +321,7 @@ def _report(
     )
 
 
+@lru_cache(maxsize=1)
 def _packages() -> str:
     """Installed packages; not from where, because an address may hold a password."""
     found = {f"{each.metadata['Name']}=={each.version}" for each in metadata.distributions()}
