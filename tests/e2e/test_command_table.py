@@ -110,7 +110,7 @@ AFTERWARDS = [
     Call("config show DR_WORLD_NAME", "reinvent_base"),
     Call("config check --json", "errors valid rules", 0, UNUSED),
     Call("config check --settings", "Settings:"),
-    Call("doctor", "work in all 4 folders"),
+    Call("doctor", "s3://bucket"),
     Call("doctor --json", "folder seconds findings problems warnings exit_code"),
     Call("support-bundle bundle.tar.gz", "none is in the archive"),
     Call("support-bundle bundle.tgz --without-files --json", "file files redactions left_out"),

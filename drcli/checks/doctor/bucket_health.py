@@ -1,5 +1,6 @@
 """Examines a bucket: whether it answers, how fast it is, its clock, and what its keys permit."""
 
+import time
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
@@ -18,7 +19,6 @@ PATIENCE_S = 1.0
 STALL_S = 3.0
 """How long an answer may stall."""
 
-TRIAL_S = 4.0
 REFUSED_SKEW_S = 900.0
 """S3 servers refuse requests from then on."""
 
@@ -29,14 +29,19 @@ NO_UPLOADS = "not-defined"
 _CLOCK = "Set the clock, as with `sudo timedatectl set-ntp true`."
 
 
-def examine_bucket(settings: Settings) -> Iterator[Finding]:
-    """The bucket of the model; starts the embedded server if needed."""
+def examine_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
+    """The bucket of the model; starts the embedded server if needed.
+
+    Args:
+        settings: Of the working folder.
+        end_s: Monotonic time after which nothing more is tried.
+    """
     storage = settings.storage
     bucket = open_bucket(storage, patience_s=PATIENCE_S, read_timeout_s=STALL_S)
     prefix = settings.model_prefix
     folders = [keys.folder(prefix), keys.run_folder(prefix), keys.rollouts_folder(prefix)]
     folders += [keys.folder(settings.custom_files_prefix), keys.folder(settings.metrics_prefix)]
-    yield from _examine("bucket", bucket, outermost(folders), _where(storage))
+    yield from _examine("bucket", bucket, outermost(folders), _where(storage), end_s)
     try:
         owner = lease.live_holder(bucket, prefix)
     except StorageError:
@@ -46,13 +51,13 @@ def examine_bucket(settings: Settings) -> Iterator[Finding]:
         yield Finding("bucket", "ok", text, facts={"trained_by": owner.owner})
 
 
-def examine_upload_bucket(settings: Settings) -> Iterator[Finding]:
+def examine_upload_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
     """The bucket that models are uploaded to, if there is one."""
     if settings.upload_s3_bucket in ("", NO_UPLOADS):
         return
     bucket = open_upload_bucket(settings.transfer.upload, patience_s=PATIENCE_S)
     folders = [keys.folder(settings.upload_s3_prefix)]
-    yield from _examine("upload bucket", bucket, folders, "DR_UPLOAD_S3_BUCKET")
+    yield from _examine("upload bucket", bucket, folders, "DR_UPLOAD_S3_BUCKET", end_s)
 
 
 def outermost(folders: Iterable[str]) -> list[str]:
@@ -61,8 +66,10 @@ def outermost(folders: Iterable[str]) -> list[str]:
     return [one for one in each if not any(one != o and one.startswith(o) for o in each)]
 
 
-def _examine(subject: str, bucket: S3Bucket, folders: list[str], name: str) -> Iterator[Finding]:
-    trial = try_bucket(bucket, folders, seconds=TRIAL_S)
+def _examine(
+    subject: str, bucket: S3Bucket, folders: list[str], name: str, end_s: float
+) -> Iterator[Finding]:
+    trial = try_bucket(bucket, folders, seconds=end_s - time.monotonic())
     yield _speed(subject, bucket, trial, name)
     yield from _permissions(subject, bucket, trial, folders)
     yield from _clock(subject, trial)

@@ -21,6 +21,7 @@ from drcli.checks.doctor.libraries import (
     ask_libraries,
     examine_gpus,
     examine_processor,
+    examine_trainer,
 )
 from drcli.checks.doctor.room import examine_disks, examine_memory
 from drcli.checks.doctor.surroundings import examine_language, examine_limits, examine_place
@@ -33,6 +34,9 @@ LOCAL_S = 3.5
 
 TOTAL_S = 8.5
 """For everything. The libraries may load until then."""
+
+TIDY_S = 1.0
+"""For the end of a trial of a bucket, which deletes its objects."""
 
 MOST_SETTINGS = 4
 """So many problems of the settings are listed here; `dr config check` lists all."""
@@ -48,9 +52,11 @@ def diagnose(directory: Path) -> DoctorReport:
     # First the machine: what it computes meanwhile would slow the bucket down.
     here = Examination(_on_this_machine(directory, settings))
     here.wait(LOCAL_S)
-    there = Examination([] if settings is None else _buckets(settings))
+    end_s = began_s + TOTAL_S
+    there = Examination([] if settings is None else _buckets(settings, end_s - TIDY_S))
     for examination in (there, here):
-        examination.wait(TOTAL_S - (time.monotonic() - began_s))
+        examination.wait(end_s - time.monotonic())
+    there.wait(TIDY_S)
     findings = [*here.findings(), *about_settings, *there.findings()]
     return DoctorReport(str(directory), round(time.monotonic() - began_s, 1), tuple(findings))
 
@@ -87,7 +93,8 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
         Probe("Python", examine_packages),
         Probe("extras", examine_extras),
         Probe("kernels", examine_kernels),
-        Probe("processor", lambda: _libraries(directory, settings)),
+        Probe("processor", examine_processor),
+        Probe("trainer", lambda: _libraries(directory, settings)),
         Probe("memory", lambda: examine_memory(workers)),
         Probe("disk", lambda: examine_disks(directory, data_dir)),
         Probe("place", lambda: examine_place(os.environ)),
@@ -101,7 +108,7 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
 
 
 def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
-    """Processor and GPU, with what the libraries say about both."""
+    """The trainer's libraries, and what they say about the GPU."""
     wanted = LearnerSettings()
     if settings is not None:
         file = settings.custom_files_dir / "hyperparameters.json"
@@ -109,7 +116,7 @@ def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
             settings.torch_precision, _batch_size(file), settings.sagemaker_cuda_devices
         )
     libraries: Libraries = ask_libraries(wanted)
-    yield from examine_processor(libraries)
+    yield from examine_trainer(libraries)
     yield from examine_gpus(libraries, installed_versions(["torch"])["torch"], wanted.gpus)
 
 
@@ -120,8 +127,8 @@ def _batch_size(file: Path) -> int:
     return size if isinstance(size, int) and 0 < size < 1 << 20 else 64
 
 
-def _buckets(settings: Settings) -> list[Probe]:
+def _buckets(settings: Settings, end_s: float) -> list[Probe]:
     return [
-        Probe("bucket", lambda: examine_bucket(settings)),
-        Probe("upload bucket", lambda: examine_upload_bucket(settings)),
+        Probe("bucket", lambda: examine_bucket(settings, end_s)),
+        Probe("upload bucket", lambda: examine_upload_bucket(settings, end_s)),
     ]

@@ -124,8 +124,8 @@ def ask_libraries(wanted: LearnerSettings) -> Libraries:
         )
 
 
-def examine_processor(libraries: Libraries, root: Path = _ROOT) -> Iterator[Finding]:
-    """Name, cores that may be used, units, and the number format of the trainer."""
+def examine_processor(root: Path = _ROOT) -> Iterator[Finding]:
+    """Name, cores that may be used, and units."""
     usable, there = cores(root), os.cpu_count() or 1
     units = processor_units(root)
     facts = {
@@ -133,20 +133,26 @@ def examine_processor(libraries: Libraries, root: Path = _ROOT) -> Iterator[Find
         "cores": there,
         "usable_cores": usable,
         "units": units,
-        "number_format": libraries.facts.get("number_format"),
     }
     count = f"{usable} cores" if usable == there else f"{usable} of {there} cores"
     shown = [_NAMES[unit] for unit in units]
     parts = [f"{facts['name']}, {count}", *([", ".join(shown)] if shown else [])]
-    if facts["number_format"]:
-        parts.append(f"the trainer computes in {facts['number_format']}")
     yield Finding("processor", "ok", "; ".join(parts), facts=facts)
-    if libraries.error:
-        state: State = "warning" if libraries.late else "problem"
-        yield Finding("processor", state, libraries.error, libraries.remedy)
     if "x86" in os.uname().machine and "avx2" not in units and units_known(root):
         text = "it has no AVX2 units, so a training takes several times as long."
         yield Finding("processor", "warning", text, "Use a processor made after 2014.")
+
+
+def examine_trainer(libraries: Libraries) -> Iterator[Finding]:
+    """Whether torch and mujoco can be loaded, and the number format that the trainer would use."""
+    if libraries.error:
+        state: State = "warning" if libraries.late else "problem"
+        yield Finding("trainer", state, libraries.error, libraries.remedy)
+        return
+    chosen, reason = (libraries.facts.get(key) for key in ("number_format", "reason"))
+    where = "the GPU" if libraries.facts.get("cuda") else "the processor"
+    facts = {"number_format": chosen, "reason": reason}
+    yield Finding("trainer", "ok", f"computes in {chosen} on {where}", facts=facts)
 
 
 def processor_units(root: Path = _ROOT) -> list[str]:
@@ -215,6 +221,9 @@ def examine_gpus(
             f"Install a driver for CUDA {facts['torch_cuda']} or newer, or learn on the processor "
             "with DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
         )
+        if allowed is not None:
+            name = "DR_SAGEMAKER_CUDA_DEVICES" if wanted else "CUDA_VISIBLE_DEVICES"
+            remedy = f"Correct {name}, which is '{allowed}'. If that is right: {remedy}"
         yield Finding("GPU", "problem", text, remedy, facts)
     elif max(card.free_bytes for card in cards) < LEAST_GPU_BYTES:
         free = shown_bytes(max(card.free_bytes for card in cards))

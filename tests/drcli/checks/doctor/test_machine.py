@@ -177,6 +177,7 @@ def test_file_systems_that_surprise_are_named(machine, kind, local, words, monke
     root = machine(**{"proc/self/mountinfo": MOUNTS.format(root=kind), "data/x": ""})
     monkeypatch.setattr(room, "LEAST_DISK_BYTES", 0)
     monkeypatch.setattr(room, "SLOW_DISK_MB_S", 0)
+    monkeypatch.setattr(room, "_TEST_BYTES", 1 << 20)
 
     found = next(iter(examine_disks(root, root / "data" if local else None, root)))
 
@@ -289,9 +290,18 @@ def test_a_processor_without_wide_units_is_a_warning(machine, monkeypatch):
     monkeypatch.setattr(libraries, "cores", lambda root: 2)
     root = machine(**{"proc/cpuinfo": "flags\t\t: fpu sse2 avx\n"})
 
-    states = [found.state for found in examine_processor(LOADED, root)]
+    states = [found.state for found in examine_processor(root)]
 
     assert states == ["ok", *(["warning"] if "x86" in os.uname().machine else [])]
+
+
+def test_the_trainers_format_is_named_and_a_library_that_fails_is_a_problem():
+    [fine] = libraries.examine_trainer(LOADED)
+    [broken] = libraries.examine_trainer(Libraries(error="torch ended with SIGILL.", remedy="Do."))
+    [late] = libraries.examine_trainer(Libraries(error="not loaded", late=True))
+
+    assert (fine.state, fine.text) == ("ok", "computes in fp32 on the GPU")
+    assert [broken.state, late.state] == ["problem", "warning"]
 
 
 def fake_python(tmp_path, script):
