@@ -162,7 +162,7 @@ def _of_aws_files(environ: Mapping[str, str], home: Path) -> Iterator[tuple[str,
     credentials = environ.get("AWS_SHARED_CREDENTIALS_FILE") or str(home / ".aws/credentials")
     config = environ.get("AWS_CONFIG_FILE") or str(home / ".aws/config")
     for named, all_secret in ((credentials, True), (config, False)):
-        path = Path(named).expanduser()
+        path = Path(named.replace("~", str(home), 1) if named.startswith("~/") else named)
         parser = configparser.RawConfigParser(strict=False, allow_no_value=True)
         if not _is_small(path):
             continue

@@ -109,6 +109,7 @@ def make_bundle(
     """
     if target.exists() and not overwrite:
         raise SettingsError(f"{target} exists.", remedy="Choose another name, or use --force.")
+    _check_writable(target)  # before collecting, which takes a while
     return _Bundle(directory, with_custom_files=with_custom_files).write(target)
 
 
@@ -131,7 +132,7 @@ class _Bundle:
         for name, text in self._everything():
             self._add(name, text)
         # The secrets last: some appear only when a bucket is used.
-        home = Path(os.environ.get("HOME") or Path.home())
+        home = _home()
         secrets = known_secrets(self._directory, self._data_dir, os.environ, home)
         secrets |= self._of_bucket()
         redactor = Redactor(secrets, private_words(home))
@@ -249,10 +250,23 @@ def _manifest(texts: Mapping[str, str], redactor: Redactor, left_out: tuple[str,
     )
 
 
+def _check_writable(target: Path) -> None:
+    """Try to write beside the archive.
+
+    Raises:
+        SettingsError: That is impossible.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
 def _write_checked(target: Path, texts: Mapping[str, str], redactor: Redactor) -> None:
     """Write the archive under another name, search it for secrets, and give it its name."""
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         number, scratch = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
     except OSError as error:
         raise _unwritable(target, error) from error
@@ -326,6 +340,14 @@ def _packages() -> str:
     """Installed packages; not from where, because an address may hold a password."""
     found = {f"{each.metadata['Name']}=={each.version}" for each in metadata.distributions()}
     return "\n".join(sorted(found, key=str.casefold)) + "\n"
+
+
+def _home() -> Path:
+    """The user's home folder; the root folder for a user who has none, as in some containers."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path("/")
 
 
 def _age_s(path: Path) -> float:

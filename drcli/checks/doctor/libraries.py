@@ -20,7 +20,9 @@ from drcli.config import secret_environment
 from drcli.models.run_metadata import processor_name
 from drcli.workers.cores import cores
 
-PATIENCE_S = 8.0
+PATIENCE_S = 7.0
+"""Less than everything may take, so that the process ends before the command."""
+
 GPU_PATIENCE_S = 4.0
 LEAST_GPU_BYTES = 1_500_000_000
 """GPU memory that learning takes, its library included."""
