@@ -104,7 +104,8 @@ def ask_libraries(wanted: LearnerSettings) -> Libraries:
     except subprocess.TimeoutExpired:
         return Libraries(
             error=f"torch and mujoco were not loaded after {PATIENCE_S:.0f} s.",
-            remedy="Run it again: the first time, everything is read from the disk.",
+            remedy="Run it again when the machine is less busy, or once everything was read from "
+            "the disk.",
             late=True,
         )
     said = done.stderr.decode("utf-8", "replace").strip().splitlines()
