@@ -189,7 +189,7 @@ def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
     endpoint = server.ensure_running(local)
     kill(endpoint)
     port = int(str(endpoint.url).rsplit(":", 1)[1])
-    is_free = server._is_free
+    is_free = server.is_free
     assert wait_until(lambda: is_free(port), patience_s=10)
 
     # A process that dies is gone from our sight a moment before its sockets are.
@@ -203,7 +203,7 @@ def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
             dying.close()
             return answer
 
-        monkeypatch.setattr(server, "_is_free", look)
+        monkeypatch.setattr(server, "is_free", look)
 
         assert server.ensure_running(local).url == endpoint.url
 
@@ -214,13 +214,13 @@ def test_a_restarted_server_is_another_one_on_the_same_port_over_the_same_object
     endpoint = server.ensure_running(local)
     with closing(S3Bucket(endpoint, "bucket")) as bucket:
         bucket.put("k", b"data")
-        is_free, looks = server._is_free, []
+        is_free, looks = server.is_free, []
 
         def look(port: int) -> bool:
             looks.append(port)
             return len(looks) > 1 and is_free(port)  # at first the dead one's socket is there
 
-        monkeypatch.setattr(server, "_is_free", look)
+        monkeypatch.setattr(server, "is_free", look)
         again = server.restart(local)
 
         assert again.pid != endpoint.pid
