@@ -87,6 +87,7 @@ UNIMPORTED = {
     "drcli.workers.trainer",
     "drcli.workers.evaluator",
     "drcli.workers.try_cars",
+    "drcli.workers.library_facts",
     "drsim.replay",
 }
 """Modules that are started by name, as programs or processes."""

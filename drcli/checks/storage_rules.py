@@ -8,14 +8,12 @@ from drcli.config.settings import PretrainedConfig
 from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
-from drcli.store import lease
+from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
 
 LARGEST_SKEW_S = 300.0
 """Servers refuse requests if the clocks differ by 15 minutes; a third of that is a warning."""
-
-PROBE_FOLDER = ".validate/"
 
 
 def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
@@ -65,13 +63,17 @@ def review_pretrained(
     return transfer, transfer.warnings
 
 
-def probe(bucket: Bucket) -> list[Problem]:
-    """V-50: objects can be written, read, listed and deleted, and the clocks agree."""
-    key, content = f"{PROBE_FOLDER}{time.time_ns()}", b"probe"
+def probe(bucket: Bucket, prefix: str) -> list[Problem]:
+    """V-50: objects can be written, read, listed and deleted, and the clocks agree.
+
+    Tried among the records of the model's runs, because keys may be limited to its folders.
+    """
+    folder = f"{keys.run_folder(prefix)}{keys.TEST_FOLDER}/"
+    key, content = f"{folder}{time.time_ns()}", b"probe"
     try:
         bucket.put(key, content)
         came_back = bucket.get(key) == content
-        written = [item for item in bucket.list(PROBE_FOLDER) if item.key == key]
+        written = [item for item in bucket.list(folder) if item.key == key]
         bucket.delete([key])
         gone = not bucket.exists(key)
     except StorageError as error:

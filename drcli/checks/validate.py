@@ -143,8 +143,8 @@ class _Validation:
         """The bucket, if it can be used."""
         try:
             bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-            bucket.probe()
-            wrong = probe(bucket)
+            bucket.probe(keys.run_folder(settings.model_prefix))
+            wrong = probe(bucket, settings.model_prefix)
             if not trains:
                 wrong += review_owner(settings.model_prefix, bucket)
         except StorageError as error:

@@ -32,7 +32,7 @@ def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
     """
     with _lock:  # another thread may just be lending
         everything = dict(environment)
-    secret = {name: value for name, value in everything.items() if _is_secret(name, value)}
+    secret = {name: value for name, value in everything.items() if is_secret(name, value)}
     return {n: v for n, v in everything.items() if n not in secret}, secret
 
 
@@ -94,7 +94,8 @@ def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
         os.environ[each] = text  # in other memory
 
 
-def _is_secret(name: str, value: str) -> bool:
+def is_secret(name: str, value: str) -> bool:
+    """Whether a variable of this name and value is hidden from a racer's code."""
     if name.endswith("_FILE"):
         return False
     return bool(value) and (hidden(name, value) != value or _MORE.search(name) is not None)

@@ -111,7 +111,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
     command_words(settings.interruption_command)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    bucket.probe()
+    bucket.probe(keys.run_folder(prefix))
     lease.refuse_other_owner(bucket, prefix)
 
     newest = newest_checkpoint(bucket, prefix)

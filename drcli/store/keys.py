@@ -15,6 +15,9 @@ REWARD_FUNCTION_FILE = "reward_function.py"
 MODEL_METADATA_FILE = "model_metadata.json"
 HYPERPARAMETERS_FILE = "hyperparameters.json"
 
+TEST_FOLDER = ".drcli-test"
+"""Beginning of the names of test objects and their folders; no tool takes them for a model."""
+
 _PREFIX = re.compile(r"[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*")
 _STAMP = re.compile(r"\d{14}")
 

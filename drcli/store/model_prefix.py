@@ -9,8 +9,12 @@ from drcli.store.checkpoints import checkpoint_objects
 
 
 def is_used(bucket: Bucket, prefix: str) -> bool:
-    """Whether there are objects below the prefix; `model-10` does not count for `model-1`."""
-    return bool(bucket.list(keys.folder(prefix)))
+    """Whether there are objects below the prefix; `model-10` does not count for `model-1`.
+
+    Nor do test objects, which `dr doctor` may be writing at the moment.
+    """
+    test = keys.folder(prefix) + keys.TEST_FOLDER
+    return any(not item.key.startswith(test) for item in bucket.list(keys.folder(prefix)))
 
 
 def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:

@@ -37,11 +37,27 @@ def session_of(profile: str | None, setting: str) -> "Session":
     return Session(botocore_session=_profile_session(profile, setting))
 
 
+_used: list[object] = []
+"""The credentials of boto3 that this process uses."""
+
+
+def keys_in_use() -> set[str]:
+    """The access keys, secret keys and tokens that boto3 has found; no request is sent."""
+    found: set[str] = set()
+    for credentials in _used:
+        names = ("_access_key", "_secret_key", "_token", "access_key", "secret_key", "token")
+        values = vars(credentials)
+        found |= {value for name in names if isinstance(value := values.get(name), str)}
+    return found
+
+
 def lend_to_refreshes(credentials: object) -> None:
     """Put the withheld secrets into the environment whenever boto3 renews temporary keys.
 
     boto3 then needs the token of a container, or runs a program. Fixed keys are never renewed.
     """
+    if credentials is not None:
+        _used.append(credentials)
     fetch = getattr(credentials, "_refresh_using", None)
     if fetch is None:
         return

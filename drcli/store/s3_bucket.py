@@ -17,6 +17,7 @@ from drcli.base.errors import StorageError
 from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
+from drcli.store.keys import TEST_FOLDER
 from drcli.store.profiles import lend_to_refreshes, session_of
 from drcli.store.request_count import counter
 from drcli.store.s3_errors import (
@@ -159,11 +160,19 @@ class S3Bucket:
 
         self._retry(ensure, "create", "")
 
-    def probe(self) -> None:
-        """Check that objects can be written, read, listed and deleted; StorageError if not."""
-        call = partial(self._client.head_bucket, Bucket=self.name)
-        self._retry(call, "open", "")
-        folder = f".probe-{uuid.uuid4().hex}/"
+    @property
+    def client(self) -> "S3Client":
+        """The client of boto3, for requests that no other method makes; they are not repeated."""
+        return self._client
+
+    def probe(self, folder: str) -> None:
+        """Check that objects can be written, read, listed and deleted; StorageError if not.
+
+        Args:
+            folder: Where to try it, with a slash at its end. The keys of the bucket may be limited
+                to the folders that a training uses.
+        """
+        folder = f"{folder}{TEST_FOLDER}-{uuid.uuid4().hex}/"
         key, content = folder + "object", b"probe"
         self.put(key, content)
         try:

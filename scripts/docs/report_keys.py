@@ -63,6 +63,8 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "checks.config_check:FullCheck": ("config check",),
     "config.editing:Edit": ("config set",),
     "checks.check_report:Report": ("validate",),
+    "checks.doctor.findings:DoctorReport": ("doctor",),
+    "runs.support_bundle:BundleReport": ("support-bundle",),
     "cli.commands.validate:Checked": ("update", "update-env", "reload"),
     "runs.addresses:Addresses": ("url",),
     "cli.completion:Installed": ("completion install",),

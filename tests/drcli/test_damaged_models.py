@@ -67,7 +67,7 @@ class UntilFailure:
 class ProbedBucket(MemoryBucket):
     """Can be asked whether it answers, and copied."""
 
-    def probe(self) -> None:
+    def probe(self, folder: str) -> None:
         """It always does."""
 
     def copied(self) -> "ProbedBucket":

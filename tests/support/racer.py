@@ -66,5 +66,5 @@ class Racer:
 class ProbedBucket(MemoryBucket):
     """Can be asked whether it answers, as the real one."""
 
-    def probe(self) -> None:
+    def probe(self, folder: str) -> None:
         """It always does."""

@@ -22,6 +22,7 @@ class Refusals:
     """What the server refuses from now on.
 
     Attributes:
+        only: Keys and listings that begin so are allowed, all others are refused; empty for all.
         actions: Permissions that are missing, such as s3:PutObject.
         below: Keys that the refusal is about begin so.
         code: Of the error.
@@ -30,6 +31,7 @@ class Refusals:
         seen: Method and path of every request.
     """
 
+    only: tuple[str, ...] = ()
     actions: set[str] = field(default_factory=set)
     below: str = ""
     code: str = "AccessDenied"
@@ -62,16 +64,24 @@ class RefusingApp:
             action = "s3:ListBucket"
         if request.method == "PUT" and not key:
             action = "s3:CreateBucket"
+        place = key or request.args.get("prefix", "")
+        if self._refusals.only and request.method != "POST" and not self._allows(place):
+            return self._denial(action, bucket, key)(environ, start_response)
         if action == "s3:DeleteObject" and action in self._refusals.actions:
             body = request.get_data()
             return self._deletions(bucket, body)(environ, start_response)
         if action in self._refusals.actions and key.startswith(self._refusals.below):
-            resource = f"arn:aws:s3:::{bucket}/{key}" if key else f"arn:aws:s3:::{bucket}"
-            text = self._refusals.text(action, resource)
-            xml = f"<Error><Code>{self._refusals.code}</Code><Message>{text}</Message></Error>"
-            answer = Response(xml, self._refusals.status, content_type="application/xml")
-            return answer(environ, start_response)
+            return self._denial(action, bucket, key)(environ, start_response)
         return self._inner(environ, start_response)
+
+    def _allows(self, place: str) -> bool:
+        return place.startswith(self._refusals.only)
+
+    def _denial(self, action: str, bucket: str, key: str) -> Response:
+        resource = f"arn:aws:s3:::{bucket}/{key}" if key else f"arn:aws:s3:::{bucket}"
+        text = self._refusals.text(action, resource)
+        xml = f"<Error><Code>{self._refusals.code}</Code><Message>{text}</Message></Error>"
+        return Response(xml, self._refusals.status, content_type="application/xml")
 
     def _deletions(self, bucket: str, body: bytes) -> Response:
         """Refuse each object of a deletion, in an answer that is a success."""

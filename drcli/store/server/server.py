@@ -273,7 +273,7 @@ def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
 def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
     """The port of the settings, or that of the last start, or any free one."""
     if config.port is not None:
-        if not _is_free(config.port):
+        if not is_free(config.port):
             raise StorageError(
                 f"Another program is listening on port {config.port} (DR_LOCAL_S3_PORT).",
                 remedy="End that program, set DR_LOCAL_S3_PORT to a free port, or leave it out.",
@@ -281,17 +281,16 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
         return config.port
     if state is not None:
         died = state.pid is not None
-        if wait_until(
-            lambda: _is_free(state.port), patience_s=_RELEASE_PATIENCE_S if died else 0.0
-        ):
+        if wait_until(lambda: is_free(state.port), patience_s=_RELEASE_PATIENCE_S if died else 0.0):
             return state.port
     while True:
         port = secrets.choice(_PORTS)
-        if _is_free(port):
+        if is_free(port):
             return port
 
 
-def _is_free(port: int) -> bool:
+def is_free(port: int) -> bool:
+    """Whether the local server could listen on a port."""
     with socket.socket() as test:
         # Like the server: connections that are being closed do not block the port.
         test.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

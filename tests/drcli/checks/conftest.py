@@ -24,7 +24,7 @@ REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
 class ProbedBucket(MemoryBucket):
     """Can be asked whether it answers, as the real one."""
 
-    def probe(self) -> None:
+    def probe(self, folder: str) -> None:
         """It always does."""
 
 

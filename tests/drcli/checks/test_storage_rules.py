@@ -14,12 +14,12 @@ class ForgetfulBucket(MemoryBucket):
 def test_a_bucket_that_works_is_left_empty():
     bucket = MemoryBucket()
 
-    assert probe(bucket) == []
+    assert probe(bucket, "model") == []
     assert bucket.list("") == []
 
 
 def test_a_bucket_that_gives_back_something_else_is_an_error():
-    [found] = probe(ForgetfulBucket())
+    [found] = probe(ForgetfulBucket(), "model")
 
     assert (found.rule, found.severity) == ("V-50", "error")
     assert "does not correctly return" in found.message

@@ -290,7 +290,7 @@ def test_a_large_object_travels_in_parts_and_arrives_whole(wire, monkeypatch):
 
 
 def test_a_probe_leaves_nothing_behind(wire):
-    wire.probe()
+    wire.probe("runs/model/")
 
     assert wire.list("") == []
 
@@ -299,4 +299,4 @@ def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
     bucket = S3Bucket(moto_endpoint, "another", patience_s=0)
 
     with pytest.raises(StorageError, match="bucket 'another' does not exist"):
-        bucket.probe()
+        bucket.probe("runs/model/")

@@ -45,7 +45,7 @@ def kill(endpoint: Endpoint) -> None:
 
 def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     with closing(open_bucket(local)) as bucket:
-        bucket.probe()
+        bucket.probe("runs/model/")
         bucket.put("model/x/y", b"content")
         _, age_s = bucket.get_with_age("model/x/y")
 
@@ -189,7 +189,7 @@ def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
     endpoint = server.ensure_running(local)
     kill(endpoint)
     port = int(str(endpoint.url).rsplit(":", 1)[1])
-    is_free = server._is_free
+    is_free = server.is_free
     assert wait_until(lambda: is_free(port), patience_s=10)
 
     # A process that dies is gone from our sight a moment before its sockets are.
@@ -203,7 +203,7 @@ def test_the_port_of_a_killed_server_is_waited_for(local, monkeypatch):
             dying.close()
             return answer
 
-        monkeypatch.setattr(server, "_is_free", look)
+        monkeypatch.setattr(server, "is_free", look)
 
         assert server.ensure_running(local).url == endpoint.url
 
@@ -214,13 +214,13 @@ def test_a_restarted_server_is_another_one_on_the_same_port_over_the_same_object
     endpoint = server.ensure_running(local)
     with closing(S3Bucket(endpoint, "bucket")) as bucket:
         bucket.put("k", b"data")
-        is_free, looks = server._is_free, []
+        is_free, looks = server.is_free, []
 
         def look(port: int) -> bool:
             looks.append(port)
             return len(looks) > 1 and is_free(port)  # at first the dead one's socket is there
 
-        monkeypatch.setattr(server, "_is_free", look)
+        monkeypatch.setattr(server, "is_free", look)
         again = server.restart(local)
 
         assert again.pid != endpoint.pid
@@ -289,7 +289,7 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
 
 def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
     with closing(open_bucket(replace(local, engine="moto"))) as bucket:
-        bucket.probe()
+        bucket.probe("runs/model/")
 
     assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None
 

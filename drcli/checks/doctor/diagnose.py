@@ -1,0 +1,134 @@
+"""Examines everything in less than ten seconds, for `dr doctor`."""
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from drcli.base.atomic_file import read_json
+from drcli.base.problems import ProblemsError
+from drcli.checks.doctor.bucket_health import examine_bucket, examine_upload_bucket
+from drcli.checks.doctor.findings import DoctorReport, Examination, Finding, Probe
+from drcli.checks.doctor.installed import (
+    examine_extras,
+    examine_kernels,
+    examine_packages,
+)
+from drcli.checks.doctor.leftovers import examine_runs, examine_server
+from drcli.checks.doctor.libraries import (
+    LearnerSettings,
+    Libraries,
+    ask_libraries,
+    examine_gpus,
+    examine_processor,
+    examine_trainer,
+)
+from drcli.checks.doctor.room import examine_disks, examine_memory
+from drcli.checks.doctor.surroundings import examine_language, examine_limits, examine_place
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
+from drcli.models.run_metadata import installed_versions
+
+LOCAL_S = 3.5
+"""For everything on this machine, before the bucket is examined."""
+
+TOTAL_S = 8.5
+"""For everything. The libraries may load until then."""
+
+TIDY_S = 1.0
+"""For the end of a trial of a bucket, which deletes its objects."""
+
+MOST_SETTINGS = 4
+"""So many problems of the settings are listed here; `dr config check` lists all."""
+
+
+def diagnose(directory: Path) -> DoctorReport:
+    """Examine the installation, this machine, and the bucket of a working folder.
+
+    The folder need not have settings, and it need not be writable.
+    """
+    began_s = time.monotonic()
+    settings, about_settings = _settings(directory)
+    # First the machine: what it computes meanwhile would slow the bucket down.
+    here = Examination(_on_this_machine(directory, settings))
+    here.wait(LOCAL_S)
+    end_s = began_s + TOTAL_S
+    there = Examination([] if settings is None else _buckets(settings, end_s - TIDY_S))
+    for examination in (there, here):
+        examination.wait(end_s - time.monotonic())
+    there.wait(TIDY_S)
+    findings = [*here.findings(), *about_settings, *there.findings()]
+    return DoctorReport(str(directory), round(time.monotonic() - began_s, 1), tuple(findings))
+
+
+def _settings(directory: Path) -> tuple[Settings | None, list[Finding]]:
+    """The settings, and what is wrong or odd about them."""
+    if not (directory / "run.env").is_file():
+        text = f"there is no run.env in {directory}, so the bucket was not examined."
+        remedy = "Change to your working folder, or create one with `dr init`."
+        return None, [Finding("settings", "warning", text, remedy)]
+    try:
+        settings = load_settings(directory)
+    except ProblemsError as error:
+        found = [
+            Finding("settings", "problem", str(problem), problem.remedy)
+            for problem in error.errors[:MOST_SETTINGS]
+        ]
+        more = len(error.errors) - len(found)
+        text = f"the bucket was not examined{f'; {more} more settings are wrong' if more else ''}."
+        return None, [*found, Finding("settings", "warning", text, "Correct the settings first.")]
+    names = {place.file for place in settings.sources.values() if place.line is not None}
+    files = " and ".join(sorted(names)) or "no file"
+    text = f"{len(settings.sources)} settings of {files} are right"
+    odd = len(settings.problems)
+    text += f"; {odd} remarks, which `dr config check` shows" if odd else ""
+    return settings, [Finding("settings", "ok", text, facts={"warnings": odd})]
+
+
+def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
+    storage = None if settings is None else settings.storage
+    data_dir = storage.data_dir if storage is not None and storage.cloud == "local" else None
+    workers = 1 if settings is None else settings.workers
+    probes = [
+        Probe("Python", examine_packages),
+        Probe("extras", examine_extras),
+        Probe("kernels", examine_kernels),
+        Probe("processor", examine_processor),
+        Probe("trainer", lambda: _libraries(directory, settings)),
+        Probe("memory", lambda: examine_memory(workers)),
+        Probe("disk", lambda: examine_disks(directory, data_dir)),
+        Probe("place", lambda: examine_place(os.environ)),
+        Probe("limits", examine_limits),
+        Probe("locale", lambda: examine_language(os.environ)),
+        Probe("runs", lambda: examine_runs(directory)),
+    ]
+    if storage is not None:
+        probes.append(Probe("server", lambda: examine_server(storage)))
+    return probes
+
+
+def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
+    """The trainer's libraries, and what they say about the GPU."""
+    wanted = LearnerSettings()
+    if settings is not None:
+        file = settings.custom_files_dir / "hyperparameters.json"
+        wanted = LearnerSettings(
+            settings.torch_precision, _batch_size(file), settings.sagemaker_cuda_devices
+        )
+    libraries: Libraries = ask_libraries(wanted)
+    yield from examine_trainer(libraries)
+    yield from examine_gpus(libraries, installed_versions(["torch"])["torch"], wanted.gpus)
+
+
+def _batch_size(file: Path) -> int:
+    """Steps in a minibatch, which decide the number format; 64 if the file does not say."""
+    written = read_json(file)
+    size = written.get("batch_size") if isinstance(written, dict) else None
+    return size if isinstance(size, int) and 0 < size < 1 << 20 else 64
+
+
+def _buckets(settings: Settings, end_s: float) -> list[Probe]:
+    return [
+        Probe("bucket", lambda: examine_bucket(settings, end_s)),
+        Probe("upload bucket", lambda: examine_upload_bucket(settings, end_s)),
+    ]

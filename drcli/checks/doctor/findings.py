@@ -1,0 +1,135 @@
+"""Findings: what was examined, whether it is right, and what to do if not."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from drcli.base.errors import DrError, SettingsError, StorageError
+
+State = Literal["ok", "warning", "problem"]
+"""A problem prevents a training or harms it; a warning may."""
+
+AT_BUCKET = ("bucket", "upload bucket")
+"""Subjects whose problems are those of a bucket, and not of this machine."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was examined.
+
+    Attributes:
+        subject: What it is about, in a word or two.
+        state: `ok`, `warning` or `problem`.
+        text: What was found.
+        remedy: What to do, starting with a verb; empty if there is nothing to do.
+        facts: The same for programs; which keys there are depends on the subject.
+    """
+
+    subject: str
+    state: State
+    text: str
+    remedy: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DoctorReport:
+    """What `dr doctor` found.
+
+    Attributes:
+        folder: The working folder.
+        seconds: How long it took.
+        findings: Everything that was examined, in the order of the page.
+    """
+
+    folder: str
+    seconds: float
+    findings: tuple[Finding, ...]
+
+    @property
+    def problems(self) -> int:
+        """Number of problems."""
+        return sum(finding.state == "problem" for finding in self.findings)
+
+    @property
+    def warnings(self) -> int:
+        """Number of warnings."""
+        return sum(finding.state == "warning" for finding in self.findings)
+
+    @property
+    def exit_code(self) -> int:
+        """0 without problems, 4 if only a bucket has problems, otherwise 3."""
+        wrong = {finding.subject for finding in self.findings if finding.state == "problem"}
+        if not wrong:
+            return 0
+        return StorageError.code if wrong <= set(AT_BUCKET) else SettingsError.code
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An examination of one subject, which yields findings."""
+
+    subject: str
+    examine: Callable[[], Iterable[Finding]]
+
+
+class Examination:
+    """Runs probes in threads, so that none of them can delay the others for long.
+
+    Args:
+        probes: What to examine; they start at once.
+    """
+
+    def __init__(self, probes: Sequence[Probe]) -> None:
+        self._probes = probes
+        self._found: list[list[Finding]] = [[] for _ in probes]
+        self._began_s = time.monotonic()
+        self._threads = [
+            threading.Thread(target=self._examine, args=pair, name=pair[0].subject, daemon=True)
+            for pair in zip(probes, self._found, strict=True)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until all probes have ended, or until so many seconds have passed."""
+        deadline_s = time.monotonic() + seconds
+        for thread in self._threads:
+            thread.join(max(0.0, deadline_s - time.monotonic()))
+
+    def findings(self) -> list[Finding]:
+        """What the probes have found until now; a warning about each that has not ended."""
+        everything: list[Finding] = []
+        for probe, found, thread in zip(self._probes, self._found, self._threads, strict=True):
+            late = thread.is_alive()
+            everything += list(found)
+            if late:
+                waited_s = time.monotonic() - self._began_s
+                everything.append(
+                    Finding(
+                        probe.subject,
+                        "warning",
+                        f"the examination was not finished after {waited_s:.0f} s.",
+                        "Run it again; if this stays, a disk, a network or a program hangs.",
+                    )
+                )
+        return everything
+
+    def _examine(self, probe: Probe, found: list[Finding]) -> None:
+        try:
+            found.extend(probe.examine())  # what comes before a failure is kept
+        except DrError as error:
+            found.append(Finding(probe.subject, "problem", str(error), error.remedy))
+        except Exception as error:  # an odd machine must not keep the rest from being examined
+            why = f"{type(error).__name__}: {error}"
+            found.append(Finding(probe.subject, "warning", f"it could not be examined ({why})."))
+
+
+def shown_bytes(size: float) -> str:
+    """A size for people, such as `61 GB`."""
+    for unit, factor in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if size >= factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size / 1e3:.3g} kB"

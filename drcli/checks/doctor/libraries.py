@@ -1,0 +1,291 @@
+"""Examines processor and GPU with the libraries that use them, in a process of its own.
+
+A library may take seconds to load, and on a processor without the instructions that it needs it
+ends its process. So `drcli.workers.library_facts` loads them.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from drcli.checks.doctor.findings import Finding, State, shown_bytes
+from drcli.config import secret_environment
+from drcli.models.run_metadata import processor_name
+from drcli.workers.cores import cores
+
+PATIENCE_S = 7.0
+"""Less than everything may take, so that the process ends before the command."""
+
+GPU_PATIENCE_S = 4.0
+LEAST_GPU_BYTES = 1_500_000_000
+"""GPU memory that learning takes, its library included."""
+
+_ROOT = Path("/")
+_UNITS = ("avx2", "avx512f", "avx512_bf16", "amx_bf16", "asimd", "sve", "bf16")
+"""Units that the libraries use, by the names in /proc/cpuinfo."""
+
+_NAMES = {
+    "avx2": "AVX2",
+    "avx512f": "AVX-512",
+    "avx512_bf16": "AVX-512 bf16",
+    "amx_bf16": "AMX bf16",
+    "asimd": "NEON",
+    "sve": "SVE",
+    "bf16": "bf16",
+}
+_NVIDIA = "0x10de"
+_DISPLAY = ("0x0300", "0x0302")
+"""Classes of graphics cards, and of cards that only compute."""
+
+_CUDA_BUILD = (
+    "Install the CUDA build: `pip install --force-reinstall --index-url https://pypi.org/simple "
+    "{torch}`."
+)
+
+
+@dataclass(frozen=True)
+class LearnerSettings:
+    """What decides how the trainer computes.
+
+    Attributes:
+        precision: DR_TORCH_PRECISION.
+        batch_size: Of the hyperparameters.
+        gpus: DR_SAGEMAKER_CUDA_DEVICES; if empty, CUDA_VISIBLE_DEVICES counts.
+    """
+
+    precision: str = "auto"
+    batch_size: int = 64
+    gpus: str = ""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A GPU as its driver describes it; memory in bytes."""
+
+    name: str
+    driver: str
+    memory_bytes: int
+    free_bytes: int
+
+
+@dataclass(frozen=True)
+class Libraries:
+    """What the libraries say; `error` is why they could not be loaded, `late`: in time."""
+
+    facts: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+    remedy: str = ""
+    late: bool = False
+
+
+def ask_libraries(wanted: LearnerSettings) -> Libraries:
+    """Load torch and mujoco in another process, and ask them."""
+    plain, _ = secret_environment.split(os.environ)
+    if wanted.gpus:
+        plain["CUDA_VISIBLE_DEVICES"] = wanted.gpus
+    words = [wanted.precision, str(wanted.batch_size), str(cores())]
+    command = [sys.executable, "-P", "-m", "drcli.workers.library_facts", *words]
+    try:
+        done = subprocess.run(
+            command,
+            env=plain,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Libraries(
+            error=f"torch and mujoco were not loaded after {PATIENCE_S:.0f} s.",
+            remedy="Run it again when the machine is less busy, or once everything was read from "
+            "the disk.",
+            late=True,
+        )
+    said = done.stderr.decode("utf-8", "replace").strip().splitlines()
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        why = f"torch or mujoco ended with {name}."
+        if name == "SIGILL":
+            remedy = "Use another machine: this processor lacks instructions that they need."
+        else:
+            remedy = "Install drcli again, in a new environment."
+        return Libraries(error=why, remedy=remedy)
+    try:
+        return Libraries(json.loads(done.stdout))
+    except ValueError:
+        last = said[-1] if said else f"exit code {done.returncode}"
+        return Libraries(
+            error=f"torch or mujoco cannot be loaded: {last}",
+            remedy="Install drcli again, in a new environment.",
+        )
+
+
+def examine_processor(root: Path = _ROOT) -> Iterator[Finding]:
+    """Name, cores that may be used, and units."""
+    usable, there = cores(root), os.cpu_count() or 1
+    units = processor_units(root)
+    facts = {
+        "name": processor_name(),
+        "cores": there,
+        "usable_cores": usable,
+        "units": units,
+    }
+    count = f"{usable} cores" if usable == there else f"{usable} of {there} cores"
+    shown = [_NAMES[unit] for unit in units]
+    parts = [f"{facts['name']}, {count}", *([", ".join(shown)] if shown else [])]
+    yield Finding("processor", "ok", "; ".join(parts), facts=facts)
+    if "x86" in os.uname().machine and "avx2" not in units and units_known(root):
+        text = "it has no AVX2 units, so a training takes several times as long."
+        yield Finding("processor", "warning", text, "Use a processor made after 2014.")
+
+
+def examine_trainer(libraries: Libraries) -> Iterator[Finding]:
+    """Whether torch and mujoco can be loaded, and the number format that the trainer would use."""
+    if libraries.error:
+        state: State = "warning" if libraries.late else "problem"
+        yield Finding("trainer", state, libraries.error, libraries.remedy)
+        return
+    chosen, reason = (libraries.facts.get(key) for key in ("number_format", "reason"))
+    where = "the GPU" if libraries.facts.get("cuda") else "the processor"
+    facts = {"number_format": chosen, "reason": reason}
+    yield Finding("trainer", "ok", f"computes in {chosen} on {where}", facts=facts)
+
+
+def processor_units(root: Path = _ROOT) -> list[str]:
+    """The units of `_UNITS` that this processor has."""
+    flags: set[str] = set()
+    try:
+        for line in (root / "proc/cpuinfo").read_text("utf-8", "replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() in ("flags", "Features"):
+                flags = set(value.split())
+                break
+    except OSError:
+        pass
+    return [unit for unit in _UNITS if unit in flags]
+
+
+def units_known(root: Path = _ROOT) -> bool:
+    """Whether the system tells which units there are."""
+    return (root / "proc/cpuinfo").exists()
+
+
+def examine_gpus(
+    libraries: Libraries, torch: str | None, wanted: str, root: Path = _ROOT
+) -> Iterator[Finding]:
+    """Whether there is an NVIDIA GPU, and whether the installed torch can use it.
+
+    Args:
+        libraries: What torch says.
+        torch: Version of the installed torch.
+        wanted: GPUs of the trainer, as in `LearnerSettings`.
+        root: Of the file system, for tests.
+    """
+    allowed = wanted or os.environ.get("CUDA_VISIBLE_DEVICES")
+    if allowed is not None and allowed.strip() in ("", "-1"):
+        name = "DR_SAGEMAKER_CUDA_DEVICES" if wanted else "CUDA_VISIBLE_DEVICES"
+        yield Finding("GPU", "ok", f"not used: {name} is '{allowed}'", facts={"usable": False})
+        return
+    program = shutil.which("nvidia-smi")
+    cards, failure = _cards(program) if program else ([], "")
+    facts = {
+        "gpus": [card.name for card in cards],
+        "driver": cards[0].driver if cards else None,
+        "free_bytes": [card.free_bytes for card in cards],
+        "torch_cuda": libraries.facts.get("cuda_version"),
+        "usable": bool(libraries.facts.get("cuda")),
+    }
+    if failure:
+        remedy = "Restart the machine if the driver was updated; otherwise install it again."
+        yield Finding("GPU", "problem", f"`nvidia-smi` fails: {failure}", remedy, facts)
+        return
+    if not cards:
+        yield _without_driver(root, facts)
+        return
+    names = ", ".join(f"{card.name} ({shown_bytes(card.memory_bytes)})" for card in cards)
+    text = f"{names}, driver {cards[0].driver}"
+    pin = f"torch=={(torch or '').partition('+')[0]}"
+    if libraries.error:
+        yield Finding("GPU", "warning", f"{text}; whether torch can use it is unknown.", "", facts)
+    elif not libraries.facts.get("cuda_version"):
+        text += f"; the installed torch {torch} cannot use it, because it is the CPU build."
+        yield Finding("GPU", "warning", text, _CUDA_BUILD.format(torch=pin), facts)
+    elif not libraries.facts.get("cuda"):
+        why = libraries.facts.get("cuda_error") or "it does not say why"
+        text += f"; torch {torch} cannot use it: {why}"
+        remedy = (
+            f"Install a driver for CUDA {facts['torch_cuda']} or newer, or learn on the processor "
+            "with DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
+        )
+        if allowed is not None:
+            name = "DR_SAGEMAKER_CUDA_DEVICES" if wanted else "CUDA_VISIBLE_DEVICES"
+            remedy = f"Correct {name}, which is '{allowed}'. If that is right: {remedy}"
+        yield Finding("GPU", "problem", text, remedy, facts)
+    elif max(card.free_bytes for card in cards) < LEAST_GPU_BYTES:
+        free = shown_bytes(max(card.free_bytes for card in cards))
+        text += f"; only {free} of its memory are free."
+        remedy = "End other programs on the GPU, or set DR_SAGEMAKER_CUDA_DEVICES=-1."
+        yield Finding("GPU", "warning", text, remedy, facts)
+    else:
+        text += f"; torch uses it (CUDA {facts['torch_cuda']})"
+        yield Finding("GPU", "ok", text, facts=facts)
+
+
+def _cards(program: str) -> tuple[list[Card], str]:
+    """The GPUs, or why `nvidia-smi` does not tell."""
+    query = [
+        program,
+        "--query-gpu=name,driver_version,memory.total,memory.free",
+        "--format=csv,noheader,nounits",
+    ]
+    try:
+        done = subprocess.run(
+            query,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=GPU_PATIENCE_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return [], f"no answer within {GPU_PATIENCE_S:.0f} s."
+    except OSError as error:
+        return [], f"{error.strerror or error}."
+    lines = done.stdout.strip().splitlines()
+    if done.returncode != 0:
+        said = [*lines, *done.stderr.strip().splitlines()]
+        return [], said[0] if said else f"exit code {done.returncode}."
+    return [card for card in map(_card, lines) if card is not None], ""
+
+
+def _card(line: str) -> Card | None:
+    words = [word.strip() for word in line.split(",")]
+    if len(words) != 4:
+        return None
+    name, driver, *sizes = words
+    # A GPU that shares the memory of the machine answers `[N/A]`.
+    total, free = (int(size) * 2**20 if size.isdigit() else 0 for size in sizes)
+    return Card(name, driver, total, free if total else LEAST_GPU_BYTES)
+
+
+def _without_driver(root: Path, facts: dict[str, Any]) -> Finding:
+    """A machine whose driver shows no GPU: it may have one all the same."""
+    for device in sorted((root / "sys/bus/pci/devices").glob("*")):
+        try:
+            vendor = (device / "vendor").read_text().strip()
+            kind = (device / "class").read_text().strip()
+        except OSError:
+            continue
+        if vendor == _NVIDIA and kind.startswith(_DISPLAY):
+            text = "there is an NVIDIA GPU, but its driver is not installed."
+            remedy = "Install the NVIDIA driver, then run `scripts/install.sh` in a new clone."
+            return Finding("GPU", "warning", text, remedy, facts)
+    return Finding("GPU", "ok", "none; the processor computes everything", facts=facts)

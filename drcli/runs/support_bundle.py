@@ -1,0 +1,368 @@
+"""Packs what helps others to understand a fault into an archive, without secrets.
+
+The archive contains text only. Every text goes through `Redactor`; the finished archive is read
+again and searched for all known secrets before anybody gets its name.
+"""
+
+import gzip
+import io
+import json
+import os
+import tarfile
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import ProblemsError
+from drcli.checks.doctor.diagnose import diagnose
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
+from drcli.config.settings_report import inspect_values
+from drcli.runs.bundled_objects import objects_of
+from drcli.runs.known_secrets import known_secrets, private_words
+from drcli.runs.redaction import Redactor
+from drcli.runs.status import inspect
+from drcli.runs.text_tail import text_tail
+from drcli.store.server.state import own_file
+
+FOLDER = "drcli-support"
+"""Folder in the archive."""
+
+MANIFEST = "manifest.json"
+MOST_BYTES = 12 << 20
+"""Of all texts together, before they are compressed."""
+
+LOG_BYTES = 1 << 20
+"""Of a log: its end. Its beginning has up to a sixteenth of that."""
+
+RECORD_BYTES = 256 << 10
+MOST_CRASHES = 5
+
+README = """Support bundle of drcli, made {when}.
+
+Read it before you send it to anybody: all of it is text. Secrets were removed; {manifest} lists
+each removal with file, line and kind, and everything that was left out. After the archive was
+written, it was searched again for the {known} secret values that this machine knows, and none was
+found.
+
+What programs cannot recognise is still there: a password in a comment, names of people, what a
+reward function prints.
+"""
+
+
+@dataclass(frozen=True)
+class BundledFile:
+    """A file in the archive.
+
+    Attributes:
+        name: Its name in the archive.
+        size_bytes: Its size there.
+        redactions: How many secrets were removed from it.
+    """
+
+    name: str
+    size_bytes: int
+    redactions: int
+
+
+@dataclass(frozen=True)
+class BundleReport:
+    """The archive that `dr support-bundle` wrote.
+
+    Attributes:
+        file: The archive.
+        size_bytes: Its size.
+        files: What is in it.
+        redactions: How many secrets were removed, by kind.
+        known_secrets: Number of secret values that were searched for.
+        left_out: What is not in it, and why.
+    """
+
+    file: str
+    size_bytes: int
+    files: tuple[BundledFile, ...]
+    redactions: Mapping[str, int]
+    known_secrets: int
+    left_out: tuple[str, ...]
+
+
+def make_bundle(
+    directory: Path, target: Path, *, with_custom_files: bool = True, overwrite: bool = False
+) -> BundleReport:
+    """Write the archive.
+
+    Args:
+        directory: Working folder; it need not have settings.
+        target: The archive.
+        with_custom_files: Whether to include the reward function and its two companions.
+        overwrite: Whether to replace a file of that name.
+
+    Raises:
+        SettingsError: The archive exists or cannot be written, or a secret was found in it.
+    """
+    if target.exists() and not overwrite:
+        raise SettingsError(f"{target} exists.", remedy="Choose another name, or use --force.")
+    _check_writable(target)  # before collecting, which takes a while
+    return _Bundle(directory, with_custom_files=with_custom_files).write(target)
+
+
+class _Bundle:
+    """Collects texts until they are written."""
+
+    def __init__(self, directory: Path, *, with_custom_files: bool) -> None:
+        self._directory = directory
+        self._with_custom_files = with_custom_files
+        self._left_out: list[str] = []
+        self._texts: dict[str, str] = {}
+        self._bytes = 0
+        self._settings = self._load()
+        data_dir = directory / "data" / "s3"
+        if self._settings is not None and self._settings.storage.cloud == "local":
+            data_dir = self._settings.storage.data_dir
+        self._data_dir = data_dir
+
+    def write(self, target: Path) -> BundleReport:
+        for name, text in self._everything():
+            self._add(name, text)
+        # The secrets last: some appear only when a bucket is used.
+        home = _home()
+        secrets = known_secrets(self._directory, self._data_dir, os.environ, home)
+        secrets |= self._of_bucket()
+        redactor = Redactor(secrets, private_words(home))
+        names = {name: redactor.clean("names", name).replace(" ", "_") for name in self._texts}
+        redactor.redactions.clear()
+        texts = {names[name]: redactor.clean(names[name], t) for name, t in self._texts.items()}
+        left_out = tuple(redactor.clean(MANIFEST, text) for text in self._left_out)
+        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
+        readme = README.format(when=when, manifest=MANIFEST, known=redactor.known)
+        texts = {
+            "README.txt": readme,
+            MANIFEST: _manifest(texts, redactor, left_out),
+            **texts,
+        }
+        _write_checked(target, texts, redactor)
+        return _report(target, texts, redactor, left_out)
+
+    def _load(self) -> Settings | None:
+        if not (self._directory / "run.env").is_file():
+            self._left_out.append(f"settings: there is no run.env in {self._directory}.")
+            return None
+        try:
+            return load_settings(self._directory)
+        except ProblemsError as error:
+            self._left_out.append(f"settings.json, status.json, bucket: {error}")
+            return None
+
+    def _add(self, name: str, text: str) -> None:
+        size = len(text.encode("utf-8", "replace"))
+        if self._bytes + size > MOST_BYTES:
+            self._left_out.append(f"{name}: the bundle has {MOST_BYTES >> 20} MB already.")
+            return
+        self._bytes += size
+        self._texts[name] = text
+
+    def _everything(self) -> Iterator[tuple[str, str]]:
+        """Small and telling texts first, then logs, the newest first."""
+        yield "doctor.json", _json(asdict(diagnose(self._directory)))
+        yield "packages.txt", _packages()
+        if self._settings is not None:
+            yield "settings.json", _json(asdict(inspect_values(self._settings)))
+            try:
+                yield "status.json", _json(asdict(inspect(self._settings.run)))
+            except DrError as error:
+                self._left_out.append(f"status.json: {error}")
+        yield from self._settings_files()
+        if self._with_custom_files:
+            yield from self._custom_files()
+        else:
+            self._left_out.append("custom_files: --without-files was given.")
+        yield from self._run_records()
+        if self._settings is not None:
+            found, reason = objects_of(self._settings)
+            yield from found.items()
+            if reason:
+                self._left_out.append(f"bucket: {reason}")
+        yield from self._logs()
+
+    def _settings_files(self) -> Iterator[tuple[str, str]]:
+        for pattern in ("*.env", "experiments/*/*.env"):
+            for path in sorted(self._directory.glob(pattern)):
+                yield from self._file(path, RECORD_BYTES)
+
+    def _custom_files(self) -> Iterator[tuple[str, str]]:
+        folders = [self._directory / "custom_files"]
+        if self._settings is not None:
+            folders.append(self._settings.custom_files_dir)
+        for folder in dict.fromkeys(folders):
+            for name in ("reward_function.py", "hyperparameters.json", "model_metadata.json"):
+                yield from self._file(folder / name, RECORD_BYTES)
+
+    def _run_records(self) -> Iterator[tuple[str, str]]:
+        runs = self._directory / "data" / "runs"
+        for path in sorted([*runs.glob("*/*.json"), *runs.glob("*/evaluations/*/*.json")]):
+            yield from self._file(path, RECORD_BYTES)
+
+    def _logs(self) -> Iterator[tuple[str, str]]:
+        folder = self._directory / "data" / "logs"
+        crashes = sorted(folder.glob("crash-*.txt"), reverse=True)
+        logs = [path for path in folder.rglob("*.log*") if not path.name.endswith(".uploaded")]
+        logs += [own_file(self._data_dir, "log")]
+        for path in [*crashes[:MOST_CRASHES], *sorted(logs, key=_age_s)]:
+            yield from self._file(path, LOG_BYTES)
+
+    def _file(self, path: Path, most_bytes: int) -> Iterator[tuple[str, str]]:
+        """A file of the working folder, if it is an ordinary file that can be read."""
+        if not path.is_file() or (path.is_symlink() and "custom_files" not in path.parts):
+            return
+        with suppress(ValueError):
+            path = path.relative_to(self._directory)
+        name = str(path).lstrip("/")
+        try:
+            yield f"files/{name}", text_tail(self._directory / path, most_bytes)
+        except OSError as error:
+            self._left_out.append(f"{name}: {error.strerror or error}")
+
+    def _of_bucket(self) -> dict[str, str]:
+        """Keys that the AWS library found, such as those of the machine's role."""
+        from drcli.store.profiles import keys_in_use
+
+        return dict.fromkeys(keys_in_use(), "key of the bucket")
+
+
+def _manifest(texts: Mapping[str, str], redactor: Redactor, left_out: tuple[str, ...]) -> str:
+    return _json(
+        {
+            "files": [
+                {"name": name, "bytes": len(text.encode()), "lines": text.count("\n")}
+                for name, text in texts.items()
+            ],
+            "known_secrets": redactor.known,
+            "redactions": [asdict(redaction) for redaction in redactor.redactions],
+            "left_out": list(left_out),
+        }
+    )
+
+
+def _check_writable(target: Path) -> None:
+    """Try to write beside the archive.
+
+    Raises:
+        SettingsError: That is impossible.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
+def _write_checked(target: Path, texts: Mapping[str, str], redactor: Redactor) -> None:
+    """Write the archive under another name, search it for secrets, and give it its name."""
+    try:
+        number, scratch = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(_archive(texts))
+        leaks = _leaks(Path(scratch), redactor)
+        if leaks:
+            raise SettingsError(
+                f"The bundle would contain a secret: {'; '.join(leaks[:5])}.",
+                remedy="No bundle was written. Report this as a fault of drcli, without the file.",
+            )
+        Path(scratch).replace(target)
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    finally:
+        Path(scratch).unlink(missing_ok=True)
+
+
+def _archive(texts: Mapping[str, str]) -> bytes:
+    """A compressed archive that says nothing about the user who wrote it."""
+    packed = io.BytesIO()
+    now = int(time.time())
+    with (
+        gzip.GzipFile(filename="", fileobj=packed, mode="wb", mtime=now) as compressed,
+        tarfile.open(fileobj=compressed, mode="w", format=tarfile.PAX_FORMAT) as archive,
+    ):
+        for name, text in texts.items():
+            data = text.encode()
+            entry = tarfile.TarInfo(f"{FOLDER}/{name}")
+            entry.size, entry.mtime, entry.mode = len(data), now, 0o644
+            archive.addfile(entry, io.BytesIO(data))
+    return packed.getvalue()
+
+
+def _leaks(path: Path, redactor: Redactor) -> list[str]:
+    """Secrets in the finished archive, as `file: kind`."""
+    found = []
+    with tarfile.open(path) as archive:
+        for entry in archive:
+            content = archive.extractfile(entry)
+            text = "" if content is None else content.read().decode()
+            found += [f"{entry.name}: {kind}" for kind in redactor.leaks(text)]
+            found += [f"a file name: {kind}" for kind in redactor.leaks(entry.name)]
+    return found
+
+
+def _report(
+    target: Path, texts: Mapping[str, str], redactor: Redactor, left_out: tuple[str, ...]
+) -> BundleReport:
+    by_file: Counter[str] = Counter()
+    by_kind: Counter[str] = Counter()
+    for each in redactor.redactions:
+        by_file[each.file] += each.count
+        by_kind[each.kind] += each.count
+    files = tuple(
+        BundledFile(name, len(text.encode()), by_file[name]) for name, text in texts.items()
+    )
+    return BundleReport(
+        file=str(target),
+        size_bytes=target.stat().st_size,
+        files=files,
+        redactions=dict(by_kind.most_common()),
+        known_secrets=redactor.known,
+        left_out=left_out,
+    )
+
+
+@lru_cache(maxsize=1)
+def _packages() -> str:
+    """Installed packages; not from where, because an address may hold a password."""
+    found = {f"{each.metadata['Name']}=={each.version}" for each in metadata.distributions()}
+    return "\n".join(sorted(found, key=str.casefold)) + "\n"
+
+
+def _home() -> Path:
+    """The user's home folder; the root folder for a user who has none, as in some containers."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path("/")
+
+
+def _age_s(path: Path) -> float:
+    try:
+        return -path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, indent=1, default=str) + "\n"
+
+
+def _unwritable(target: Path, error: OSError) -> SettingsError:
+    return SettingsError(
+        f"{target}: the bundle cannot be written ({error.strerror or error}).",
+        remedy="Name a file in a folder that you can write.",
+    )

@@ -1,0 +1,47 @@
+"""Prints what torch and mujoco say about this machine: `python -m ... PRECISION BATCH THREADS`.
+
+`dr doctor` runs it as a process of its own, because loading them takes seconds and may fail in ways
+that no program survives.
+"""
+
+import json
+import os
+import sys
+from typing import Any
+
+
+def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, Any]:
+    """What the trainer would use; arguments as for `choose_compute`."""
+    os.environ.setdefault("MUJOCO_GL", "disable")  # otherwise mujoco looks for OpenGL
+    import mujoco
+    import torch
+
+    from drcli.learn.compute import choose_compute
+
+    facts: dict[str, Any] = {
+        "torch": torch.__version__,
+        "mujoco": mujoco.__version__,
+        "cuda_version": torch.version.cuda,
+        "cuda": False,
+        "cuda_error": "",
+    }
+    if torch.version.cuda is not None:
+        try:
+            torch.cuda.init()  # type: ignore[no-untyped-call]  # says why not, unlike is_available
+            facts["cuda"] = torch.cuda.is_available()
+            torch.zeros(
+                8, device="cuda"
+            ).sum().item()  # a GPU that torch has no code for fails here
+        except Exception as error:
+            facts |= {"cuda": False, "cuda_error": str(error).partition("\n")[0]}
+            os.environ["CUDA_VISIBLE_DEVICES"] = ""
+    compute = choose_compute(precision, batch_size, threads)
+    facts |= {"number_format": compute.number_format, "reason": compute.reason}
+    return facts
+
+
+if __name__ == "__main__":
+    answer = library_facts(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    sys.stdout.write(json.dumps(answer))
+    sys.stdout.flush()
+    os._exit(0)  # the end of torch's threads takes longer than the answer
