@@ -127,10 +127,10 @@ def run(*command: str) -> None:
         raise BootFailed(f"`{' '.join(command[:3])}` ended with code {done.returncode}: {last}")
 
 
-def write(path: str, text: str, mode: int = 0o644) -> None:
+def write(path: str, text: str | bytes, mode: int = 0o644) -> None:
     """Write a file and the folders above it."""
     at(path).parent.mkdir(parents=True, exist_ok=True)
-    at(path).write_text(text)
+    at(path).write_bytes(text.encode() if isinstance(text, str) else text)
     at(path).chmod(mode)
 
 
@@ -361,9 +361,10 @@ def install(machine: Machine, plan: dict[str, Any]) -> None:
         log(f"{error}; the usual index is used instead")
     run(*pip, source)
     for name in plan["files"]:
-        data = machine.get(f"spot/{machine.stack}/files/{name}")
-        write(f"{RACER}/{name}", data.decode(), 0o640)
+        write(f"{RACER}/{name}", machine.get(f"spot/{machine.stack}/files/{name}"), 0o640)
     variables = dict(plan["environment"])
+    if machine.topic:
+        variables["MY_SNS_TOPIC"] = machine.topic
     if machine.price and "DR_SPOT_PRICE" not in plan["given"]:
         variables["DR_SPOT_PRICE"] = f"{machine.price:.4f}"
     write(f"{HOME}/environment", "".join(f"{k}={v}\n" for k, v in variables.items()))
