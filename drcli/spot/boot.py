@@ -233,15 +233,14 @@ class Machine:
             raise OSError("the machine has no role yet")
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
         digest = hashlib.sha256(body).hexdigest()
+        form = "application/x-www-form-urlencoded; charset=utf-8"
         named = {
-            "content-type": "application/x-www-form-urlencoded; charset=utf-8",
+            "content-type": "application/octet-stream" if service == "s3" else form,
             "host": host,
             "x-amz-content-sha256": digest,
             "x-amz-date": stamp,
             "x-amz-security-token": keys["Token"],
         }
-        if service == "s3":
-            del named["content-type"]
         names = ";".join(named)
         lines = "".join(f"{name}:{value}\n" for name, value in named.items())
         whole = "\n".join([method, path, "", lines, names, digest])

@@ -47,12 +47,12 @@ def known_prices(
     ordinary: dict[str, float] = {}
     if market != "on-demand":
         try:
-            spot = list(currentknown_prices(account, names).values())
+            spot = list(current_prices(account, names).values())
         except DrError as error:
             notes.append(f"{error} The estimate is incomplete.")
     if market != "spot":
         try:
-            ordinary = on_demandknown_prices(account, names)
+            ordinary = on_demand_prices(account, names)
         except DrError as error:
             notes.append(f"{error} The estimate is incomplete.")
     return [*spot, *ordinary.values()], ordinary, notes

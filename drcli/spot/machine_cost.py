@@ -51,6 +51,11 @@ class StackCost:
         return sum(each.hours for each in self.machines)
 
     @property
+    def complete(self) -> bool:
+        """Whether the price of every machine is known."""
+        return all(each.usd is not None for each in self.machines)
+
+    @property
     def usd(self) -> float:
         """Of all machines whose price is known, and the addresses."""
         return sum(each.usd or 0.0 for each in self.machines) + self.extra_usd

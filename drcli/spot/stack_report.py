@@ -85,7 +85,7 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
         blank,
         checkpoint=checkpoint,
         machines=tuple(machines),
-        usd=known.usd if known is not None else None,
+        usd=known.usd if known is not None and known.complete else None,
     )
     if stack.status != "CREATE_COMPLETE":
         return report
