@@ -16,6 +16,7 @@ from drcli.spot.before_spending import (
     Wishes,
     check_bucket,
     check_wishes,
+    continue_stopped,
     key_of,
     model_state,
 )
@@ -174,6 +175,7 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
         if plan.source.wheel:
             bucket.put(stack_folder(name) + plan.source.wheel, plan.source.data)
         bucket.put(install_key(name), json.dumps(plan.install).encode())
+        continue_stopped(bucket, plan.settings.model_prefix)
         tags = {
             STACK_TAG: name,
             MODEL_TAG: plan.settings.model_prefix[:256],

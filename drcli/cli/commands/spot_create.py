@@ -187,7 +187,8 @@ def create(
         topic = ""
         if base:
             shared = need_stack(ours, base, "base")
-            bucket, topic = bucket or shared.bucket, shared.outputs.get("Topic", "")
+            bucket = bucket or os.environ.get(_BUCKET_VARIABLE) or shared.bucket
+            topic = shared.outputs.get("Topic", "")
         wishes = Wishes(
             stack,
             bucket or _usual_bucket(before),

@@ -58,7 +58,7 @@ class Cloud:
         found = self.s3.list_objects_v2(Bucket="models").get("Contents", [])
         for entry in found:
             self.s3.delete_object(Bucket="models", Key=entry["Key"])
-        self.sqs.purge_queue(QueueUrl=self.queue)
+        self.messages()
         if not self.wanted:
             self.group.set_desired_capacity(AutoScalingGroupName="run", DesiredCapacity=1)
 
@@ -79,7 +79,10 @@ class Cloud:
     def messages(self) -> list[str]:
         """Subjects of the messages."""
         found = self.sqs.receive_message(QueueUrl=self.queue, MaxNumberOfMessages=10)
-        return [json.loads(each["Body"])["Subject"] for each in found.get("Messages", [])]
+        messages = found.get("Messages", [])
+        for each in messages:
+            self.sqs.delete_message(QueueUrl=self.queue, ReceiptHandle=each["ReceiptHandle"])
+        return [json.loads(each["Body"])["Subject"] for each in messages]
 
 
 @pytest.fixture(scope="module")
