@@ -36,7 +36,7 @@ does not check who aborts an upload."""
 UNTRIED = {"s3:AbortMultipartUpload"}
 
 WITHOUT_PLACES = {"sns:Publish", "autoscaling:SetDesiredCapacity", "s3:DeleteObject"}
-"""Actions for which moto compares no resources, or that of the bucket where an object is deleted."""
+"""For them moto compares no resource, or that of the bucket where an object is deleted."""
 
 
 def filled(resource: str) -> str:
