@@ -81,6 +81,7 @@ PROGRAMS = {"drcli.store.server.moto_server"}
 UNIMPORTED = {
     "drcli.cli.program",
     "drcli.checks.sandbox.sandbox_process",
+    "drcli.spot.boot",
     "drcli.store.server.moto_server",
     "drcli.workers.sim",
     "drcli.workers.trainer",

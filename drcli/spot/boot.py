@@ -110,7 +110,8 @@ def pause(seconds: float) -> None:
 def log(text: str) -> None:
     """Write a line to the boot log, which cloud-init shows too."""
     line = time.strftime("%Y-%m-%dT%H:%M:%SZ ", time.gmtime()) + text
-    print(line, flush=True)
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
     at(LOG).parent.mkdir(parents=True, exist_ok=True)
     with at(LOG).open("a") as file:
         file.write(line + "\n")

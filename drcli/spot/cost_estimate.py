@@ -59,6 +59,11 @@ def known_prices(
 
 
 def estimate(prices: list[float], wishes: Wishes) -> Estimate:
+    """The estimate for these prices per hour.
+
+    Raises:
+        StorageError: No machine is as cheap as wanted.
+    """
     cap = wishes.most_usd
     if cap is not None and wishes.market == "spot":
         prices = [price for price in prices if price <= cap]

@@ -22,7 +22,11 @@ from moto.server import ThreadedMotoServer
 
 from fake_machine import FakeMachine
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    # moto makes no policies of buckets.
+    pytest.mark.filterwarnings("ignore:Tried to parse"),
+]
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = Path(sys.executable).parent
@@ -123,7 +127,9 @@ class Amazon:
         keys = {"AccessKeyId": "ASIAMACHINE", "SecretAccessKey": "secret", "Token": "token"}
         facts = json.loads(files["/etc/drcli/machine.json"])
         # Programs of the machine: this drcli, at the place where pip would put it.
-        made = FakeMachine(root, facts, self.endpoint, keys, instance, {"OMP_NUM_THREADS": "1"})
+        kept = {k: v for k, v in os.environ.items() if k in ("PYTHONPATH", "DRCLI_TEST_RUN")}
+        settle = {"OMP_NUM_THREADS": "1", **kept}
+        made = FakeMachine(root, facts, self.endpoint, keys, instance, settle)
         own = gzip.decompress(base64.b64decode(files["/opt/drcli/boot.py"]))
         assert own == (ROOT / "drcli/spot/boot.py").read_bytes()
         programs = root / "opt/drcli/venv/bin"
@@ -157,7 +163,8 @@ def until(condition: Callable[[], object], what: str, program: "subprocess.Popen
     end = time.monotonic() + PATIENCE_S
     while not condition():
         if program.poll() is not None:
-            pytest.fail(f"{what}: the training ended with {program.returncode}: {program.stdout}")
+            said = program.communicate()[0]
+            pytest.fail(f"{what}: the training ended with {program.returncode}: {said}")
         assert time.monotonic() < end, what
         time.sleep(0.5)
 

@@ -74,7 +74,7 @@ def create_base(
     with console.waiting(f"Making the stack {stack} ..."):
         made = create_stack(ours, stack, base_template(stack), tags, roles=False)
     report = BaseReport(stack, ours.region, made.bucket, made.outputs["Topic"])
-    console.emit(report, spot_view.base(report), as_json=as_json)
+    console.emit(report, spot_view.base(stack, ours.region, made.bucket), as_json=as_json)
     console.suggest([(f"dr-spot create NAME --base {stack}", "start a training")])
 
 

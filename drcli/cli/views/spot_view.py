@@ -10,7 +10,6 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows, counted, indented
 
 if TYPE_CHECKING:
-    from drcli.cli.commands.spot_create import BaseReport
     from drcli.spot.creation import CreatedStack, StackPlan
     from drcli.spot.machine_cost import StackCost
     from drcli.spot.prices import Offers
@@ -104,9 +103,9 @@ def created(report: "CreatedStack") -> RenderableType:
     )
 
 
-def base(report: "BaseReport") -> RenderableType:
+def base(stack: str, region: str, bucket: str) -> RenderableType:
     """A base stack that was made."""
-    return Text(f"Made {report.stack} in {report.region}: bucket {report.bucket}.")
+    return Text(f"Made {stack} in {region}: bucket {bucket}.")
 
 
 def stacks(found: "StackReports") -> RenderableType:
