@@ -107,7 +107,9 @@ class FakeMachine:
                 "placement/availability-zone": "us-east-1a",
                 "instance-life-cycle": "spot",
                 "iam/security-credentials/": "machine",
-                "iam/security-credentials/machine": json.dumps(keys),
+                "iam/security-credentials/machine": json.dumps(
+                    {**keys, "Code": "Success", "Expiration": "2099-01-01T00:00:00Z"}
+                ),
             }
         )
         programs = root / "programs"
