@@ -32,8 +32,7 @@ def account(region: str | None, profile: str | None, loaded: "Settings | None" =
         profile: Option.
         loaded: Settings; None to read those of the working folder, if there are any.
     """
-    from drcli.spot.aws_account import PROFILE_SETTING, Account
-    from drcli.store.profiles import read_profile
+    from drcli.spot.aws_account import Account
 
     if loaded is None and (working_folder() / "run.env").is_file():
         try:
@@ -45,16 +44,16 @@ def account(region: str | None, profile: str | None, loaded: "Settings | None" =
     if loaded is not None and loaded.cloud == "aws":
         own = loaded.profile or None
     chosen = profile or own
-    known = region or (
-        loaded.aws_app_region
-        if loaded is not None and "DR_AWS_APP_REGION" in loaded.sources
-        else os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-    )
-    known = known or read_profile(chosen, PROFILE_SETTING).region
-    return Account(known or _home(), chosen)
+    if not region and loaded is not None and "DR_AWS_APP_REGION" in loaded.sources:
+        region = loaded.aws_app_region
+    return Account(region or usual_region(chosen), chosen)
 
 
-def _home() -> str:
+def usual_region(profile: str | None) -> str:
+    """The region that the AWS command would use, else Amazon's first one."""
     from drcli.config.value_types import HOME_REGION
+    from drcli.spot.aws_account import PROFILE_SETTING
+    from drcli.store.profiles import read_profile
 
-    return HOME_REGION
+    named = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
+    return named or read_profile(profile, PROFILE_SETTING).region or HOME_REGION

@@ -8,7 +8,7 @@ from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, parse_json
 
 ADDRESS = "https://spot-bid-advisor.s3.amazonaws.com/spot-advisor-data.json"
-ADDRESS_VARIABLE = "DR_SPOT_ADVISOR_URL"
+ADDRESS_VARIABLE = "DRCLI_SPOT_ADVISOR_URL"
 
 CLASSES = ("<5%", "5-10%", "10-15%", "15-20%", ">20%")
 """How many of the machines were interrupted within a month."""

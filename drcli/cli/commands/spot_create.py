@@ -15,7 +15,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, DryRun
-from drcli.cli.spot_options import Profile, Region, StackName, Yes, account
+from drcli.cli.spot_options import Profile, Region, StackName, Yes, account, usual_region
 from drcli.cli.views import spot_view
 from drcli.cli.working_folder import working_folder
 
@@ -182,7 +182,7 @@ def create(
     market: Market = "spot-or-on-demand" if fallback else "on-demand" if on_demand else "spot"
     named = types or os.environ.get(_TYPE_VARIABLE, "").replace(",", " ").split()
     with _folder(files) as folder:
-        before = _loaded(folder, {})
+        before = _loaded(folder, _later(region, profile))
         ours = account(region, profile, before)
         topic = ""
         if base:
@@ -291,13 +291,19 @@ def _folder(files: Path | None) -> Iterator[Path]:
         yield Path(name)
 
 
+def _later(region: str | None, profile: str | None) -> dict[str, str]:
+    """Variables in files of deepracer-on-the-spot, until bucket and region are known."""
+    names = ("DEEPRACER_S3_URI", "DR_S3_URI", "MY_BUCKET")
+    found = dict.fromkeys(names, os.environ.get(_BUCKET_VARIABLE) or "bucket")
+    found["DEEPRACER_REGION"] = region or usual_region(profile)
+    return {name: value for name, value in found.items() if name not in os.environ}
+
+
 def _loaded(folder: Path, variables: dict[str, str]) -> "Settings":
-    """The settings in a folder. deepracer-on-the-spot names a bucket that is known later."""
+    """The settings in a folder, with variables that are stronger than its files."""
     from drcli.config.loading import load_settings
 
-    names = ("DEEPRACER_S3_URI", "DR_S3_URI", "MY_BUCKET")
-    later = dict.fromkeys(names, os.environ.get(_BUCKET_VARIABLE) or "bucket")
-    return load_settings(folder, environ={**later, **os.environ, **variables})
+    return load_settings(folder, environ={**os.environ, **variables})
 
 
 def _usual_bucket(loaded: "Settings") -> str:
