@@ -82,6 +82,7 @@ UNIMPORTED = {
     "drcli.cli.program",
     "drcli.cli.called_command",
     "drcli.checks.sandbox.sandbox_process",
+    "drcli.spot.boot",
     "drcli.store.server.moto_server",
     "drcli.workers.sim",
     "drcli.workers.trainer",

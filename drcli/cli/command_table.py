@@ -63,6 +63,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("stop-training", "Stop the training; what was learned is kept.", "stop"),
         Command("increment-training", "Start a new model from this one's weights.", "increments"),
         Command("stop-all", "Stop everything that was started in this folder.", "stop"),
+        Command("spot", "Train on spot machines of Amazon.", function="app"),
     ),
     *_section(
         "Evaluate",

@@ -1,18 +1,27 @@
-"""`dr spot`: machines that a cloud may take away."""
+"""`dr-spot`: trainings on machines of Amazon, which cost less because they may be taken away.
+
+Each group of commands has a file of its own; this one puts them together.
+"""
 
 import typer
 
+from drcli.cli.commands import spot_create, spot_end, spot_look
 from drcli.cli.commands.spot_watch import watch
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Watch for the end of a machine in a cloud.\n\nExample: dr-spot watch --once",
+    help="Train on spot machines of Amazon.\n\nExample: dr-spot prices",
 )
 
-
-@app.callback()
-def spot() -> None:
-    """Keep `watch` a command of its own although it is the only one."""
-
-
-app.command("watch")(watch)
+app.command("create-base")(spot_create.create_base)
+app.command()(spot_create.create)
+app.command("list")(spot_look.list_all)
+app.command()(spot_look.prices)
+app.command()(spot_look.cost)
+app.command()(spot_look.logs)
+app.command()(spot_look.ssh)
+app.command("add-access")(spot_create.add_access)
+app.command()(spot_create.subscribe)
+app.command()(spot_end.stop)
+app.command()(spot_end.delete)
+app.command()(watch)

@@ -1,0 +1,162 @@
+"""What is asked for, and the checks of it that need no machine: bucket, model, limits."""
+
+import json
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from drcli.base.errors import SettingsError
+from drcli.base.json_record import RecordError, parse_json
+from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.instance_types import Processor
+from drcli.store import keys, lease
+from drcli.store.bucket import ObjectMissing
+from drcli.store.model_prefix import is_used, newest_checkpoint
+from drcli.store.s3_bucket import S3Bucket
+
+Market = Literal["spot", "spot-or-on-demand", "on-demand"]
+
+LEAST_MINUTES, MOST_MINUTES = 15, 10_080
+"""A week at most, so that a forgotten group ends."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a racer asks for.
+
+    Attributes:
+        types: Instance types; empty for the default ones.
+        ttl_minutes: How long the machines may live; 0 for ever.
+        most_usd: Highest price of a spot machine per hour.
+        topic: Address of a topic for messages; empty to make one.
+        image: A disk image; empty for Ubuntu 24.04.
+        subnets: Empty for the default network.
+    """
+
+    stack: str
+    bucket: str
+    types: tuple[str, ...] = ()
+    processor: Processor = "x86"
+    market: Market = "spot"
+    ttl_minutes: int = 720
+    most_usd: float | None = None
+    disk_gb: int = 30
+    topic: str = ""
+    email: str = ""
+    key_name: str = ""
+    image: str = ""
+    subnets: tuple[str, ...] = ()
+
+
+def check_wishes(wishes: Wishes) -> None:
+    """Check what needs no question to Amazon.
+
+    Raises:
+        SettingsError: Something cannot be done.
+    """
+    minutes = wishes.ttl_minutes
+    if minutes and not LEAST_MINUTES <= minutes <= MOST_MINUTES:
+        raise SettingsError(
+            f"{minutes} minutes cannot be the time of a stack.",
+            remedy=f"Choose {LEAST_MINUTES} to {MOST_MINUTES} minutes; 0 means no limit.",
+        )
+    if wishes.most_usd is not None and not wishes.most_usd > 0:
+        raise SettingsError(
+            f"{wishes.most_usd} USD cannot be the highest price per hour.",
+            remedy="Choose a price above 0, or leave --max-price out.",
+        )
+
+
+def check_bucket(account: Account, name: str) -> S3Bucket:
+    """The bucket of the models, which must be in the region of the machines.
+
+    Raises:
+        DrError: It is elsewhere, or cannot be used.
+    """
+    from botocore.exceptions import ClientError
+
+    with account.trying(f"open the bucket {name}"):
+        try:
+            answer = account.client("s3").head_bucket(Bucket=name)
+        except ClientError as error:
+            if code_of_answer(error) in ("404", "NoSuchBucket"):
+                raise SettingsError(
+                    f"There is no bucket {name}.",
+                    remedy="Make one with `dr-spot create-base NAME`, or name one with --bucket.",
+                ) from error
+            if code_of_answer(error) != "301":
+                raise
+            answer = error.response
+    headers = answer["ResponseMetadata"].get("HTTPHeaders", {})
+    region = answer.get("BucketRegion") or headers.get("x-amz-bucket-region") or account.region
+    if region != account.region:
+        raise SettingsError(
+            f"The bucket {name} is in {region}, but the machines would be in {account.region}; "
+            "every checkpoint would travel between both, which costs time and money.",
+            remedy=f"Use --region {region}, or a bucket in {account.region}.",
+        )
+    return account.bucket(name)
+
+
+def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
+    """The checkpoint from which the training would go on, and what is worth knowing.
+
+    Raises:
+        SettingsError: Another machine trains the model, or the prefix holds something else.
+    """
+    lease.refuse_other_owner(bucket, prefix)
+    newest = newest_checkpoint(bucket, prefix)
+    model = f"s3://{bucket.name}/{prefix}"
+    if newest is None:
+        if is_used(bucket, prefix):
+            raise SettingsError(
+                f"{model} holds objects, but no checkpoint to resume from.",
+                remedy="Choose another DR_LOCAL_S3_MODEL_PREFIX, or delete what is there.",
+            )
+        return "", []
+    notes = []
+    if bucket.exists(keys.finished(prefix)):
+        notes.append(
+            f"The training of {model} has ended at {newest} before; if its goal is still met, the "
+            "machine has nothing to do and ends at once."
+        )
+    if _stays_ended(bucket, prefix) is not None:
+        notes.append(f"The training of {model} was stopped before; it is continued now.")
+    return str(newest), notes
+
+
+def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
+    """Let machines continue a training that somebody has stopped: whoever pays for one wants it."""
+    outcome = _stays_ended(bucket, prefix)
+    if outcome is not None:
+        text = json.dumps({**outcome, "stays_ended": False})
+        bucket.put(_outcome_key(prefix), text.encode())
+
+
+def _stays_ended(bucket: S3Bucket, prefix: str) -> dict[str, Any] | None:
+    """How the last start ended, if it says that only an explicit command continues the training."""
+    try:
+        outcome = parse_json(bucket.get(_outcome_key(prefix)))
+    except (ObjectMissing, RecordError):
+        return None
+    return outcome if isinstance(outcome, dict) and outcome.get("stays_ended") is True else None
+
+
+def _outcome_key(prefix: str) -> str:
+    return keys.run_folder(prefix) + "outcome.json"
+
+
+def key_of(account: Account, bucket: str) -> str:
+    """The KMS key that encrypts a bucket; empty for Amazon's own, or if nobody may know."""
+    from botocore.exceptions import ClientError
+
+    with account.trying(f"look at the encryption of {bucket}"):
+        try:
+            answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
+        except ClientError:
+            return ""  # old buckets have none, and not everybody may ask
+    for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
+        key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))
+        if key:
+            start = f"arn:aws:kms:{account.region}:{account.number}:key/"
+            return key if key.startswith("arn:") else start + key
+    return ""

@@ -1,0 +1,142 @@
+"""What the machines of a stack have cost: their hours, at the spot prices of these hours."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from drcli.base.errors import DrError
+from drcli.spot.aws_account import Account
+from drcli.spot.cost_estimate import ADDRESS_USD_PER_HOUR
+from drcli.spot.machines import Machine, hours
+from drcli.spot.prices import on_demand_prices
+
+
+@dataclass(frozen=True)
+class MachineCost:
+    """What one machine has cost.
+
+    Attributes:
+        usd: None if no price is known.
+        usd_per_hour: On average; None if no price is known.
+    """
+
+    instance: str
+    type: str
+    zone: str
+    market: str
+    hours: float
+    usd_per_hour: float | None
+    usd: float | None
+
+
+@dataclass(frozen=True)
+class StackCost:
+    """What a stack has cost so far.
+
+    Attributes:
+        machines: The oldest first.
+        extra_usd: For addresses; disks and requests cost less and are left out.
+        notes: What is not known, as sentences.
+    """
+
+    stack: str
+    machines: list[MachineCost]
+    extra_usd: float
+    notes: list[str]
+
+    @property
+    def hours(self) -> float:
+        """Of all machines together."""
+        return sum(each.hours for each in self.machines)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the price of every machine is known."""
+        return all(each.usd is not None for each in self.machines)
+
+    @property
+    def usd(self) -> float:
+        """Of all machines whose price is known, and the addresses."""
+        return sum(each.usd or 0.0 for each in self.machines) + self.extra_usd
+
+
+def cost_of(account: Account, stack: str, machines: Sequence[Machine]) -> StackCost:
+    """Compute what these machines have cost."""
+    notes: list[str] = []
+    costs = [_one(account, machine, notes) for machine in machines]
+    unknown = [each.instance for each in costs if each.usd is None]
+    if unknown:
+        notes.append(f"The price of {', '.join(unknown)} is not known.")
+    extra = sum(each.hours for each in costs) * ADDRESS_USD_PER_HOUR
+    return StackCost(stack, costs, extra, list(dict.fromkeys(notes)))
+
+
+def _one(account: Account, machine: Machine, notes: list[str]) -> MachineCost:
+    lasted, usd = hours(machine), None
+    if machine.market == "spot" and machine.started:
+        try:
+            usd = spot_usd(account, machine)
+        except DrError as error:
+            notes.append(f"{error} The price at the start of each machine is used.")
+    if usd is None and machine.usd_per_hour:
+        usd = machine.usd_per_hour * lasted
+    if usd is None and machine.market != "spot" and machine.type:
+        try:
+            known = on_demand_prices(account, [machine.type])
+        except DrError as error:
+            notes.append(str(error))
+        else:
+            usd = known[machine.type] * lasted if machine.type in known else None
+    return MachineCost(
+        machine.instance,
+        machine.type,
+        machine.zone,
+        machine.market,
+        lasted,
+        usd / lasted if usd is not None and lasted else None,
+        usd,
+    )
+
+
+def spot_usd(account: Account, machine: Machine) -> float | None:
+    """What a spot machine has cost by the history of its price; None without a history.
+
+    Raises:
+        StorageError: Amazon failed.
+    """
+    start = datetime.fromtimestamp(machine.started, UTC)
+    end = datetime.fromtimestamp(machine.ended, UTC) if machine.ended else datetime.now(UTC)
+    with account.trying("read the history of spot prices"):
+        found = account.pages(
+            "ec2",
+            "describe_spot_price_history",
+            "SpotPriceHistory",
+            InstanceTypes=[machine.type],
+            ProductDescriptions=["Linux/UNIX"],
+            AvailabilityZone=machine.zone,
+            StartTime=start,
+            EndTime=end,
+        )
+    own = [entry for entry in found if entry["AvailabilityZone"] == machine.zone]
+    return at_prices(own, start, end)
+
+
+def at_prices(history: Sequence[Any], start: datetime, end: datetime) -> float | None:
+    """The price of the time between two moments.
+
+    Args:
+        history: Amazon's entries: each price counts from its time until the next one, and the first
+            one also before.
+        start: Begin.
+        end: End.
+    """
+    entries = sorted(history, key=lambda entry: entry["Timestamp"])
+    if not entries:
+        return None
+    moments = [max(start, min(end, entry["Timestamp"])) for entry in entries]
+    moments[0] = start
+    usd = 0.0
+    for entry, since, until in zip(entries, moments, [*moments[1:], end], strict=True):
+        usd += float(entry["SpotPrice"]) * max(0.0, (until - since).total_seconds()) / 3600
+    return usd

@@ -1,0 +1,106 @@
+"""Where machines start, and from which disk image."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.training_template import Architecture, Image
+
+IMAGE_NAMES: Mapping[Architecture, str] = {
+    "x86_64": "/aws/service/canonical/ubuntu/server/24.04/stable/current/amd64/hvm/ebs-gp3/ami-id",
+    "arm64": "/aws/service/canonical/ubuntu/server/24.04/stable/current/arm64/hvm/ebs-gp3/ami-id",
+}
+"""Public parameters in which Ubuntu's maker keeps its newest images."""
+
+_MISSING = frozenset(
+    {
+        "ParameterNotFound",
+        "InvalidAMIID.NotFound",
+        "InvalidAMIID.Malformed",
+        "InvalidSubnetID.NotFound",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Network:
+    """A VPC and the subnets in it, by zone."""
+
+    id: str
+    subnets: tuple[str, ...]
+    zones: tuple[str, ...]
+
+
+def find_network(account: Account, subnets: Sequence[str]) -> Network:
+    """The named subnets, or those of the region's default network: one in each zone.
+
+    Raises:
+        SettingsError: There are none, or they are not of one network.
+        StorageError: Amazon failed.
+    """
+    from botocore.exceptions import ClientError
+
+    remedy = "Name subnets with --subnet, or make a default network with "
+    remedy += f"`aws ec2 create-default-vpc --region {account.region}`."
+    filters = [{"Name": "default-for-az", "Values": ["true"]}]
+    asked = {"SubnetIds": list(subnets)} if subnets else {"Filters": filters}
+    with account.trying(f"look for networks in {account.region}"):
+        try:
+            found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
+        except ClientError as error:
+            if code_of_answer(error) in _MISSING or "InvalidSubnetID" in code_of_answer(error):
+                found = []
+            else:
+                raise
+    networks = {entry["VpcId"] for entry in found}
+    if len(networks) != 1 or len(found) < len(set(subnets)):
+        what = f"{', '.join(subnets)} are not subnets of one network" if subnets else "no network"
+        raise SettingsError(
+            f"Machines have no network in {account.region}: {what}.",
+            remedy=remedy,
+        )
+    found.sort(key=lambda entry: entry["AvailabilityZone"])
+    return Network(
+        networks.pop(),
+        tuple(entry["SubnetId"] for entry in found),
+        tuple(entry["AvailabilityZone"] for entry in found),
+    )
+
+
+def find_images(
+    account: Account, kinds: Sequence[Architecture], image: str
+) -> dict[Architecture, Image]:
+    """The image for each architecture: the newest Ubuntu 24.04, or the one that was named.
+
+    Raises:
+        SettingsError: The image does not exist, or is for other processors.
+        StorageError: Amazon failed.
+    """
+    from botocore.exceptions import ClientError
+
+    found: dict[Architecture, Image] = {}
+    for kind in dict.fromkeys(kinds):
+        with account.trying("look for the image of Ubuntu 24.04"):
+            try:
+                name = image or IMAGE_NAMES[kind]
+                if not image:
+                    answer = account.client("ssm").get_parameter(Name=name)
+                    name = answer["Parameter"]["Value"]
+                entries = account.client("ec2").describe_images(ImageIds=[name])["Images"]
+            except ClientError as error:
+                if code_of_answer(error) not in _MISSING:
+                    raise
+                entries = []
+        if not entries:
+            raise StorageError(
+                f"There is no image {image or IMAGE_NAMES[kind]} in {account.region}.",
+                remedy="Name one with --image, or choose another region with --region.",
+            )
+        if entries[0].get("Architecture", kind) != kind:
+            raise SettingsError(
+                f"The image {image} is for {entries[0]['Architecture']}, not for {kind}.",
+                remedy="Choose types that fit the image with --type or --processor.",
+            )
+        found[kind] = Image(entries[0]["ImageId"], entries[0].get("RootDeviceName") or "/dev/sda1")
+    return found

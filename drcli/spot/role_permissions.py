@@ -1,0 +1,147 @@
+"""What the role of a spot machine may do: every permission with the reason why it is needed.
+
+Nothing here names a whole service, and no permission lets a machine start others or read secrets.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from drcli.store import keys
+
+ANY = "*"
+"""For actions that Amazon allows for all resources only."""
+
+
+@dataclass(frozen=True)
+class Permission:
+    """One action of a role.
+
+    Attributes:
+        action: As in a policy.
+        resources: Where: names of resources, which may hold CloudFormation's variables.
+        reason: What a training needs it for.
+    """
+
+    action: str
+    resources: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True)
+class Places:
+    """The objects that a machine works with.
+
+    Attributes:
+        bucket: Of the models.
+        folders: Prefixes that the machine reads and writes, without a slash at the end.
+        read_only: Prefixes that it only reads.
+        upload_bucket: Of finished models; empty if it is the same, or if there is none.
+        upload_folder: The prefix there.
+        key_arn: The KMS key of the bucket; empty for Amazon's own encryption.
+    """
+
+    bucket: str
+    folders: tuple[str, ...]
+    read_only: tuple[str, ...] = ()
+    upload_bucket: str = ""
+    upload_folder: str = ""
+    key_arn: str = ""
+
+
+def run_folders(prefix: str) -> tuple[str, ...]:
+    """The prefixes in which a training of this model writes."""
+    folders = (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix))
+    return tuple(folder.rstrip("/") for folder in folders)
+
+
+def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permission]:
+    """Everything that the role of a machine may do.
+
+    Args:
+        places: Objects.
+        groups: Names of the stack's own groups of machines.
+        topic: Address of the topic for messages.
+    """
+    files = _objects(places.bucket, places.folders)
+    probes = (f"{_arn(places.bucket)}/.probe-*", f"{_arn(places.bucket)}/.validate/*")
+    reads = _objects(places.bucket, places.read_only)
+    away = _objects(places.upload_bucket, (places.upload_folder,)) if places.upload_bucket else ()
+    whole = tuple(_arn(name) for name in (places.bucket, places.upload_bucket) if name)
+    own = tuple(
+        "arn:${AWS::Partition}:autoscaling:${AWS::Region}:${AWS::AccountId}:autoScalingGroup:*:"
+        f"autoScalingGroupName/{group}"
+        for group in groups
+    )
+    written = (*files, *probes, *away)
+    found = [
+        Permission("s3:ListBucket", whole, "looks for the newest checkpoint and for rollouts"),
+        Permission(
+            "s3:GetObject",
+            (*written, *reads),
+            "reads settings, reward function, checkpoints and rollouts",
+        ),
+        Permission("s3:PutObject", written, "writes checkpoints, rollouts, metrics and logs"),
+        Permission("s3:DeleteObject", written, "deletes rollouts that were learned from"),
+        Permission(
+            "s3:AbortMultipartUpload", written, "removes the parts of a large upload that failed"
+        ),
+        Permission("sns:Publish", (topic,), "reports the end of the training and failures"),
+        Permission(
+            "autoscaling:SetDesiredCapacity", own, "ends its own group when the training has ended"
+        ),
+        Permission("ec2:DescribeSpotPriceHistory", (ANY,), "knows what the machine costs per hour"),
+        *_session_manager(),
+    ]
+    if places.key_arn:
+        found += [
+            Permission("kms:Decrypt", (places.key_arn,), "reads objects that this key encrypts"),
+            Permission(
+                "kms:GenerateDataKey", (places.key_arn,), "writes objects that this key encrypts"
+            ),
+        ]
+    return found
+
+
+def policy(given: Sequence[Permission]) -> dict[str, Any]:
+    """The permissions as a policy: one statement for each set of resources."""
+    ordered = sorted(given, key=lambda each: each.resources)
+    statements: list[Mapping[str, Any]] = [
+        {
+            "Effect": "Allow",
+            "Action": sorted(each.action for each in group),
+            "Resource": [_filled(resource) for resource in resources],
+        }
+        for resources, group in groupby(ordered, key=lambda each: each.resources)
+    ]
+    return {"Version": "2012-10-17", "Statement": statements}
+
+
+def _filled(resource: str) -> Any:
+    """A resource, with CloudFormation's variables filled in."""
+    return {"Fn::Sub": resource} if "${" in resource else resource
+
+
+def _session_manager() -> list[Permission]:
+    """What the agent on the machine needs for shells and commands without an open port."""
+    channels = ("CreateControlChannel", "CreateDataChannel", "OpenControlChannel")
+    talks = "carries shells of `dr-spot ssh` without an open port"
+    commands = ("AcknowledgeMessage", "DeleteMessage", "FailMessage", "GetEndpoint")
+    receives = "receives the command of `dr-spot stop`"
+    return [
+        Permission("ssm:UpdateInstanceInformation", (ANY,), "tells Session Manager it is there"),
+        *[Permission(f"ssmmessages:{n}", (ANY,), talks) for n in (*channels, "OpenDataChannel")],
+        *[
+            Permission(f"ec2messages:{n}", (ANY,), receives)
+            for n in (*commands, "GetMessages", "SendReply")
+        ],
+    ]
+
+
+def _arn(bucket: str) -> str:
+    return "arn:${AWS::Partition}:s3:::" + bucket
+
+
+def _objects(bucket: str, folders: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{_arn(bucket)}/{folder}/*" for folder in sorted(set(folders)))

@@ -1,0 +1,270 @@
+"""The end of a stack: the training is stopped, the model is checked, everything is removed."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.creation import forget_files
+from drcli.spot.machine_marks import ENDED, read_marks
+from drcli.spot.machines import Machine, machines_of
+from drcli.spot.stacks import Pause, Stack, delete_stack, our_stacks
+from drcli.store import lease
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.model_prefix import newest_checkpoint
+
+STOP_COMMAND = (
+    "cd /opt/drcli/racer && exec runuser -u drcli -- "
+    "env $(cat /opt/drcli/environment) /opt/drcli/venv/bin/dr-stop-training"
+)
+"""What Systems Manager runs on the machine, as root."""
+
+_POLL_S = 5.0
+_DELIVERY_S = 60
+
+
+@dataclass(frozen=True)
+class StoppedStack:
+    """What was stopped and removed.
+
+    Attributes:
+        checkpoint: Newest one, whose files are whole; empty if there is none.
+        machines: Machines that ran.
+        objects: Objects of the machines that were removed from the bucket; models stay.
+    """
+
+    stack: str
+    model: str
+    checkpoint: str
+    machines: tuple[str, ...]
+    objects: int
+
+
+@dataclass(frozen=True)
+class BucketContent:
+    """What is in the bucket of a base stack."""
+
+    bucket: str
+    objects: int
+    size_bytes: int
+    models: tuple[str, ...]
+
+
+def stop_training_there(
+    account: Account,
+    stack: Stack,
+    *,
+    patience_s: float,
+    pause: Pause = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+) -> tuple[str, ...]:
+    """Ask the machines of a stack to stop their training, and wait until they have.
+
+    Returns:
+        The machines that ran.
+
+    Raises:
+        StorageError: A machine cannot be asked, or does not stop in time.
+    """
+    bucket = account.bucket(stack.bucket)
+    there = _running(account, stack)
+    asked = [each.instance for each in there if each.said not in ENDED]
+    if not asked:
+        return tuple(each.instance for each in there)
+    command = _send(account, asked)
+    until = clock() + patience_s
+    while True:
+        states = {mark.instance: mark.state for mark in read_marks(bucket, stack.name)}
+        left = [name for name in asked if states.get(name) not in ENDED]
+        if left and lease.holder(bucket, stack.model) is None and _done(account, command, left):
+            left = []  # it had no training that could say so
+        if not left:
+            return tuple(each.instance for each in there)
+        if clock() >= until:
+            raise StorageError(
+                f"The training on {', '.join(left)} has not stopped within {patience_s:.0f} s; "
+                "nothing was deleted.",
+                remedy=f"Wait and repeat the command, look with `dr-spot logs {stack.name}`, or "
+                "give up what is not in the bucket with --now.",
+            )
+        pause(_POLL_S)
+
+
+def verified_checkpoint(account: Account, stack: Stack) -> str:
+    """The newest checkpoint of a stack's model; empty if there is none.
+
+    Raises:
+        StorageError: The model in the bucket is not whole, or is still being written.
+    """
+    bucket = account.bucket(stack.bucket)
+    model = f"s3://{stack.bucket}/{stack.model}"
+    held = lease.holder(bucket, stack.model)
+    if held is not None:
+        raise StorageError(
+            f"{model} is still being trained by {held.owner}; nothing was deleted.",
+            remedy="Repeat the command in a minute, or add --now.",
+        )
+    newest = newest_checkpoint(bucket, stack.model)
+    if newest is None:
+        return ""
+    loaded = CheckpointStore(bucket, stack.model).load_latest()
+    if loaded is None or loaded.record.name != str(newest):
+        raise StorageError(
+            f"The newest checkpoint of {model}, {newest}, is not whole; nothing was deleted.",
+            remedy="Look at it with `dr-list-models`; add --now to delete the stack all the same. "
+            "The model stays in the bucket.",
+        )
+    return str(newest)
+
+
+def end_groups(account: Account, stack: Stack) -> None:
+    """Set the groups of a stack to no machine.
+
+    Raises:
+        StorageError: Amazon failed.
+    """
+    from botocore.exceptions import ClientError
+
+    for group in stack.groups:
+        with account.trying(f"end the machines of {group}"):
+            try:
+                account.client("autoscaling").update_auto_scaling_group(
+                    AutoScalingGroupName=group, MinSize=0, DesiredCapacity=0
+                )
+            except ClientError as error:
+                if code_of_answer(error) != "ValidationError":  # there is no such group
+                    raise
+
+
+def remove_training(
+    account: Account, stack: Stack, checkpoint: str, pause: Pause = time.sleep
+) -> StoppedStack:
+    """End the machines, and delete the stack and its files; models stay.
+
+    Raises:
+        StorageError: Amazon failed.
+    """
+    there = tuple(each.instance for each in _running(account, stack))
+    with suppress(DrError):  # a stack that was never made has no groups
+        end_groups(account, stack)
+    delete_stack(account, stack.name, pause)
+    objects = forget_files(account.bucket(stack.bucket), stack.name)
+    return StoppedStack(stack.name, stack.model, checkpoint, there, objects)
+
+
+def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
+    """What is in the bucket of a base stack; None if there is no such bucket any more.
+
+    Raises:
+        SettingsError: A training uses it.
+        StorageError: Amazon failed.
+    """
+    from botocore.exceptions import ClientError
+
+    users = [
+        each.name
+        for each in our_stacks(account)
+        if each.kind == "training" and each.bucket == stack.bucket
+    ]
+    if users:
+        raise SettingsError(
+            f"The bucket {stack.bucket} of {stack.name} is used by the stacks {', '.join(users)}.",
+            remedy=f"Remove them first, as with `dr-spot delete {users[0]}`.",
+        )
+    with account.trying(f"list the bucket {stack.bucket}"):
+        try:
+            found = account.pages("s3", "list_objects_v2", "Contents", Bucket=stack.bucket)
+        except ClientError as error:
+            if code_of_answer(error) == "NoSuchBucket":
+                return None
+            raise
+    pointer = "/model/.coach_checkpoint"
+    models = [each["Key"].removesuffix(pointer) for each in found if each["Key"].endswith(pointer)]
+    size = sum(each["Size"] for each in found)
+    return BucketContent(stack.bucket, len(found), size, tuple(sorted(models)))
+
+
+def remove_base(
+    account: Account, stack: Stack, *, keep_bucket: bool, pause: Pause = time.sleep
+) -> None:
+    """Delete a base stack, and its bucket with everything in it unless that is kept.
+
+    Raises:
+        StorageError: Amazon failed.
+    """
+    delete_stack(account, stack.name, pause)
+    if keep_bucket:
+        return
+    from botocore.exceptions import ClientError
+
+    client = account.client("s3")
+    with account.trying(f"delete the bucket {stack.bucket}"):
+        try:
+            pages = client.get_paginator("list_object_versions").paginate(Bucket=stack.bucket)
+            for page in pages:
+                entries = [*page.get("Versions", []), *page.get("DeleteMarkers", [])]
+                _delete_versions(client, stack.bucket, entries)
+            client.delete_bucket(Bucket=stack.bucket)
+        except ClientError as error:
+            if code_of_answer(error) != "NoSuchBucket":
+                raise
+
+
+def _delete_versions(client: object, bucket: str, entries: Sequence[dict[str, str]]) -> None:
+    if not entries:
+        return
+    objects = [{"Key": each["Key"], "VersionId": each["VersionId"]} for each in entries]
+    answer = client.delete_objects(  # type: ignore[attr-defined]
+        Bucket=bucket, Delete={"Objects": objects, "Quiet": True}
+    )
+    for failure in answer.get("Errors", []):
+        raise StorageError(
+            f"{bucket}/{failure['Key']} cannot be deleted: {failure.get('Message')}.",
+            remedy="Check the policy of the bucket and whether its objects are locked.",
+        )
+
+
+def _running(account: Account, stack: Stack) -> list[Machine]:
+    marks = read_marks(account.bucket(stack.bucket), stack.name)
+    return [each for each in machines_of(account, stack, marks) if each.running]
+
+
+def _send(account: Account, instances: Sequence[str]) -> str:
+    """Send the command that stops a training; returns its number."""
+    from botocore.exceptions import ClientError
+
+    with account.trying("ask the machine to stop the training"):
+        try:
+            answer = account.client("ssm").send_command(
+                InstanceIds=list(instances),
+                DocumentName="AWS-RunShellScript",
+                Comment="dr-spot stop",
+                TimeoutSeconds=_DELIVERY_S,
+                Parameters={"commands": [STOP_COMMAND]},
+            )
+        except ClientError as error:
+            if code_of_answer(error) != "InvalidInstanceId":
+                raise
+            raise StorageError(
+                f"The machine {', '.join(instances)} does not answer Systems Manager; it may "
+                "still be booting. Nothing was deleted.",
+                remedy="Repeat the command in two minutes, or add --now.",
+            ) from error
+    return str(answer["Command"]["CommandId"])
+
+
+def _done(account: Account, command: str, instances: Sequence[str]) -> bool:
+    """Whether the command has run on all these machines."""
+    from botocore.exceptions import ClientError
+
+    client = account.client("ssm")
+    for instance in instances:
+        try:
+            answer = client.get_command_invocation(CommandId=command, InstanceId=instance)
+        except ClientError:
+            return False  # not delivered yet
+        if answer["Status"] != "Success":
+            return False
+    return True

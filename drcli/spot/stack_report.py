@@ -1,0 +1,115 @@
+"""What `dr-spot list` says about stacks: machines, training, cost so far."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from drcli.base.errors import DrError
+from drcli.spot.aws_account import Account
+from drcli.spot.machine_cost import cost_of
+from drcli.spot.machine_marks import read_marks
+from drcli.spot.machines import Machine, machines_of, scaling_problem
+from drcli.spot.stacks import Stack
+from drcli.store import keys, lease
+from drcli.store.bucket import Bucket
+from drcli.store.model_prefix import newest_checkpoint
+
+
+@dataclass(frozen=True)
+class StackReport:
+    """A stack, its machines and its training.
+
+    Attributes:
+        kind: `training` or `base`.
+        status: CloudFormation's word.
+        state: In a word: `training`, `booting`, `failed`, ...
+        reason: Why it is so, as a sentence; may be empty.
+        checkpoint: Newest one; empty if there is none.
+        usd: Cost so far; None if it was not asked for, or if it is not known.
+        ends: When the machines end, in Unix seconds; 0 for never.
+    """
+
+    stack: str
+    kind: str
+    status: str
+    state: str
+    reason: str
+    model: str
+    bucket: str
+    checkpoint: str
+    machines: tuple[Machine, ...]
+    usd: float | None
+    created: float
+    ends: float
+
+
+@dataclass(frozen=True)
+class StackReports:
+    """All stacks of a region."""
+
+    region: str
+    stacks: list[StackReport]
+
+
+def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> StackReport:
+    """What is known about a stack.
+
+    Raises:
+        StorageError: Amazon failed.
+    """
+    blank = StackReport(
+        stack.name,
+        stack.kind,
+        stack.status,
+        stack.status.lower().replace("_", " "),
+        "",
+        stack.model,
+        stack.bucket,
+        "",
+        (),
+        None,
+        stack.created,
+        stack.ends,
+    )
+    if stack.kind != "training":
+        return replace(blank, state="ready" if stack.status.endswith("_COMPLETE") else blank.state)
+    bucket = account.bucket(stack.bucket)
+    try:
+        marks = read_marks(bucket, stack.name)
+        checkpoint, owned = _training(bucket, stack.model)
+    except DrError as error:
+        marks, checkpoint, owned = [], "", False
+        blank = replace(blank, reason=str(error))
+    machines = machines_of(account, stack, marks)
+    known = cost_of(account, stack.name, machines) if with_cost and machines else None
+    report = replace(
+        blank,
+        checkpoint=checkpoint,
+        machines=tuple(machines),
+        usd=known.usd if known is not None and known.complete else None,
+    )
+    if stack.status != "CREATE_COMPLETE":
+        return report
+    state, reason = _state(machines, owned=owned)
+    if state == "waiting for a machine":
+        reason = scaling_problem(account, stack)
+    return replace(report, state=state, reason=reason or report.reason)
+
+
+def _training(bucket: Bucket, prefix: str) -> tuple[str, bool]:
+    """The newest checkpoint, and whether a machine trains."""
+    newest = newest_checkpoint(bucket, prefix) if keys.is_valid_prefix(prefix) else None
+    owned = lease.holder(bucket, prefix) is not None
+    return str(newest or ""), owned
+
+
+def _state(machines: Sequence[Machine], *, owned: bool) -> tuple[str, str]:
+    """The state of a stack in a word, and the reason."""
+    there = [each for each in machines if each.running]
+    if there:
+        last = there[-1]
+        if last.said in ("training", "waiting", "restarting"):
+            return ("training" if owned else last.said), last.reason
+        return last.said or "booting", last.reason
+    if machines and machines[-1].said in ("finished", "stopped", "failed"):
+        return machines[-1].said, machines[-1].reason
+    return "waiting for a machine", ""

@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# Trains on a spot machine; the next one goes on when it is taken away.
+#
+#   create-spot-instance.sh BASE STACK [MINUTES] [options of dr-spot create]
+#
+# DEEPRACER_INSTANCE_TYPE names the type of the machine, BUCKET another bucket than that of BASE.
+set -euo pipefail
+. "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+usage "BASE STACK [MINUTES]" $# 2 40
+base=$1 stack=$2 minutes=60
+shift 2
+if [ $# -gt 0 ] && [ "${1#-}" = "$1" ]; then
+    minutes=$1
+    shift
+fi
+create "$base" "$stack" "$minutes" "$@"

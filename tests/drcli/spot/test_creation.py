@@ -1,0 +1,309 @@
+"""A training is started on machines of Amazon, and removed, with moto in this process."""
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import boto3
+import pytest
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.config.loading import load_settings
+from drcli.exchange.run_state import Lease
+from drcli.spot import creation, network, stack_end
+from drcli.spot.before_spending import Wishes
+from drcli.spot.install_source import InstallSource
+from drcli.spot.instance_types import InstanceType
+from drcli.spot.machine_cost import cost_of
+from drcli.spot.machine_marks import MachineMark, read_marks, stack_folder
+from drcli.spot.machines import machines_of
+from drcli.spot.stack_access import add_access
+from drcli.spot.stack_report import report_on
+from drcli.spot.stacks import find_stack, need_stack, our_stacks
+from drcli.store import keys, lease
+
+WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
+WISHES = Wishes("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
+RUN_ENV = "DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX=training/race/m-1\n"
+
+
+@pytest.fixture
+def settings(tmp_path: Path):
+    (tmp_path / "run.env").write_text(RUN_ENV)
+    (tmp_path / "system.env").write_text("DR_WORKERS=1\n")
+    return load_settings(tmp_path, environ={})
+
+
+@pytest.fixture(scope="module")
+def one_stack(shared_amazon, tmp_path_factory):
+    """A stack that runs; the tests leave it as it is."""
+    folder = tmp_path_factory.mktemp("racer")
+    (folder / "run.env").write_text(RUN_ENV)
+    wishes = replace(WISHES, types=("c7i.xlarge",))
+    plan = creation.prepare(shared_amazon, load_settings(folder, environ={}), wishes, WHEEL)
+    creation.carry_out(shared_amazon, plan)
+    return need_stack(shared_amazon, "run")
+
+
+@pytest.fixture
+def stack(amazon, one_stack):
+    """That stack, with an empty bucket."""
+    return one_stack
+
+
+@pytest.fixture
+def wishes() -> Wishes:
+    """For another stack."""
+    return replace(WISHES, stack="other", types=("c7i.xlarge", "m7i.xlarge"))
+
+
+def write_mark(amazon, stack, state: str, instance: str) -> None:
+    mark = MachineMark(
+        instance, "c7i.xlarge", "us-east-1a", "spot", 0.07, time.time(), time.time(), state
+    )
+    key = f"{stack_folder(stack.name)}machines/{mark.instance}.json"
+    amazon.bucket("models").put(key, mark.encode())
+
+
+def test_a_stack_is_made_and_removed_and_only_the_model_stays(amazon, settings, wishes):
+    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+    report = creation.carry_out(amazon, plan, pause=lambda seconds: None)
+    stack, bucket = need_stack(amazon, "other"), amazon.bucket("models")
+    ours = machines_of(amazon, stack, [])
+    files = {info.key for info in bucket.list("")}
+    install = json.loads(bucket.get("spot/other/install.json"))
+    bucket.put("training/race/m-1/model/x", b"a model")
+
+    done = stack_end.remove_training(amazon, stack, "", pause=lambda seconds: None)
+
+    assert report.stack == "other"
+    assert [machine.state for machine in ours] == ["running"]
+    assert files == {
+        f"spot/other/{name}"
+        for name in ("install.json", WHEEL.wheel, "files/run.env", "files/system.env")
+    }
+    assert install["sha256"] == WHEEL.sha256
+    assert install["environment"]["DR_CLOUD"] == "aws"
+    assert install["environment"]["DR_UPLOAD_S3_BUCKET"] == "models"
+    assert (stack.kind, stack.model, stack.bucket) == ("training", "training/race/m-1", "models")
+    assert stack.ends == pytest.approx(time.time() + 12 * 3600, abs=300)
+    assert find_stack(amazon, "other") is None
+    assert [info.key for info in bucket.list("")] == ["training/race/m-1/model/x"]
+    assert {each.state for each in machines_of(amazon, stack, [])} <= {"terminated"}
+    assert not any(name in str(boto3.client("iam").list_roles()) for name in ("other-Role",))
+    templates = boto3.client("ec2", "us-east-1").describe_launch_templates()["LaunchTemplates"]
+    assert not [each for each in templates if "other" in each["LaunchTemplateName"]]
+    assert done.objects == 4
+
+
+def test_nothing_is_made_while_it_is_planned(amazon, settings, wishes):
+    creation.prepare(amazon, settings, wishes, WHEEL)
+
+    assert find_stack(amazon, "other") is None
+    assert amazon.bucket("models").list("") == []
+
+
+def test_a_name_that_is_taken_is_refused(amazon, settings, wishes, stack):
+    assert [each.name for each in our_stacks(amazon)] == ["run"]
+    with pytest.raises(SettingsError, match="There is a stack run"):
+        creation.prepare(amazon, settings, replace(wishes, stack="run"), WHEEL)
+
+
+@pytest.mark.parametrize("name", ["", "1-run", "my_run", "a" * 65, "läufer"])
+def test_names_that_amazon_does_not_take_are_refused(amazon, name):
+    with pytest.raises(SettingsError, match="V-01"):
+        find_stack(amazon, name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"ttl_minutes": 5}, "5 minutes"),
+        ({"ttl_minutes": 20_000}, "20000 minutes"),
+        ({"most_usd": 0.0}, "highest price"),
+        ({"most_usd": float("nan")}, "highest price"),
+        ({"bucket": "elsewhere"}, "no bucket elsewhere"),
+        ({"types": ("c99.huge",)}, "c99.huge"),
+        ({"types": ("t3.nano",)}, "too little memory"),
+        ({"subnets": ("subnet-0",)}, "network"),
+        ({"types": ("c7g.xlarge",)}, "is for x86_64, not for arm64"),
+    ],
+)
+def test_wishes_that_cannot_be_met_are_refused(amazon, settings, wishes, changes, sentence):
+    with pytest.raises(SettingsError, match=sentence):
+        creation.prepare(amazon, settings, replace(wishes, **changes), WHEEL)
+
+
+def test_a_price_that_no_machine_has_is_refused(amazon, settings, wishes):
+    with pytest.raises(StorageError, match="No spot machine costs at most"):
+        creation.prepare(amazon, settings, replace(wishes, most_usd=0.000001), WHEEL)
+
+
+def test_a_model_that_another_machine_trains_is_refused(amazon, settings, wishes):
+    owner = Lease("s", "elsewhere", 1, time.time(), machine="other")
+    lease.write_lease(amazon.bucket("models"), settings.model_prefix, owner)
+
+    with pytest.raises(SettingsError, match="is being trained by process 1 on elsewhere"):
+        creation.prepare(amazon, settings, wishes, WHEEL)
+
+
+def test_a_prefix_with_other_objects_is_refused(amazon, settings, wishes):
+    amazon.bucket("models").put("training/race/m-1/notes.txt", b"")
+
+    with pytest.raises(SettingsError, match="no checkpoint"):
+        creation.prepare(amazon, settings, wishes, WHEEL)
+
+
+def test_a_longer_name_of_a_model_is_not_in_the_way(amazon, settings, wishes):
+    amazon.bucket("models").put("training/race/m-10/notes.txt", b"")
+
+    assert creation.prepare(amazon, settings, wishes, WHEEL).resumes == ""
+
+
+def test_a_training_that_was_stopped_is_continued(amazon, settings, wishes, stack, monkeypatch):
+    bucket, prefix = amazon.bucket("models"), settings.model_prefix
+    bucket.put(keys.checkpoint_record(prefix, "3_Step-30.ckpt"), b"{}")
+    bucket.put(keys.run_folder(prefix) + "outcome.json", b'{"code": 143, "stays_ended": true}')
+
+    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+    monkeypatch.setattr(creation, "create_stack", lambda *args, **named: stack)
+    creation.carry_out(amazon, plan)
+
+    assert any("it is continued now" in note for note in plan.notes)
+    outcome = json.loads(bucket.get(keys.run_folder(prefix) + "outcome.json"))
+    assert outcome == {"code": 143, "stays_ended": False}
+
+
+def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, wishes, monkeypatch):
+    plan = creation.prepare(amazon, settings, wishes, WHEEL)
+
+    def fail(*args: object, **named: object) -> None:
+        raise StorageError("No.", remedy="")
+
+    monkeypatch.setattr(creation, "create_stack", fail)
+    with pytest.raises(StorageError):
+        creation.carry_out(amazon, plan)
+
+    assert amazon.bucket("models").list("spot/") == []
+
+
+def test_both_architectures_have_their_own_image(amazon, monkeypatch):
+    base = "/aws/service/ami-amazon-linux-latest/al2023-ami-kernel-default-"
+    names = {"x86_64": base + "x86_64", "arm64": base + "arm64"}
+    monkeypatch.setattr(network, "IMAGE_NAMES", names)
+
+    found = network.find_images(amazon, ["x86_64", "arm64", "x86_64"], "")
+
+    assert set(found) == {"x86_64", "arm64"}
+    assert found["x86_64"].id != found["arm64"].id
+
+
+def test_an_image_that_does_not_exist_is_refused(amazon):
+    with pytest.raises(StorageError, match="no image ami-00000000"):
+        network.find_images(amazon, ["x86_64"], "ami-00000000")
+
+
+def test_files_and_tracks_of_an_experiment_are_sent(amazon, tmp_path, wishes):
+    (tmp_path / "run.env").write_text("DR_WORLD_NAME=reinvent_base\n")
+    (tmp_path / "system.env").write_text("DR_EXPERIMENT_NAME=fast\n")
+    own = tmp_path / "experiments" / "fast"
+    own.mkdir(parents=True)
+    (own / "run.env").write_text(RUN_ENV)
+    (tmp_path / "notes.env").write_text("SECRET=1\n")
+
+    plan = creation.prepare(amazon, load_settings(tmp_path, environ={}), wishes, WHEEL)
+
+    assert sorted(plan.files) == ["experiments/fast/run.env", "run.env", "system.env"]
+
+
+def test_a_report_shows_machine_state_and_cost(amazon, stack):
+    instance = machines_of(amazon, stack, [])[0].instance
+    write_mark(amazon, stack, "failed", instance)
+
+    report = report_on(amazon, stack)
+
+    assert report.state == "failed"
+    assert report.machines[0].said == "failed"
+    assert report.usd is not None
+
+
+def test_a_stack_without_a_word_of_its_machine_is_booting(amazon, stack):
+    assert report_on(amazon, stack).state == "booting"
+
+
+def test_a_machine_that_amazon_has_forgotten_still_costs(amazon, stack):
+    write_mark(amazon, stack, "interrupted", "i-gone")
+
+    found = machines_of(amazon, stack, read_marks(amazon.bucket("models"), "run"))
+
+    assert [each.state for each in found if each.instance == "i-gone"] == ["gone"]
+    assert len(cost_of(amazon, "run", found).machines) == 2
+
+
+def test_a_stop_waits_for_the_machine_and_checks_the_model(amazon, stack):
+    instance = machines_of(amazon, stack, [])[0].instance
+    write_mark(amazon, stack, "training", instance)
+    owner = Lease("s", "machine", 1, time.time(), machine="other")
+    lease.write_lease(amazon.bucket("models"), stack.model, owner)
+    waits: list[float] = []
+
+    def end_meanwhile(seconds: float) -> None:
+        waits.append(seconds)
+        if len(waits) == 2:
+            write_mark(amazon, stack, "stopped", instance)
+
+    stack_end.stop_training_there(amazon, stack, patience_s=60, pause=end_meanwhile)
+
+    assert len(waits) == 2
+    with pytest.raises(StorageError, match="still being trained"):
+        stack_end.verified_checkpoint(amazon, stack)
+    lease.release(amazon.bucket("models"), stack.model, "s")
+    assert stack_end.verified_checkpoint(amazon, stack) == ""
+
+
+def test_a_stop_that_takes_too_long_deletes_nothing(amazon, stack):
+    instance = machines_of(amazon, stack, [])[0].instance
+    write_mark(amazon, stack, "training", instance)
+    owner = Lease("s", "machine", 1, time.time(), machine="other")
+    lease.write_lease(amazon.bucket("models"), stack.model, owner)
+    now = [0.0]
+
+    def later(seconds: float) -> None:
+        now[0] += seconds
+
+    with pytest.raises(StorageError, match="has not stopped within 60 s"):
+        stack_end.stop_training_there(
+            amazon, stack, patience_s=60, pause=later, clock=lambda: now[0]
+        )
+
+    assert find_stack(amazon, "run") is not None
+
+
+def test_a_damaged_model_keeps_its_stack(amazon, stack):
+    bucket = amazon.bucket("models")
+    bucket.put(keys.checkpoint_record(stack.model, "3_Step-30.ckpt"), b"{}")
+
+    with pytest.raises(StorageError):
+        stack_end.verified_checkpoint(amazon, stack)
+
+
+def test_one_address_is_let_in(amazon, stack):
+    assert add_access(amazon, stack, "8.8.8.8") == "8.8.8.8/32"
+    assert add_access(amazon, stack, "8.8.8.8/32") == "8.8.8.8/32"
+
+    group = boto3.client("ec2", "us-east-1").describe_security_groups(
+        GroupIds=[stack.outputs["Firewall"]]
+    )["SecurityGroups"][0]
+    rules = [(rule["FromPort"], rule["ToPort"]) for rule in group["IpPermissions"]]
+    assert rules == [(22, 22)]
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0", "0.0.0.0/0", "8.8.8.0/24", "10.0.0.1", "me"])
+def test_more_than_one_address_is_refused(amazon, stack, address):
+    with pytest.raises(SettingsError):
+        add_access(amazon, stack, address)
+
+
+def test_workers_are_counted_by_processor_threads():
+    assert [InstanceType("x", "x86_64", n, 4096).workers for n in (1, 2, 4, 8)] == [1, 1, 2, 4]

@@ -1,0 +1,213 @@
+"""The commands of dr-spot, at moto in this process."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import boto3
+import pytest
+
+from drcli.cli.app import main
+from drcli.spot import stacks
+from drcli.spot.racer_files import environment, lay_out
+from drcli.spot.spot_advisor import ADDRESS_VARIABLE
+from drcli.spot.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
+
+
+@pytest.fixture
+def spot(amazon, monkeypatch, tmp_path, capsys):
+    """Runs a command; returns its code, its results and what it said."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setenv(ADDRESS_VARIABLE, "http://127.0.0.1:1/none.json")
+    monkeypatch.setattr(stacks, "_POLL_S", 0.0)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    for name in ("DR_DIR", "BUCKET", "DEEPRACER_INSTANCE_TYPE"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as end:
+            main(["spot", *arguments])
+        said = capsys.readouterr()
+        return int(end.value.code or 0), said.out, said.err
+
+    return run
+
+
+@pytest.fixture
+def training(amazon):
+    """A stack of a training, without machines."""
+    cloud = boto3.client("cloudformation", "us-east-1")
+    topic = {"Topic": {"Type": "AWS::SNS::Topic"}}
+    tags = {
+        STACK_TAG: "run",
+        KIND_TAG: "training",
+        MODEL_TAG: "training/m",
+        stacks.BUCKET_TAG: "models",
+    }
+    cloud.create_stack(
+        StackName="run",
+        TemplateBody=json.dumps({"Resources": topic}),
+        Tags=[{"Key": key, "Value": value} for key, value in tags.items()],
+    )
+    yield "run"
+    cloud.delete_stack(StackName="run")
+
+
+@pytest.mark.filterwarnings("ignore:Tried to parse")  # moto makes no policies of buckets
+def test_a_base_stack_is_made_listed_and_deleted_with_its_models(spot):
+    asked = spot("create-base", "racing")
+    made = spot("create-base", "racing", "--yes", "--json")
+    bucket = json.loads(made[1])["bucket"]
+    boto3.client("s3").put_object(Bucket=bucket, Key="m/model/.coach_checkpoint", Body=b"x")
+    listed = json.loads(spot("list", "--json")[1])
+    refused = spot("delete", "racing")
+    deleted = spot("delete", "racing", "--yes")
+
+    assert (asked[0], "Add -f" in asked[2]) == (1, True)
+    assert [(each["stack"], each["kind"]) for each in listed["stacks"]] == [("racing", "base")]
+    assert refused[0] == 1
+    assert "among them the models m" in refused[2]
+    assert (deleted[0], deleted[1]) == (0, "Removed racing with 1 object in its bucket.\n")
+    names = [each["Name"] for each in boto3.client("s3").list_buckets()["Buckets"]]
+    assert names == ["models"]
+    assert spot("list")[1] == "There are no stacks in us-east-1.\n"
+
+
+def test_a_base_stack_in_use_is_not_deleted(spot, training):
+    cloud = boto3.client("cloudformation", "us-east-1")
+    output = {"Bucket": {"Value": "models"}}
+    body = {"Resources": {"Topic": {"Type": "AWS::SNS::Topic"}}, "Outputs": output}
+    tags = {STACK_TAG: "shared", KIND_TAG: "base"}
+    cloud.create_stack(
+        StackName="shared",
+        TemplateBody=json.dumps(body),
+        Tags=[{"Key": key, "Value": value} for key, value in tags.items()],
+    )
+
+    code, _, said = spot("delete", "shared", "--yes")
+
+    cloud.delete_stack(StackName="shared")
+    assert code == 3
+    assert "is used by the stacks run" in said
+
+
+def test_stacks_of_others_are_neither_listed_nor_touched(spot):
+    cloud = boto3.client("cloudformation", "us-east-1")
+    body = json.dumps({"Resources": {"Topic": {"Type": "AWS::SNS::Topic"}}})
+    cloud.create_stack(StackName="theirs", TemplateBody=body)
+
+    assert json.loads(spot("list", "--json")[1])["stacks"] == []
+    code, _, said = spot("delete", "theirs", "--yes")
+
+    assert code == 3
+    assert "was not made by drcli" in said
+    assert cloud.describe_stacks(StackName="theirs")["Stacks"]
+    cloud.delete_stack(StackName="theirs")
+
+
+def test_a_training_is_listed_and_deleted_and_its_model_stays(spot, training, amazon):
+    bucket = amazon.bucket("models")
+    bucket.put("training/m/model/4_Step-40.ckpt.json", b"{}")
+    bucket.put("spot/run/install.json", b"{}")
+
+    listed = json.loads(spot("list", "--json")[1])["stacks"]
+    code, said, _ = spot("delete", "run", "--yes")
+
+    assert [(each["state"], each["checkpoint"]) for each in listed] == [
+        ("waiting for a machine", "4_Step-40.ckpt")
+    ]
+    assert code == 0
+    assert said == "Removed run. The model training/m stays in the bucket.\n"
+    assert [info.key for info in bucket.list("")] == ["training/m/model/4_Step-40.ckpt.json"]
+
+
+def test_the_newest_log_is_shown(spot, training, amazon):
+    assert spot("logs", "run")[0] == 1
+    amazon.bucket("models").put("training/m/logs/trainer/trainer.log", b"one\ntwo\nthree\n")
+
+    code, out, _ = spot("logs", "run", "train", "-n", "2")
+
+    assert (code, out) == (0, "two\nthree\n")
+
+
+def test_prices_are_compared(spot):
+    code, out, said = spot("prices", "--type", "c7i.xlarge", "--json", "--sort_order", "spotprice")
+
+    offers = json.loads(out)["offers"]
+    assert code == 0
+    assert {each["type"] for each in offers} == {"c7i.xlarge"}
+    assert {each["workers"] for each in offers} == {2}
+    assert "How often machines are interrupted is not known" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (("prices", "--sort-order", "Colour"), 2, "'Colour' is not one of SpotPrice"),
+        (("prices", "--interruption-filter", "7%"), 2, "'7%' is not one of <5%"),
+        (("prices", "--interruption-filter", "<5%"), 4, "is not known"),
+        (("prices", "--type", "c99.huge", "--region", "us-east-1"), 3, "c99.huge"),
+        (("cost", "run"), 3, "There is no stack run in us-east-1"),
+        (("stop", "my_run"), 3, "V-01"),
+        (("ssh", "run"), 3, "There is no stack run"),
+        (("add-access", "run", "8.8.8.8"), 3, "There is no stack run"),
+        (("create", "run"), 3, "run.env"),
+        (("create", "run", "--on-demand", "--fallback"), 2, "--on-demand uses no spot machine"),
+        (("create", "run", "--files", "nowhere"), 3, "there is no run.env in this folder"),
+    ],
+)
+def test_what_cannot_be_done_is_explained(spot, arguments, code, sentence):
+    found, _, said = spot(*arguments)
+
+    assert found == code, said
+    assert sentence in said
+
+
+def test_a_training_without_a_bucket_at_amazon_is_refused(spot, tmp_path):
+    (tmp_path / "run.env").write_text("DR_WORLD_NAME=reinvent_base\n")
+
+    code, _, said = spot("create", "run")
+
+    assert code == 3
+    assert "No bucket at Amazon is named" in said
+
+
+def test_wrong_settings_do_not_keep_anybody_from_looking(spot, tmp_path):
+    (tmp_path / "run.env").write_text("DR_WORKERS=many\n")
+
+    assert spot("list")[0] == 0
+
+
+def test_no_shell_without_a_machine(spot, training):
+    code, _, said = spot("ssh", "run")
+
+    assert code == 1
+    assert "No machine of run is running" in said
+
+
+def test_a_folder_of_the_old_kind_becomes_a_working_folder(tmp_path: Path):
+    old, new = tmp_path / "custom-files", tmp_path / "new"
+    (old / "examples").mkdir(parents=True)
+    new.mkdir()
+    for name in ("run.env", "system.env", "worker-2.env", "reward_function.py", "README.md"):
+        (old / name).write_text(name)
+
+    lay_out(old, new)
+
+    names = {path.relative_to(new).as_posix() for path in new.rglob("*") if path.is_file()}
+    assert names == {
+        "run.env",
+        "system.env",
+        "worker-2.env",
+        "custom_files/reward_function.py",
+        "custom_files/README.md",
+    }
+
+
+def test_a_bucket_for_uploads_that_is_named_is_kept():
+    ours = environment("models", "eu-west-1", "run", {"DR_UPLOAD_S3_BUCKET": "away"})
+
+    assert "DR_UPLOAD_S3_BUCKET" not in ours
+    assert ours["DEEPRACER_REGION"] == "eu-west-1"

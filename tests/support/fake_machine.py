@@ -1,0 +1,196 @@
+"""A spot machine without Amazon: its metadata, its programs in a fake root, and its systemd."""
+
+import configparser
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import drcli.spot.boot
+
+BOOT = Path(drcli.spot.boot.__file__)
+
+PROGRAMS = {
+    "apt-get": 'echo "apt-get $*" >> "$CALLS"; [ ! -e "$DRCLI_SPOT_ROOT/no-packages" ]',
+    "useradd": 'echo "useradd $*" >> "$CALLS"',
+    "id": "exit 1",
+    "chown": 'echo "chown $*" >> "$CALLS"',
+    "systemctl": 'echo "systemctl $*" >> "$CALLS"',
+    "python3": 'mkdir -p "$3/bin"; cp "$FAKE_PYTHON" "$3/bin/python"',
+}
+"""What the boot program calls, as shell scripts that write down how they were called."""
+
+PIP = 'echo "pip $*" >> "$CALLS"; case "$*" in *download.pytorch.org*) exit 1;; esac'
+
+
+class Metadata:
+    """Instance metadata, version 2, of one machine.
+
+    Attributes:
+        values: Texts by path below /latest/meta-data/; a missing one is answered with 404.
+        tokens: How many tokens were given out.
+    """
+
+    def __init__(self, values: Mapping[str, str]) -> None:
+        self.values = dict(values)
+        self.tokens = 0
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_PUT(self) -> None:
+                outer.tokens += 1
+                age = self.headers.get("X-aws-ec2-metadata-token-ttl-seconds")
+                self._answer(200 if age else 400, "a-token")
+
+            def do_GET(self) -> None:
+                name = self.path.removeprefix("/latest/meta-data/")
+                if self.headers.get("X-aws-ec2-metadata-token") != "a-token":
+                    self._answer(401, "")
+                elif name in outer.values:
+                    self._answer(200, outer.values[name])
+                else:
+                    self._answer(404, "")
+
+            def _answer(self, status: int, text: str) -> None:
+                self.send_response(status)
+                self.send_header("Content-Length", str(len(text)))
+                self.end_headers()
+                self.wfile.write(text.encode())
+
+            def log_message(self, *args: Any) -> None:
+                """Print nothing."""
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self._server.server_port}"
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,))
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+class FakeMachine:
+    """A machine whose root is a folder.
+
+    Args:
+        root: An empty folder.
+        facts: What its user data tell it.
+        endpoint: Stands in for Amazon.
+        keys: Of its role: AccessKeyId, SecretAccessKey and Token.
+        instance: Its id.
+        settle: Variables for the programs that it runs.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        facts: Mapping[str, Any],
+        endpoint: str,
+        keys: Mapping[str, str],
+        instance: str = "i-0123456789abcdef0",
+        settle: Mapping[str, str] | None = None,
+    ) -> None:
+        self.root, self.instance = root, instance
+        self.metadata = Metadata(
+            {
+                "instance-id": instance,
+                "instance-type": "c7i.xlarge",
+                "placement/availability-zone": "us-east-1a",
+                "instance-life-cycle": "spot",
+                "iam/security-credentials/": "machine",
+                "iam/security-credentials/machine": json.dumps(
+                    {**keys, "Code": "Success", "Expiration": "2099-01-01T00:00:00Z"}
+                ),
+            }
+        )
+        programs = root / "programs"
+        programs.mkdir(parents=True)
+        for name, script in PROGRAMS.items():
+            _program(programs / name, script)
+        _program(root / "fake-python", PIP)
+        (root / "etc/drcli").mkdir(parents=True)
+        (root / "etc/drcli/machine.json").write_text(json.dumps(facts))
+        self.calls_file = root / "calls.txt"
+        self.calls_file.touch()
+        self.environment = {
+            "PATH": f"{programs}:{os.environ['PATH']}",
+            "HOME": str(root),
+            "CALLS": str(self.calls_file),
+            "FAKE_PYTHON": str(root / "fake-python"),
+            "DRCLI_SPOT_ROOT": str(root),
+            "DRCLI_SPOT_PAUSE_S": "0",
+            "AWS_ENDPOINT_URL": endpoint,
+            "AWS_EC2_METADATA_SERVICE_ENDPOINT": self.metadata.url,
+            **(settle or {}),
+        }
+
+    @property
+    def calls(self) -> list[str]:
+        """How the programs were called."""
+        return self.calls_file.read_text().splitlines()
+
+    def boot(self, command: str = "start", **variables: str) -> "subprocess.CompletedProcess[str]":
+        """Run the boot program."""
+        return subprocess.run(
+            [sys.executable, str(BOOT), command],
+            env={**self.environment, **variables},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    def file(self, path: str) -> str:
+        """Content of a file of the machine."""
+        return (self.root / path.removeprefix("/")).read_text()
+
+    def unit(self, name: str) -> configparser.ConfigParser:
+        """A unit of systemd that was written."""
+        found = configparser.ConfigParser(strict=False, interpolation=None)
+        found.optionxform = str  # type: ignore[assignment, method-assign]
+        found.read_string(self.file(f"/etc/systemd/system/{name}"))
+        return found
+
+    def service(self, **variables: str) -> "subprocess.Popen[str]":
+        """Start the training as systemd would; end it with `after_service`."""
+        unit = self.unit("drcli-training.service")["Service"]
+        program = f"{self.root}{unit['ExecStart']}".split()
+        lines = self.file(unit["EnvironmentFile"]).splitlines()
+        given = dict(line.split("=", 1) for line in lines)
+        return subprocess.Popen(
+            program,
+            cwd=f"{self.root}{unit['WorkingDirectory']}",
+            env={**self.environment, **given, **variables},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def after_service(self, code: int) -> bool:
+        """What systemd does after an end; whether it would start the service again."""
+        how, status = ("killed", "KILL") if code < 0 else ("exited", str(code))
+        done = self.boot("ended", EXIT_CODE=how, EXIT_STATUS=status)
+        assert done.returncode == 0, done.stdout + done.stderr
+        unit = self.unit("drcli-training.service")
+        condition = unit["Unit"]["ConditionPathExists"].removeprefix("!")
+        assert unit["Service"]["Restart"] == "always"
+        return not Path(f"{self.root}{condition}").exists()
+
+    def close(self) -> None:
+        """Stop its metadata."""
+        with suppress(OSError):
+            self.metadata.close()
+
+
+def _program(path: Path, script: str) -> None:
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
