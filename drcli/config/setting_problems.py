@@ -22,8 +22,11 @@ GENERAL_RULE = "V-12"
 
 HIDDEN = "(hidden)"
 
-_SECRET = re.compile(r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY", re.IGNORECASE)
-"""Names of variables with secrets, such as the AWS keys; no setting has such a name."""
+_SECRET = re.compile(
+    r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY|WEBHOOK", re.IGNORECASE
+)
+"""Names of variables with secrets, such as the AWS keys. Whoever knows the address of a webhook may
+write there; no other setting has such a name."""
 
 
 def setting_problem(

@@ -54,7 +54,15 @@ def _look(
     how: settings,
     chosen: int | None = None,
 ) -> None:
-    test: Any = given(examples)(check)
+    def told(example: Any) -> None:
+        try:
+            check(example)
+        except AssertionError as fault:
+            if long_minutes():
+                print(f"\n{fault}\n", flush=True)  # the end of all tests is far away
+            raise
+
+    test: Any = given(examples)(told)
     test = how(test)
     if chosen is not None:
         test = seed(chosen)(test)

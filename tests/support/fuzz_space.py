@@ -337,7 +337,8 @@ class FuzzSpace:
         before = self._files()
         environment = {**self.environment, **(environment or {})}
         done = self.forks.run(arguments, self.folder, environment)
-        told = f"\ndr {arguments!r}\ncode {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
+        told = f"\ndr {' '.join(map(_short, arguments))}\ncode {done.returncode}\n"
+        told += f"{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
         assert done.returncode != -signal.SIGKILL, f"it hangs{told}"
         assert done.returncode in CODES, f"unknown exit code{told}"
         assert not TRACEBACK.search(done.stdout + done.stderr), f"a traceback{told}{self._crash()}"
@@ -380,6 +381,10 @@ class FuzzSpace:
     def settings(self) -> Any:
         """The settings of the folder."""
         return load_settings(self.folder, environ={})
+
+
+def _short(word: str) -> str:
+    return ascii(word) if len(word) < 400 else f"{ascii(word[:20])} ... ({len(word)} letters)"
 
 
 def _reports_errors(out: str) -> bool:
