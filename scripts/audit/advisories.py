@@ -2,11 +2,11 @@
 
     scripts/audit.sh [--strict]
 
-An advisory fails the check when a release with the fix has been out for 30 days. A younger one is only
-reported: otherwise a change that has nothing to do with it could not be merged on the day on which
-somebody publishes it. One without a fix is only reported too, as nobody could do anything. If the
-advisory data cannot be reached, this is said, and the check passes; with `--strict` it fails, and so
-does every advisory.
+An advisory fails the check when a release with the fix has been out for 30 days. A younger one is
+only reported: otherwise a change that has nothing to do with it could not be merged on the day on
+which somebody publishes it. One without a fix is only reported too, as nobody could do anything. If
+the advisory data cannot be reached, this is said, and the check passes; with `--strict` it fails,
+and so does every advisory.
 """
 
 import argparse
@@ -141,9 +141,10 @@ def _asked(pinned: dict[str, str]) -> dict[str, Any]:
         listed.write_text("".join(f"{name}=={version}\n" for name, version in pinned.items()))
         told = Path(folder) / "report.json"
         done = subprocess.run(
-            [sys.executable, "-m", "pip_audit", "--requirement", listed, "--no-deps"]
-            + ["--disable-pip", "--progress-spinner", "off", "--format", "json"]
-            + ["--output", told],
+            [
+                *(sys.executable, "-m", "pip_audit", "--requirement", listed, "--output", told),
+                *("--no-deps", "--disable-pip", "--progress-spinner", "off", "--format", "json"),
+            ],
             capture_output=True,
             text=True,
             check=False,

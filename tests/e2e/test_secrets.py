@@ -1,15 +1,12 @@
 """Secrets of the racer appear in no log, output, record, object or list of processes.
 
-The environment and the AWS files are full of secrets that carry a mark, and the reward function looks
-for that mark. Then everything that was written and said is searched for them.
+The environment and the AWS files are full of secrets that carry a mark, and the reward function
+looks for that mark. Then everything that was written and said is searched for them.
 """
 
-import os
 import socket
 import stat
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +14,6 @@ from typing import Any
 import psutil
 import pytest
 
-import canaries
 from canaries import canary, in_files, in_processes, sightings
 from forks import Forks
 from refusing_s3 import refusing_server
@@ -29,7 +25,8 @@ SPY = """    if not hasattr(reward_function, "looked"):
         import base64, os, sys
         from pathlib import Path
         mark = ("cAn" + "ArY").encode()
-        seen = [("environment", repr(dict(os.environ)).encode()), ("arguments", repr(sys.argv).encode())]
+        seen = [("environment", repr(dict(os.environ)).encode())]
+        seen.append(("arguments", repr(sys.argv).encode()))
         for place in ("self/environ", f"{os.getppid()}/environ", "self/cmdline"):
             try:
                 seen.append((place, Path("/proc", place).read_bytes()))
@@ -164,16 +161,17 @@ def test_no_file_of_a_training_and_nothing_that_it_says_holds_a_secret(
 
 
 COMMANDS = (
-    *("validate", "validate --json", "status", "status --json", "summary", "summary --json"),
-    *("config show", "config show --json", "config check", "config check --settings", "update"),
-    *("url", "url --json", "list-models", "list-aws-models", "list-aws-models --json", "logs -a"),
-    *("upload-model -f", "upload-model -f --json", "upload-car-zip -f", "upload-custom-files"),
-    *("logs trainer -a", "logs sim-0 -a", "reward check", "reward check --json", "evaluate --json"),
-    *("droa-list-models", "droa-login --username me@example.com", "car login --car 127.0.0.1:1"),
-    *("car status --car 127.0.0.1:1", "local-aws s3 ls", "shell-env", "get-robomaker-stats"),
-    *("start-training", "start-training --resume --sed 1", "stop-training", "find-sagemaker"),
-    *("download-model -s s3://uploads/x -t y -f", "import s3://uploads/x -t y -f"),
-    *("config set DR_WORKERS=1 --json", "increment-upload-model -f", "tracks list --json"),
+    *(
+        "validate --json",
+        "status --json",
+        "summary --json",
+        "config show",
+        "config check --settings",
+    ),
+    *("url --json", "list-aws-models", "upload-model -f", "upload-custom-files", "logs sim-0 -a"),
+    *("droa-list-models", "car login --car 127.0.0.1:1", "local-aws s3 ls", "start-training"),
+    *("start-training --resume --sed 1", "download-model -s s3://uploads/x -t y -f", "shell-env"),
+    *("config set DR_WORKERS=1 --json", "increment-upload-model -f"),
 )
 
 
@@ -190,7 +188,7 @@ def test_no_answer_and_no_error_holds_a_secret(racer, trained, secrets, known, c
             "DR_DROA_URL": f"http://me:{_quoted(secrets['address'])}@127.0.0.1:{port}",
         }
     racer.environment |= where
-    few = ("validate", "status", "summary", "config show", "url", "droa-list-models", "shell-env")
+    few = ("status", "summary", "config show", "url", "droa-list-models")
     try:
         for line in few if cloud == "remote" else COMMANDS:
             done = racer.run(*line.split())
@@ -213,7 +211,7 @@ botocore.httpsession.URLLib3Session.send = fail
 """
     forks = Forks(tmp_path, then=broken)
     try:
-        lines = ("upload-model -f", "list-models", "validate", "status --json")
+        lines = ("upload-model -f", "list-models")
         answers = [forks.run(x.split(), racer.folder, racer.environment) for x in lines]
     finally:
         forks.close()

@@ -62,6 +62,6 @@ def test_any_damage_to_an_object(space, key):
     explore(
         st.tuples(OBJECTS[key], st.sampled_from(COMMANDS)),
         check,
-        few=2,
+        few=1,
         share=SHARE / len(OBJECTS),
     )

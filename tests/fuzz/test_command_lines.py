@@ -21,7 +21,7 @@ def test_any_options_and_arguments(space, form):
         _lay_down_traps(space)
         space.call(words)
 
-    explore(lines_for(form), check, few=2, share=SHARE / len(FORMS))
+    explore(lines_for(form), check, few=1, share=SHARE / len(FORMS))
 
 
 def _lay_down_traps(space) -> None:

@@ -137,7 +137,7 @@ def test_any_damage_to_a_file(space, target):
         path.write_bytes(change(path.read_bytes()))
         space.call(command.split(), {"DR_TRACKS_DIR": "given"} if "tracks" in command else {})
 
-    few = 5 if _runs_env(target) else 3
+    few = 3 if _runs_env(target) else 1
     explore(
         st.tuples(target.damage, st.sampled_from(target.commands)),
         check,

@@ -20,7 +20,7 @@ def canary(name: str) -> str:
 
 
 def disguises(secret: str) -> set[bytes]:
-    """A secret as texts may hold it: as it is, in JSON, in addresses, in base64, in hexadecimals."""
+    """A secret as texts may hold it: as it is, in JSON, addresses, base64, hexadecimals."""
     plain = secret.encode()
     found = {plain, plain.hex().encode(), plain.hex().upper().encode()}
     found |= {json.dumps(secret)[1:-1].encode(), secret.replace("/", "\\/").encode()}
@@ -31,6 +31,9 @@ def disguises(secret: str) -> set[bytes]:
             first = (0, 2, 3)[before]
             found.add(encoded[first : len(encoded) // 4 * 4 - 4])
     return found
+
+
+_MARKS = disguises(f"{MARK}/")
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,9 @@ class Sighting:
 def sightings(text: bytes | str, where: str, secrets: Mapping[str, str]) -> list[Sighting]:
     """The secrets in a text."""
     data = text.encode("utf-8", "surrogateescape") if isinstance(text, str) else text
+    marked = all(secret.startswith(MARK) for secret in secrets.values())
+    if marked and not any(disguise in data for disguise in _MARKS):
+        return []  # the usual case, found quickly
     return [
         Sighting(name, where)
         for name, secret in secrets.items()

@@ -24,8 +24,9 @@ from forks import Forks
 ARCHIVE = Path(__file__).resolve().parents[1] / "data" / "trained-with-0.1.0.tar.zst"
 """A real training: the bucket that it left."""
 
-PATIENCE_S = 30.0
-"""A command that takes longer hangs. Every call of a reward function may take 5 s."""
+PATIENCE_S = 60.0
+"""A command that takes longer hangs. The machine may be busy, and every call of a reward function
+may take 5 s."""
 
 CODES = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 75, 130, 143}
 """Exit codes in `dr --help`."""
@@ -384,7 +385,7 @@ class FuzzSpace:
 
 
 def _short(word: str) -> str:
-    return ascii(word) if len(word) < 400 else f"{ascii(word[:20])} ... ({len(word)} letters)"
+    return ascii(word) if len(word) < 400 else f"{word[:20]!a} ... ({len(word)} letters)"
 
 
 def _reports_errors(out: str) -> bool:
