@@ -371,7 +371,9 @@ class FuzzSpace:
     def _was_repaired(self, name: str) -> bool:
         """Whether an object was damaged, and a copy of it was kept."""
         damaged = self.bucket / "runs" / "model" / "damaged"
-        key = name.removeprefix("data/s3/bucket/").removeprefix("model/")
+        key = (
+            name.removeprefix("data/s3/bucket/").removeprefix("runs/model/").removeprefix("model/")
+        )
         return any(damaged.glob(f"{glob.escape(key)}.*"))
 
     def _crash(self) -> str:
