@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.regular_file import read_regular
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -67,7 +68,7 @@ def read_json(path: Path) -> Any:
     A full disk or a power failure may damage any file.
     """
     try:
-        return parse_json(path.read_bytes())
+        return parse_json(read_regular(path))
     except (OSError, RecordError):
         return None
 

@@ -1,5 +1,6 @@
 """Runs the command line, and turns errors into exit codes."""
 
+import errno
 import gc
 import io
 import os
@@ -10,12 +11,28 @@ from functools import cache
 from pathlib import Path
 
 from drcli.base import notices
-from drcli.base.errors import DrError
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import shown
 from drcli.cli import ascii_only, completion, console
 from drcli.cli.command_line import application
 from drcli.cli.working_folder import working_folder
 
 PROGRAM = "dr"
+
+_PERMISSIONS = "Correct its permissions, or choose another place."
+_ROOM = "Free some disk space, and run the command again."
+_NOT_OUR_BUGS = {
+    errno.ENAMETOOLONG: "Choose a shorter name or path.",
+    errno.ELOOP: "Correct the symbolic links on the way to it.",
+    errno.ENOTDIR: "Choose another place: a part of this path is a file, not a folder.",
+    errno.EACCES: _PERMISSIONS,
+    errno.EPERM: _PERMISSIONS,
+    errno.EROFS: _PERMISSIONS,
+    errno.ENOSPC: _ROOM,
+    errno.EDQUOT: _ROOM,
+    errno.EIO: "Check the disk, or choose another place.",
+}
+"""What is wrong with a path or a disk and not with us, and what to do about it."""
 
 
 def main(args: list[str] | None = None) -> None:
@@ -51,6 +68,11 @@ def main(args: list[str] | None = None) -> None:
             raise SystemExit(130) from None
         if os.environ.get("DR_DEBUG"):
             raise
+        if isinstance(error, OSError) and error.errno in _NOT_OUR_BUGS and error.filename:
+            place = shown(os.fsdecode(error.filename))
+            remedy = _NOT_OUR_BUGS[error.errno]
+            console.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
+            raise SystemExit(SettingsError.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
 

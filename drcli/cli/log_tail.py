@@ -89,6 +89,8 @@ class Tail:
 
     def _begin(self) -> bytes:
         try:
+            if not self._path.is_file():  # to open a named pipe would wait for a writer
+                raise FileNotFoundError
             self._file = self._path.open("rb")
         except FileNotFoundError:
             self._last_lines = None

@@ -9,6 +9,7 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
+from drcli.base.regular_file import read_regular
 from drcli.config.editing import with_values
 from drcli.config.loading import active_run_file
 from drcli.config.settings import Settings
@@ -41,7 +42,7 @@ class RunEnvEdit:
         Raises:
             SettingsError: It was.
         """
-        if self.path.read_bytes() != self.old:
+        if read_regular(self.path) != self.old:
             raise SettingsError(
                 f"{self.path} changed while this command was waiting.",
                 remedy="Run the command again.",
@@ -76,7 +77,7 @@ def file_name(settings: Settings) -> str:
 def written(settings: Settings, name: str) -> str | None:
     """The text of a setting in that file, maybe with `$NAME` in it; None if it is not in there."""
     file = file_name(settings)
-    entry = parse_env((settings.directory / file).read_bytes(), file).last.get(name)
+    entry = parse_env(read_regular(settings.directory / file), file).last.get(name)
     return None if entry is None else entry.value
 
 
@@ -89,7 +90,7 @@ def plan_edit(settings: Settings, values: Mapping[str, str]) -> RunEnvEdit:
     refuse_stronger_values(settings, values)
     name = file_name(settings)
     path = settings.directory / name
-    old = path.read_bytes()
+    old = read_regular(path)
     return RunEnvEdit(settings.directory, path, old, with_values(old, values, name))
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from dotenv.parser import Binding, parse_stream
 
 from drcli.base.problems import Place, Problem, ProblemsError, one_of, shown
+from drcli.base.regular_file import read_regular
 from drcli.base.text_file import decode
 from drcli.config import activation
 from drcli.config.setting_problems import GENERAL_RULE, file_problem, hidden, setting_problem
@@ -77,7 +78,7 @@ def content_of(path: Path, name: str) -> bytes:
         ProblemsError: It cannot be read.
     """
     try:
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as e:
         what = f"cannot be read ({e.strerror or e})."
         remedy = f"Check that {path} is a file and that you can read it."

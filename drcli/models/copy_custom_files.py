@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.regular_file import read_regular
 from drcli.config.settings import CustomFilesConfig, StorageConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -164,7 +165,7 @@ def _is_file(path: Path) -> bool:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as e:
         _refuse(e, path)
 

@@ -9,6 +9,7 @@ import yaml
 from drcli.base.errors import SettingsError
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.problems import ProblemsError, shown
+from drcli.base.regular_file import read_regular
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
@@ -177,7 +178,7 @@ class ModelMaker:
         given = self._options.metadata
         if given is not None:
             try:
-                return given.read_bytes(), str(given)
+                return read_regular(given), str(given)
             except OSError as e:
                 raise SettingsError(
                     f"--metadata {given}: cannot be read ({e.strerror or e}).",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
+from drcli.base.regular_file import read_regular
 from drcli.config.settings import TransferConfig
 from drcli.models.transfer_buckets import COPY_PATIENCE_S, parse_url, source_bucket
 from drcli.store import keys
@@ -192,7 +193,7 @@ def _single(path: Path) -> SourceFiles:
 
 def _content(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as e:
         raise _unreadable(path, e) from e
 

@@ -15,6 +15,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from drcli.base.regular_file import read_regular
+
 LEAST_VALIDITY = timedelta(seconds=60)
 """Keys that end earlier are not used any more."""
 
@@ -44,7 +46,7 @@ def load_keys(path: Path, now: datetime) -> Keys | None:
     try:
         if not _is_ours(path):
             return None
-        keys = _keys(json.loads(path.read_bytes()))
+        keys = _keys(json.loads(read_regular(path)))
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
     return keys if keys.expires > now + LEAST_VALIDITY else None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem
+from drcli.base.regular_file import read_regular
 from drcli.checks.sandbox.run_sandbox import Sandbox
 from drcli.checks.sandbox.sandbox_records import REMEDIES, CallIndex, SandboxRequest, SandboxResult
 from drcli.rewards.drivers import FAST, STEADY, ScriptedDriver
@@ -167,7 +168,7 @@ def try_rewards(files: list[Path], course: Course, directory: Path) -> list[Trie
         running = []
         for file in files:
             try:
-                text = file.read_bytes()
+                text = read_regular(file)
             except OSError as error:
                 raise SettingsError(
                     f"{file}: the reward function cannot be read: {error.strerror}.",

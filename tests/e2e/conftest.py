@@ -7,11 +7,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,86 +21,9 @@ from drcli.config.settings import Settings
 from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
+from forks import PATIENCE_S, Forks
 
-PATIENCE_S = 90.0
 PREFIX = "model"
-
-FORKING = """
-import gc, json, os, sys
-import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
-from drcli.cli.app import main
-from drcli.cli.command_line import load
-from drcli.cli.command_table import COMMANDS
-
-for command in COMMANDS:
-    load(command)
-gc.freeze()
-for line in sys.stdin:
-    call = json.loads(line)
-    pid = os.fork()
-    if pid == 0:
-        os.chdir(call["folder"])
-        os.environ.clear()
-        os.environ.update(call["environment"])
-        for stream, path in enumerate((os.devnull, *call["said"])):
-            os.dup2(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), stream)
-        try:
-            main(call["arguments"])
-        except SystemExit as end:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(end.code)  # to take everything down that was loaded would take long as well
-    print(pid, flush=True)
-    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
-"""
-"""Runs each command line in a process of its own that has everything loaded when it begins."""
-
-
-class Forks:
-    """Runs commands as `dr` does, without the loading that takes most of a short command's time.
-
-    They run one after the other, whoever asks.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._lock = threading.Lock()
-
-    @cached_property
-    def _process(self) -> "subprocess.Popen[str]":
-        return subprocess.Popen(
-            [sys.executable, "-c", FORKING],
-            cwd=self._folder,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def run(
-        self, arguments: list[str], folder: Path, environment: dict[str, str]
-    ) -> "subprocess.CompletedProcess[str]":
-        """What a command answered in a folder."""
-        said = (self._folder / "out", self._folder / "err")
-        call = {"arguments": arguments, "folder": str(folder), "environment": environment}
-        with self._lock:
-            for path in said:
-                path.unlink(missing_ok=True)
-            asked, answered = self._process.stdin, self._process.stdout
-            assert asked is not None
-            assert answered is not None
-            asked.write(json.dumps({**call, "said": [str(path) for path in said]}) + "\n")
-            asked.flush()
-            pid = int(answered.readline())
-            ending = threading.Timer(PATIENCE_S, os.kill, (pid, signal.SIGKILL))
-            ending.start()
-            code = int(answered.readline())
-            ending.cancel()
-            out, err = (path.read_text("utf-8") for path in said)
-        return subprocess.CompletedProcess(arguments, code, out, err)
-
-    def close(self) -> None:
-        if "_process" in vars(self):
-            self._process.communicate(timeout=PATIENCE_S)
 
 
 class Workspace:

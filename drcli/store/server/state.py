@@ -10,6 +10,7 @@ from typing import Literal
 from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.regular_file import read_regular
 from drcli.config.settings import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
@@ -44,7 +45,7 @@ class ServerState:
             StorageError: It cannot be read.
         """
         try:
-            return from_json(cls, parse_json(path.read_bytes()))
+            return from_json(cls, parse_json(read_regular(path)))
         except FileNotFoundError:
             return None
         except OSError as e:

@@ -438,3 +438,24 @@ def test_a_reader_that_has_seen_enough_ends_the_command_quietly(working_folder, 
 
     assert done.stderr == ""
     assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["export", "pb", "--out", "a/" * 3000 + "b.pb"], "File name too long"),
+        (["init", "9" * 300], "File name too long"),
+    ],
+)
+def test_a_path_that_no_system_allows_is_refused_in_one_sentence(
+    working_folder, capsys, arguments, words
+):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+
+    said = capsys.readouterr().err
+    assert end.value.code == 3
+    assert words in said
+    assert "Try: " in said
+    assert "Internal error" not in said
+    assert not list(working_folder.rglob("crash-*"))

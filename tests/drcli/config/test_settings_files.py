@@ -1,6 +1,7 @@
 """run.env and system.env, line by line."""
 
 import contextlib
+import os
 
 import pytest
 from hypothesis import given, settings
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
 from drcli.config.editing import with_values
-from drcli.config.settings_files import LARGEST_BYTES, parse_env
+from drcli.config.settings_files import LARGEST_BYTES, content_of, parse_env
 
 
 @pytest.mark.parametrize(
@@ -151,3 +152,10 @@ def test_after_an_edit_every_other_name_reads_as_before(lines, end, name):
     values = {entry.name: entry.value for entry in parse_env(before, "run.env").entries}
     assert {entry.name: entry.value for entry in after.entries} == {**values, name: "m-2/$X"}
     assert after.problems == ()
+
+
+def test_a_named_pipe_in_the_place_of_a_file_is_refused_instead_of_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "run.env")
+
+    with pytest.raises(SettingsError, match="not an ordinary file"):
+        content_of(tmp_path / "run.env", "run.env")
