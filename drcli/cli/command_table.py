@@ -91,7 +91,6 @@ COMMANDS: tuple[Command, ...] = (
     ),
     *_section(
         "Spot instances",
-        Command("spot", "Watch for the end of a machine in a cloud.", function="app"),
     ),
     *_section(
         "Models",
