@@ -92,23 +92,36 @@ class Attempt:
         return f"{self.action} {what} at {self.endpoint.place}"
 
 
-def patience_share(error: Exception) -> float:
+def patience_share(error: Exception, *, ours: bool) -> float:
     """For which part of the patience a call is repeated: all (1), a little (0.1) or none (0).
 
-    A server that is silent or busy may be starting again. One with an internal error may be
-    overwriting the object; rclone then fails for a moment.
+    A server that is silent or busy may be starting again. Our own one with an internal error may be
+    overwriting the object; rclone then fails for a moment, and what lasts longer is a full disk.
+    Other servers have internal errors that pass, and a clock that jumped is soon set right.
+
+    Args:
+        error: Of boto3.
+        ours: Whether the server is the embedded one.
     """
     from botocore import exceptions as boto
+    from botocore.parsers import ResponseParserError
 
     if isinstance(error, boto.ClientError):
         code, status = _answer(error)
         if code in _FULL_CODES or status == 507:
             return 0.0
-        if code in _BUSY_CODES or status == 503:
+        if code in _BUSY_CODES | _CLOCK_CODES or status == 503:
             return 1.0
-        return 0.1 if status >= 500 else 0.0
+        if status >= 500:
+            return 0.1 if ours else 1.0
+        return 0.0
     broken = (boto.ConnectionError, boto.HTTPClientError, boto.IncompleteReadError, ConnectionError)
-    return 1.0 if isinstance(error, broken) else 0.0
+    return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
+
+
+def passes(code: str) -> bool:
+    """Whether an object of a deletion may be deleted when it is tried again."""
+    return code in _BUSY_CODES | {"InternalError"}
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:
@@ -124,7 +137,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
             remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
             "export AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
         )
-    if patience_share(error) == 0:
+    if patience_share(error, ours=attempt.endpoint.engine is not None) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
     endpoint = attempt.endpoint
     if endpoint.engine is not None:
