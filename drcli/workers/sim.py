@@ -160,7 +160,7 @@ class SimWorker:
         manifest = Manifest(iteration, self._share.worker, str(name), session)
         writer = RolloutWriter(self._bucket, self._prefix, manifest)
         trials = self._trials if self._evaluates(name) else 0
-        begin = time.time()
+        begin, began_s = time.time(), time.monotonic()
 
         def collect(episode: Driven) -> None:
             if episode.phase == "evaluation":
@@ -177,9 +177,11 @@ class SimWorker:
                 shard.clear()
             if last:
                 evaluates = name.number if trials else None
-                writer.finish(Driving(drive_s=time.time() - begin, evaluates=evaluates))
+                writer.finish(Driving(drive_s=time.monotonic() - began_s, evaluates=evaluates))
                 self._delivered_s = time.monotonic()
-                self._publish_training(iteration, name, training, (begin, time.time()))
+                # The clock of the machine may jump, so the end is not asked from it.
+                end = begin + time.monotonic() - began_s
+                self._publish_training(iteration, name, training, (begin, end))
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
@@ -193,7 +195,7 @@ class SimWorker:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
             if self._drives > 1:  # the first drive may include compilation
-                self._budget.spend(share * (time.time() - begin))
+                self._budget.spend(share * (time.monotonic() - began_s))
             self._add_evaluation(iteration, name, evaluation, numbers.stop)
 
     def _evaluates(self, name: CheckpointName) -> bool:

@@ -129,7 +129,7 @@ class Audit:
                 _fits(record, episodes),
                 f"Iteration {record.iteration}: the history has {record.episodes} episodes with "
                 f"{record.steps} steps, mean reward {record.mean_reward:.2f}, but the traces have "
-                f"{ {w: [(e.steps, round(e.reward, 2)) for e in es] for w, es in episodes.items()} }.",
+                f"{_brief(episodes)}.",
             )
             for worker, driven in episodes.items():
                 if worker in metrics:
@@ -256,6 +256,11 @@ def _is_of(record: IterationRecord, driven: Sequence[TracedEpisode]) -> bool:
     return math.isclose(
         reward, record.mean_reward, rel_tol=REWARD_ERROR, abs_tol=REWARD_ERROR
     ) and math.isclose(progress, record.mean_progress, rel_tol=REWARD_ERROR, abs_tol=0.05)
+
+
+def _brief(episodes: dict[int, list[TracedEpisode]]) -> str:
+    found = {w: [(e.steps, round(e.reward, 2)) for e in driven] for w, driven in episodes.items()}
+    return f"(steps, reward) by worker {found}"
 
 
 def _doubled(numbers: Sequence[int]) -> list[int]:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import psutil
-from fault_machine import PREFIX, Machine, Storage, send
-from fault_schedule import Fault
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.run_record import RunRecord
 from drcli.store import keys
+from fault_machine import PREFIX, Machine, Storage, send
+from fault_schedule import Fault
 
 STORAGE_FAILED, WORKER_DIED, LOST, INTERRUPTED, TERMINATED = 4, 5, 8, 75, 143
 
@@ -104,7 +104,7 @@ def _full(fault: Fault, place: Place) -> Effect:
 
 
 def _quota(fault: Fault, place: Place) -> Effect:
-    effect = _network(error="507", error_share=1.0)(fault, place)
+    effect = _network(error="full", error_share=1.0)(fault, place)
     return Effect(effect.for_s, effect.undo, frozenset({STORAGE_FAILED}), skipped=effect.skipped)
 
 

@@ -23,10 +23,10 @@ CHUNK_BYTES = 1 << 14
 Part = Literal["request", "answer"]
 
 CODES = {
-    "500": (500, "InternalError"),
-    "503": (503, "ServiceUnavailable"),
-    "SlowDown": (503, "SlowDown"),
-    "507": (507, "XMinioStorageFull"),
+    "internal": (500, "InternalError"),
+    "busy": (503, "ServiceUnavailable"),
+    "slow_down": (503, "SlowDown"),
+    "full": (507, "XMinioStorageFull"),
 }
 """HTTP status and code of the errors that the proxy may answer."""
 
@@ -40,7 +40,7 @@ class Network:
         silent: Connections are accepted, but nothing is answered.
         latency_s: Delay of each request.
         bytes_per_s: Bandwidth of all connections together, in each direction; None for no limit.
-        error: A key of `CODES`; only writes are answered with 507.
+        error: A key of `CODES`; only writes are answered with `full`.
         error_share: Share of the requests that are answered so.
         cut: Whether bodies break off in the middle of the request or of the answer.
         cut_share: Share of the requests with a body for which they do.
@@ -52,7 +52,7 @@ class Network:
     silent: bool = False
     latency_s: float = 0.0
     bytes_per_s: float | None = None
-    error: str = "500"
+    error: str = "internal"
     error_share: float = 0.0
     cut: Part = "answer"
     cut_share: float = 0.0
@@ -217,7 +217,7 @@ class Proxy:
         self.counts.received_bytes += len(body)
         method, path, _ = head.first
         changes = method in ("PUT", "DELETE", "POST")
-        if self._random.random() < network.error_share and (network.error != "507" or changes):
+        if self._random.random() < network.error_share and (network.error != "full" or changes):
             self.counts.failed += 1
             writer.write(_error_answer(*CODES[network.error], body_too=method != "HEAD"))
             await writer.drain()

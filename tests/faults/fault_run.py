@@ -1,6 +1,7 @@
 """Runs a training while a schedule of faults happens to it, and audits what comes of it."""
 
 import re
+import shutil
 import subprocess
 import time
 from collections.abc import Callable, Sequence
@@ -9,10 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
-from fault_audit import Audit
-from fault_kinds import LOST, Effect, Place, inject
-from fault_machine import PREFIX, Machine, Storage, now_s
-from fault_schedule import Fault
 
 from drcli.base.errors import DrError
 from drcli.exchange.run_state import Lease
@@ -20,6 +17,10 @@ from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.lease import read_lease
+from fault_audit import Audit
+from fault_kinds import LOST, Effect, Place, inject
+from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s
+from fault_schedule import Fault
 
 POLL_S = 0.1
 STALL_S = 240.0
@@ -40,6 +41,8 @@ RETRY_S = 1.0
 HARMLESS = ("MemoryError", "Cannot allocate memory", "alloc_cpu", "can't start new thread")
 """What a traceback may be about, because a fault has taken the memory away."""
 
+ABOUT_THE_BUCKET = re.compile(r"answers? |no server|the server answered|ended (with|by) ")
+
 
 @dataclass
 class Verdict:
@@ -52,8 +55,9 @@ class Verdict:
         starts: How many times the training was started.
         injected: Faults that happened, by kind.
         skipped: Faults for which there was no place, each with the reason.
+        said: Lines of all logs about a bucket that does not answer, and about restarts.
         took_s: Wall time.
-        longest_s: Longest time without progress.
+        longest_s: Longest time with neither progress nor a fault that lasts.
     """
 
     schedule: list[Fault]
@@ -62,6 +66,7 @@ class Verdict:
     starts: int = 0
     injected: dict[str, int] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
     took_s: float = 0.0
     longest_s: float = 0.0
 
@@ -78,6 +83,8 @@ class FaultRun:
         schedule: The faults, by iteration.
         workers: Simulation workers.
         disk: Whether the bucket may have a disk of its own, for `fill`.
+        last_iterations: How many come after the last fault.
+        keep: Where to copy the bucket at the end.
         seed: Of the proxies.
         tell: Takes a line about what happens.
     """
@@ -89,14 +96,18 @@ class FaultRun:
         *,
         workers: int = 2,
         disk: bool = True,
+        last_iterations: int = LAST_ITERATIONS,
+        keep: Path | None = None,
         seed: int = 0,
         tell: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._folder = folder
         self._schedule = sorted(schedule, key=lambda fault: fault.after)
-        self._goal = max((fault.after for fault in schedule), default=0) + LAST_ITERATIONS
+        self._goal = max((fault.after for fault in schedule), default=0)
+        self._goal += last_iterations
         self._workers = workers
         self._disk = disk
+        self._keep = keep
         self._seed = seed
         self._tell = tell
         self._verdict = Verdict(list(schedule))
@@ -109,7 +120,7 @@ class FaultRun:
         self._recorded = 0
         self._term = 0
         self._machines = 0
-        self._began_s = self._progressed_s = now_s()
+        self._began_s = self._progressed_s = self._free_s = now_s()
 
     def run(self) -> Verdict:
         """Run to the goal, or to a finding that prevents it."""
@@ -135,6 +146,8 @@ class FaultRun:
             for machine in [*self._place.others, self._place.machine]:
                 self._check_logs(machine)
                 machine.vanish()
+            if self._keep is not None:
+                shutil.copytree(storage.folder / BUCKET, self._keep)
             storage.close()
             self._verdict.took_s = now_s() - self._began_s
         return self._verdict
@@ -187,12 +200,18 @@ class FaultRun:
                     return
             elif condition():
                 return
-            stood_s = now_s() - self._progressed_s
+            if self._effects:
+                self._free_s = now_s()
+            stood_s = self._stood_s()
             self._verdict.longest_s = max(self._verdict.longest_s, stood_s)
             if stood_s > STALL_S:
                 self._find(f"No progress for {stood_s:.0f} s.\n{self._tails()}")
                 raise Stop
             time.sleep(POLL_S)
+
+    def _stood_s(self) -> float:
+        """How long there has been neither progress nor a fault that lasts."""
+        return now_s() - max(self._progressed_s, self._free_s)
 
     def _handle_end(self) -> bool:
         """Continue a run that has ended; whether it has reached its goal instead."""
@@ -207,7 +226,7 @@ class FaultRun:
         if code not in self._codes:
             self._find(f"The run ended with code {code}:\n{said[-1500:]}\n{self._tails()}")
         self._tell(f"{self._since()} the run ended with code {code}")
-        if now_s() - self._progressed_s > STALL_S:
+        if self._stood_s() > STALL_S:
             raise Stop
         self._codes_of_effects()
         self._end_effects()
@@ -229,10 +248,8 @@ class FaultRun:
     def _end_effects(self, before_s: float = float("inf")) -> None:
         due = [pair for pair in self._effects if pair[0] <= before_s]
         self._effects = [pair for pair in self._effects if pair[0] > before_s]
-        for until_s, effect in due:
+        for _, effect in due:
             effect.undo()
-            if until_s > self._progressed_s and effect.for_s:
-                self._progressed_s = min(until_s, now_s())
 
     def _look(self) -> None:
         """Check what may never happen, not even for a moment."""
@@ -241,6 +258,8 @@ class FaultRun:
         if pointed is not None and pointed.number != self._pointed:
             if pointed.number < self._pointed and not self._may_go_back:
                 self._find(f"The pointer went from checkpoint {self._pointed} to {pointed.number}.")
+            if pointed.number < self._pointed:
+                self._may_go_back = False  # each damage explains one step back
             self._pointed = pointed.number
             self._progressed_s = now_s()
         with suppress(DrError):
@@ -307,6 +326,8 @@ class FaultRun:
     def _check_logs(self, machine: Machine) -> None:
         """No program may end with a traceback."""
         for name, text in machine.logs():
+            lines = text.splitlines()
+            self._verdict.said += [f"{name}: {x}" for x in lines if ABOUT_THE_BUCKET.search(x)]
             for found in re.finditer(
                 r"Traceback \(most recent call last\):\n(?:[ +|].*\n)*.*", text
             ):

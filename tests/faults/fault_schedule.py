@@ -101,7 +101,7 @@ def _shortly(rng: random.Random) -> Values:
 def _errors(rng: random.Random) -> Values:
     share = rng.choice([0.1, 0.3, 1.0])
     longest = 5.0 if share == 1.0 else 10.0
-    code = rng.choice(["500", "503", "SlowDown"])
+    code = rng.choice(["internal", "busy", "slow_down"])
     return {"code": code, "share": share, "for_s": _seconds(rng, 1.0, longest)}
 
 
@@ -169,6 +169,10 @@ NETWORK = ("refuse", "silence", "errors", "slow", "narrow", "cut", "old_lists", 
 """Kinds that need the proxy, so a machine whose bucket is elsewhere."""
 
 
+MOST_AT_HOME = 8
+"""Faults in a row that a machine gets whose bucket is on its own disk."""
+
+
 def random_schedule(
     seed: int, faults: int, *, kinds: Iterable[str] = KINDS, first: int = 1
 ) -> list[Fault]:
@@ -180,17 +184,21 @@ def random_schedule(
     rng = random.Random(seed)
     names = [name for name in KINDS if name in set(kinds)]
     fresh = rng.sample(names, len(names))
-    after, schedule, remote = first, list[Fault](), True
+    after, schedule, at_home = first, list[Fault](), 0
     while len(schedule) < faults:
-        possible = [name for name in names if remote or name not in NETWORK]
+        possible = [name for name in names if not at_home or name not in NETWORK]
         kind = next((name for name in fresh if name in possible), None)
-        if kind is None:
+        if at_home >= MOST_AT_HOME and "gone" in names:
+            kind = "gone"
+        elif kind is None:
             kind = rng.choices(possible, [KINDS[name][1] for name in possible])[0]
-        else:
+        if kind in fresh:
             fresh.remove(kind)
         values = KINDS[kind][0](rng)
         if kind == "gone":
-            remote = values["cloud"] == "remote"
+            values = {"cloud": "remote"} if at_home else values
+            at_home = 0
+        at_home += bool(at_home) or values == {"cloud": "local"}
         schedule.append(Fault(after, kind, values))
         after += rng.choice([0, 1, 1, 1, 2])
     return schedule

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
-from fault_audit import Audit
-from fault_kinds import LOST
-from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s, send
 
 from drcli.base.errors import DrError
 from drcli.store import keys
 from drcli.store.history import read_history
 from drcli.store.lease import STALE_S, read_lease
+from fault_audit import Audit
+from fault_kinds import LOST
+from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s, send
 
 POLL_S = 0.1
 PATIENCE_S = 240.0
