@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import lru_cache
 
 from drcli.base import notices
 
@@ -15,8 +16,7 @@ _LONG_S = 10.0
 class Outage:
     """Says once that a server does not answer, and once that it answers again.
 
-    The bucket's threads and fenced copies share it. Failures that come in quick succession are one
-    outage.
+    Failures that come in quick succession are one outage.
     """
 
     def __init__(self, place: str, clock: Callable[[], float]) -> None:
@@ -48,3 +48,9 @@ class Outage:
             self._told_s = now_s
         if began_s is not None and now_s - began_s >= _LONG_S:
             notices.show(f"{self._place} answers again, after {now_s - began_s:.0f} s.")
+
+
+@lru_cache(maxsize=16)
+def outage_of(place: str, clock: Callable[[], float]) -> Outage:
+    """The outage of a server, which all buckets of this process there share, in all threads."""
+    return Outage(place, clock)

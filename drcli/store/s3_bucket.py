@@ -17,7 +17,7 @@ from drcli.base.errors import StorageError
 from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
-from drcli.store.outage import Outage
+from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
 from drcli.store.s3_errors import (
     MISSING_CODES,
@@ -82,7 +82,7 @@ class S3Bucket:
         self._clock = clock
         self._pause = pause
         self._client = _client(endpoint, read_timeout_s)
-        self._outage = Outage(endpoint.place, clock)
+        self._outage = outage_of(endpoint.place, clock)
 
     def close(self) -> None:
         """Close the connections; not needed if the process ends."""
@@ -255,10 +255,9 @@ class S3Bucket:
         for failure in answer.get("Errors", []):
             if passes(failure.get("Code", "")):
                 # As an answer of its own, so that `_retry` asks again.
-                raise ClientError(
-                    {"Error": {**failure}, "ResponseMetadata": answer["ResponseMetadata"]},
-                    "DeleteObjects",
-                )
+                # The ignored check: the types want what only botocore adds.
+                response = {"Error": failure, "ResponseMetadata": answer["ResponseMetadata"]}
+                raise ClientError(response, "DeleteObjects")  # type: ignore[arg-type]
             if failure.get("Code") not in MISSING_CODES:
                 attempt = Attempt("delete", self.endpoint, self.name, str(failure.get("Key")))
                 raise explain_entry(failure.get("Code", ""), failure.get("Message", ""), attempt)

@@ -1,7 +1,7 @@
 """Trains while faults happen, and audits what comes of it; see docs/faults.md.
 
 python scripts/faults [--faults N] [--seed N] [--replay FILE] [--shrink] [--bar NAME]
-                      [--takeovers N] [--workers N] [--folder PATH]
+                      [--crash-points] [--takeovers N] [--workers N] [--folder PATH]
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "faults"))
 
 from fault_run import LAST_ITERATIONS, FaultRun, Verdict
-from fault_schedule import KINDS, Fault, parse, random_schedule, text_of
+from fault_schedule import KINDS, Fault, crash_points, parse, random_schedule, text_of
 from fault_shrink import shrink
 from fault_takeovers import TakeoverRun
 
@@ -38,6 +38,9 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="only these, with commas")
     parser.add_argument("--replay", type=Path, help="a file with a schedule, instead of chance")
     parser.add_argument("--bar", choices=BARS, help="one long fault of the network, instead")
+    parser.add_argument(
+        "--crash-points", action="store_true", help="kill each writer around each write, instead"
+    )
     parser.add_argument("--takeovers", type=int, help="two machines on one model, so many times")
     parser.add_argument("--shrink", action="store_true", help="shorten the schedule if it fails")
     parser.add_argument("--workers", type=int, default=2, help="simulation workers")
@@ -72,6 +75,8 @@ def _schedule(options: argparse.Namespace) -> tuple[list[Fault], int]:
     """The faults, and how many iterations come after the last."""
     if options.replay is not None:
         return parse(options.replay.read_text()), LAST_ITERATIONS
+    if options.crash_points:
+        return crash_points(), LAST_ITERATIONS
     if options.bar is not None:
         text, last = BARS[options.bar]
         return parse(text), last

@@ -1,6 +1,7 @@
 """What each kind of fault does to a machine, its network, or the bucket, and how it is undone."""
 
 import random
+import re
 import resource
 import signal
 from collections.abc import Callable
@@ -11,9 +12,9 @@ from functools import partial
 import psutil
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.run_record import RunRecord
 from drcli.store import keys
 from fault_machine import PREFIX, Machine, Storage, send
+from fault_proxy import Trap
 from fault_schedule import Fault
 
 STORAGE_FAILED, WORKER_DIED, LOST, INTERRUPTED, TERMINATED = 4, 5, 8, 75, 143
@@ -34,6 +35,7 @@ class Effect:
         loses_checkpoint: Whether the training may have to go back to the checkpoint before.
         damaged: Keys of objects that cannot be read until they are repaired.
         skipped: Why nothing was done; empty if something was.
+        until: Whether it is over before its time.
     """
 
     for_s: float = 0.0
@@ -43,6 +45,7 @@ class Effect:
     loses_checkpoint: bool = False
     damaged: frozenset[str] = frozenset()
     skipped: str = ""
+    until: Callable[[], bool] = lambda: False
 
 
 @dataclass
@@ -78,6 +81,51 @@ def _stop(fault: Fault, place: Place) -> Effect:
     if not send(pid, signal.SIGSTOP):
         return Effect(skipped=f"{name} does not run")
     return Effect(fault.number("for_s"), partial(send, pid, signal.SIGCONT))
+
+
+CAUGHT: dict[str, str] = {
+    "weights": r"/model/\d+_Step-\d+\.ckpt\.safetensors",
+    "record": r"/model/\d+_Step-\d+\.ckpt\.json",
+    "pointer": r"/model/\.coach_checkpoint",
+    "scores": r"/model/deepracer_checkpoints\.json",
+    "optimizer": r"\.optimizer\.safetensors",
+    "graph": r"\.pb",
+    "history": r"/metrics/history",
+    "learner": r"/metrics/learner",
+    "part": r"/rollouts/.*\.safetensors",
+    "manifest": r"/rollouts/.*/manifest\.json",
+    "trace": r"/training-simtrace/",
+    "metrics": r"/TrainingMetrics",
+    "evaluation": r"/evaluations/",
+    "lease": r"/lease\.json",
+}
+"""What a key with this object in it looks like."""
+
+CRASH_WITHIN_S = 20.0
+"""How long to wait until the object is written."""
+
+
+def _crash(fault: Fault, place: Place) -> Effect:
+    """Kill a process, or all of the machine, just before or after it has written an object."""
+    machine = place.machine
+    if machine.cloud != "remote":
+        return Effect(skipped="the bucket is on this machine")
+    who, pattern = fault.text("who"), re.compile(CAUGHT[fault.text("on")])
+
+    def kill() -> None:
+        if who == "everybody":
+            for process in machine.processes():
+                send(process.pid, signal.SIGKILL)
+        else:
+            send(machine.pid_of(who), signal.SIGKILL)
+
+    def forget() -> None:
+        machine.proxy.trap = None
+
+    when = "before" if fault.text("when") == "before" else "after"
+    machine.proxy.trap = Trap(lambda path: pattern.search(path) is not None, when, kill)
+    codes = frozenset({-9}) if who in ("everybody", "supervisor") else frozenset[int]()
+    return Effect(CRASH_WITHIN_S, forget, codes, until=lambda: machine.proxy.trap is None)
 
 
 def _network(**changes: object) -> Callable[[Fault, Place], Effect]:
@@ -242,6 +290,7 @@ def _watches_notices() -> bool:
 
 _FAULTS: dict[str, Callable[[Fault, Place], Effect]] = {
     "kill": _kill,
+    "crash": _crash,
     "stop": _stop,
     "refuse": _network(refused=True),
     "silence": _network(silent=True),
@@ -260,8 +309,3 @@ _FAULTS: dict[str, Callable[[Fault, Place], Effect]] = {
     "gone": _gone,
     "second_owner": _second_owner,
 }
-
-
-def session_of(record: RunRecord | None) -> str:
-    """The start that a record is of."""
-    return "" if record is None else record.session

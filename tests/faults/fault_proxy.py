@@ -10,7 +10,7 @@ import asyncio
 import random
 import threading
 import time
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from email.utils import formatdate, parsedate_to_datetime
@@ -58,6 +58,21 @@ class Network:
     cut_share: float = 0.0
     old_lists: bool = False
     server_ahead_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trap:
+    """Does something when an object is written, and then breaks that connection.
+
+    Attributes:
+        catches: Whether it is about this path, which is bucket and key.
+        when: Whether the server has the object by then.
+        do: Called in the thread of the proxy; may kill the client.
+    """
+
+    catches: Callable[[str], bool]
+    when: Literal["before", "after"]
+    do: Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -125,6 +140,7 @@ class Proxy:
     def __init__(self, port: int, seed: int = 0) -> None:
         self.server_port = port
         self.writes: list[Write] = []
+        self.trap: Trap | None = None
         self.counts = Counts()
         self._network = Network()
         self._random = random.Random(seed)
@@ -233,12 +249,19 @@ class Proxy:
             writer.write(answer + content)
             await writer.drain()
             return
+        place = unquote(urlsplit(path).path).lstrip("/")
+        trap = self.trap if method == "PUT" else None
+        if trap is not None and not trap.catches(place):
+            trap = None
+        if trap is not None and trap.when == "before":
+            self._spring(trap)
         began_s = time.monotonic()
         answer_head, content = await self._ask_server(request + body, method)
         if changes and answer_head.first[1].startswith("2"):
-            place = unquote(urlsplit(path).path).lstrip("/")
             # A POST deletes several objects, or completes one that was sent in parts.
             self.writes.append(Write(began_s, time.monotonic(), method, place))
+        if trap is not None:
+            self._spring(trap)
         if network.server_ahead_s and "date" in answer_head.headers:
             at = parsedate_to_datetime(answer_head.headers["date"]).timestamp()
             shifted = formatdate(at + network.server_ahead_s, usegmt=True)
@@ -256,6 +279,12 @@ class Proxy:
             raise _Cut
         writer.write(content)
         await writer.drain()
+
+    def _spring(self, trap: Trap) -> None:
+        self.trap = None
+        self.counts.failed += 1
+        trap.do()
+        raise _Cut
 
     async def _pace(self, size: int) -> None:
         rate = self._network.bytes_per_s

@@ -246,8 +246,9 @@ class FaultRun:
                 self._codes |= effect.codes
 
     def _end_effects(self, before_s: float = float("inf")) -> None:
-        due = [pair for pair in self._effects if pair[0] <= before_s]
-        self._effects = [pair for pair in self._effects if pair[0] > before_s]
+        over = [until_s <= before_s or effect.until() for until_s, effect in self._effects]
+        due = [pair for pair, ends in zip(self._effects, over, strict=True) if ends]
+        self._effects = [pair for pair, ends in zip(self._effects, over, strict=True) if not ends]
         for _, effect in due:
             effect.undo()
 

@@ -22,6 +22,15 @@ OBJECTS = (
 """Objects that a fault may damage. Traces are not among them: only they say what was driven, so a
 damaged one cannot be reconstructed."""
 
+WRITTEN = {
+    "trainer": (
+        *("weights", "record", "pointer", "scores", "optimizer", "graph", "history", "learner"),
+    ),
+    "sim-0": ("part", "manifest", "trace", "metrics", "evaluation"),
+    "supervisor": ("lease",),
+}
+"""Who writes what; `crash` kills the writer at that moment."""
+
 DAMAGES = ("empty", "half", "bit", "zeros", "lost")
 
 
@@ -90,6 +99,12 @@ def _kill(rng: random.Random) -> Values:
     return {"process": rng.choice([*WORKERS, "server", "watcher"])}
 
 
+def _crash(rng: random.Random) -> Values:
+    process = rng.choice(["trainer", "trainer", "sim-0", "sim-0", "supervisor"])
+    on, when = rng.choice(WRITTEN[process]), rng.choice(["before", "after"])
+    return {"on": on, "when": when, "who": rng.choice([process, process, "everybody"])}
+
+
 def _stop(rng: random.Random) -> Values:
     return {"process": rng.choice([*WORKERS, "server"]), "for_s": _seconds(rng, 0.5, 12.0)}
 
@@ -140,6 +155,7 @@ def _nothing(_: random.Random) -> Values:
 
 KINDS: dict[str, tuple[Callable[[random.Random], Values], float]] = {
     "kill": (_kill, 4.0),
+    "crash": (_crash, 4.0),
     "stop": (_stop, 3.0),
     "refuse": (_shortly, 1.5),
     "silence": (_shortly, 1.0),
@@ -165,7 +181,7 @@ bucket, all others on the machine or in its network.
 """
 
 
-NETWORK = ("refuse", "silence", "errors", "slow", "narrow", "cut", "old_lists", "quota")
+NETWORK = ("crash", "refuse", "silence", "errors", "slow", "narrow", "cut", "old_lists", "quota")
 """Kinds that need the proxy, so a machine whose bucket is elsewhere."""
 
 
@@ -202,3 +218,14 @@ def random_schedule(
         schedule.append(Fault(after, kind, values))
         after += rng.choice([0, 1, 1, 1, 2])
     return schedule
+
+
+def crash_points(first: int = 1) -> list[Fault]:
+    """A crash before and after each object that a training writes, one after the other."""
+    points = [
+        {"on": on, "when": when, "who": process}
+        for process, objects in WRITTEN.items()
+        for on in objects
+        for when in ("before", "after")
+    ]
+    return [Fault(first + 2 * n, "crash", dict(values)) for n, values in enumerate(points)]
