@@ -177,11 +177,14 @@ class SimWorker:
                 shard.clear()
             if last:
                 evaluates = name.number if trials else None
-                writer.finish(Driving(drive_s=time.monotonic() - began_s, evaluates=evaluates))
-                self._delivered_s = time.monotonic()
+                notes = Driving(drive_s=time.monotonic() - began_s, evaluates=evaluates)
                 # The clock of the machine may jump, so the end is not asked from it.
-                end = begin + time.monotonic() - began_s
+                end = begin + notes.drive_s
+                # Trace and metrics first: once the manifest is there, the trainer learns, and the
+                # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
                 self._publish_training(iteration, name, training, (begin, end))
+                writer.finish(notes)
+                self._delivered_s = time.monotonic()
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
