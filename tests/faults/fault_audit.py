@@ -5,7 +5,8 @@ import io
 import itertools
 import json
 import math
-from collections.abc import Collection, Sequence
+import time
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 from drcli.base.errors import DrError
@@ -19,6 +20,10 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.reconstruct import traced_iterations
 from drcli.store.repair import Model, find_damage, read_metrics
+
+LOOK_AGAIN_S = 1.5
+"""When to look again at a model that is being trained: rclone deletes an old object a moment before
+it gives the new one its name, and this audit reads the files."""
 
 REWARD_ERROR = 0.02
 """Relative: the trace has float64 sums, the rollout float32 rewards."""
@@ -236,6 +241,21 @@ class Audit:
         )
         left = [info.key for info in self.bucket.list(keys.rollouts_folder(self.prefix))]
         self._check(not left, f"Rollouts are left: {left[:3]}.")
+
+
+def audit_twice(make: Callable[[], Audit]) -> list[str]:
+    """What a first and a second look find; nothing else of a model that changes meanwhile."""
+    found: list[str] = []
+    for look in range(2):
+        try:
+            findings = make().run()
+        except DrError as error:
+            findings = [f"The audit failed: {error}"]
+        found = [finding for finding in findings if look == 0 or finding in found]
+        if not found:
+            break
+        time.sleep(LOOK_AGAIN_S if look == 0 else 0.0)
+    return found
 
 
 def _fits(record: IterationRecord, episodes: dict[int, list[TracedEpisode]]) -> bool:

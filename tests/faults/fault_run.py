@@ -17,7 +17,7 @@ from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.lease import read_lease
-from fault_audit import Audit
+from fault_audit import Audit, audit_twice
 from fault_kinds import LOST, Effect, Place, inject
 from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s
 from fault_schedule import Fault
@@ -281,13 +281,11 @@ class FaultRun:
             return None
 
     def _audit(self, *, ended: bool = False) -> None:
-        audit = Audit(
-            self._place.storage.bucket, PREFIX, self._workers, frozenset(self._damaged), ended
+        findings = audit_twice(
+            lambda: Audit(
+                self._place.storage.bucket, PREFIX, self._workers, frozenset(self._damaged), ended
+            )
         )
-        try:
-            findings = audit.run()
-        except DrError as error:
-            findings = [f"The audit failed: {error}"]
         for finding in findings:
             self._find(finding)
         with suppress(DrError):

@@ -19,7 +19,7 @@ from drcli.base.errors import DrError
 from drcli.store import keys
 from drcli.store.history import read_history
 from drcli.store.lease import STALE_S, read_lease
-from fault_audit import Audit
+from fault_audit import Audit, audit_twice
 from fault_kinds import LOST
 from fault_machine import BUCKET, PREFIX, Machine, Storage, now_s, send
 
@@ -232,10 +232,7 @@ class TakeoverRun:
             self._find(f"Processes are left: {[process.pid for process in left]}.")
 
     def _audit(self, *, ended: bool) -> None:
-        try:
-            findings = Audit(self._storage.bucket, PREFIX, 1, ended=ended).run()
-        except DrError as error:
-            findings = [f"The audit failed: {error}"]
+        findings = audit_twice(lambda: Audit(self._storage.bucket, PREFIX, 1, ended=ended))
         for finding in findings:
             self._find(finding)
         self._result.iterations = self._iterations()
