@@ -24,7 +24,13 @@ from drcli.exchange.run_state import ActivityRecord, Lease
 from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import (
+    Bucket,
+    ObjectDamaged,
+    ObjectMissing,
+    ObjectNewer,
+    read_record,
+)
 from drcli.store.history import read_history, write_history
 from drcli.store.reconstruct import (
     reconstruct_history,
@@ -84,7 +90,10 @@ def repair(model: Model, *, missing: bool = True) -> list[str]:
             can read. Nothing is changed.
     """
     done = _repaired(model, _objects(model, missing=missing))
-    return [*done, *_refilled(model), *_refilled_metrics(model)]
+    with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
+        done += _refilled(model)
+        done += _refilled_metrics(model)
+    return done
 
 
 def repair_metrics(model: Model) -> list[str]:
@@ -200,9 +209,11 @@ def _refilled(model: Model) -> list[str]:
         (keys.deepracer_checkpoints(prefix), _write_scores),
     ):
         if not bucket.exists(key):
+            _refuse_newer(model)
             done.append(f"{bucket.name}/{key} is missing. {write(model, b'')}")
     known = read_history(bucket, prefix)
     if len(known) < newest.number - 1:  # the newest iteration is in the checkpoint's record
+        _refuse_newer(model)
         found = reconstruct_history(bucket, prefix, encode_history(known))
         if len(found) > len(known):
             write_history(bucket, prefix, found)

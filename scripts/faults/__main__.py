@@ -52,8 +52,8 @@ def main() -> None:
         result = TakeoverRun(folder, options.seed, options.takeovers, tell=_tell).run()
         print(
             f"{result.count} takeovers in {result.took_s:.0f} s, {result.iterations} iterations. "
-            f"Two owners for at most {result.longest_s:.1f} s; the latest write of an old owner "
-            f"began {result.latest_s:.1f} s after the takeover."
+            f"Two owners for at most {result.longest_s:.1f} s; {result.late_writes} late writes, "
+            f"the latest began {result.latest_s:.1f} s after the takeover."
         )
         findings = result.findings
     else:

@@ -182,7 +182,8 @@ def _notice(_: Fault, place: Place) -> Effect:
 def _terminate(_: Fault, place: Place) -> Effect:
     if not send(place.machine.pid_of("supervisor"), signal.SIGTERM):
         return Effect(skipped="the supervisor does not run")
-    return Effect(codes=frozenset({TERMINATED, INTERRUPTED}))
+    # -15: the command had just begun, and no handler was installed yet.
+    return Effect(codes=frozenset({TERMINATED, INTERRUPTED, -signal.SIGTERM}))
 
 
 def _gone(_: Fault, place: Place) -> Effect:
