@@ -88,6 +88,22 @@ def _value(text: str) -> Value:
     return text
 
 
+SHORT = """
+1 kill process=trainer
+2 damage object=metrics how=half seed=1
+2 errors code=internal share=0.3 for_s=3
+3 clock ahead_s=-600
+3 cut part=answer share=0.3 for_s=2
+4 damage object=history how=bit seed=3
+4 kill process=supervisor
+5 stop process=server for_s=2
+6 kill process=sim-0
+7 gone cloud=local
+8 kill process=server
+8 damage object=pointer how=empty seed=5
+"""
+"""The form in CI, for one simulation worker."""
+
 Values = dict[str, Value]
 
 
