@@ -50,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _place(item: pytest.Item) -> int:
-    if item.path.parent.name != "e2e":
+    if item.path.parent.name not in ("e2e", "faults"):
         return len(BEGINNING) + 1
     return BEGINNING.index(item.path.name) if item.path.name in BEGINNING else len(BEGINNING)
 

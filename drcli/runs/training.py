@@ -40,6 +40,9 @@ PATIENCE_S = 5.0
 READ_TIMEOUT_S = 5.0
 """How long an answer of the bucket may be interrupted."""
 
+LEASE_PATIENCE_S = 1.0
+"""How long the renewal of the lease repeats a request that failed, before the next step does."""
+
 READY_TIMEOUT_S = 20.0
 
 LOG_PATIENCE_S = 5.0
@@ -129,7 +132,7 @@ def _supervise(job: Job) -> int:
             replace(job, term=taken.term),
             own(bucket),
             record,
-            Renewal(impatient(0.0), prefix, taken),
+            Renewal(impatient(LEASE_PATIENCE_S), prefix, taken),
             open_bucket=lambda: own(open_bucket(storage, patience_s=LOG_PATIENCE_S)),
             revive_server=lambda: server.ensure_running(storage),
             restart_server=lambda: server.restart(storage),

@@ -25,7 +25,13 @@ from drcli.exchange.run_state import ActivityRecord, Lease
 from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores, write_scores
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import (
+    Bucket,
+    ObjectDamaged,
+    ObjectMissing,
+    ObjectNewer,
+    read_record,
+)
 from drcli.store.complete_files import combined_metrics
 from drcli.store.growing_file import list_parts
 from drcli.store.history import HistoryReader, read_history, write_history
@@ -35,6 +41,7 @@ from drcli.store.reconstruct import (
     reconstruct_metrics,
     reconstruct_record,
     reconstruct_scores,
+    traced_iterations,
     whole_checkpoints,
 )
 
@@ -73,7 +80,10 @@ def find_damage(model: Model) -> list[str]:
 
 
 def repair(model: Model, *, missing: bool = True) -> list[str]:
-    """Set damaged objects aside and reconstruct them.
+    """Set damaged objects aside and reconstruct them, and those that are missing.
+
+    An object may be missing because the embedded server deletes an old object a moment before it
+    gives the new one its name. If it is killed just then, no client can write the object again.
 
     Args:
         model: Which.
@@ -86,12 +96,16 @@ def repair(model: Model, *, missing: bool = True) -> list[str]:
         ObjectNewer: Something is damaged, but other records are newer than this version of drcli
             can read. Nothing is changed.
     """
-    return _repaired(model, _objects(model, missing=missing))
+    done = _repaired(model, _objects(model, missing=missing))
+    with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
+        done += _refilled(model)
+        done += _refilled_metrics(model)
+    return done
 
 
 def repair_metrics(model: Model) -> list[str]:
     """Repair only the metrics of the workers, which each worker writes itself."""
-    return _repaired(model, _metrics(model))
+    return [*_repaired(model, _metrics(model)), *_refilled_metrics(model)]
 
 
 def readable_history(
@@ -211,6 +225,54 @@ def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
             done.append(
                 f"{damage.sentence} {result} The damaged one is kept as {bucket.name}/{kept}."
             )
+    return done
+
+
+def _refilled(model: Model) -> list[str]:
+    """Write what the checkpoints say must be there, but is not."""
+    bucket, prefix = model.bucket, model.prefix
+    newest = max(whole_checkpoints(bucket, prefix), default=None)
+    if newest is None:
+        return []
+    done = []
+    for key, write in (
+        (keys.coach_checkpoint(prefix), _write_pointer),
+        (keys.deepracer_checkpoints(prefix), _write_scores),
+    ):
+        if not bucket.exists(key):
+            _refuse_newer(model)
+            done.append(f"{bucket.name}/{key} is missing. {write(model, b'')}")
+    known = read_history(bucket, prefix)
+    if len(known) < newest.number - 1:  # the newest iteration is in the checkpoint's record
+        _refuse_newer(model)
+        found = reconstruct_history(bucket, prefix)
+        if len(found) > len(known):
+            write_history(bucket, prefix, found)
+            lost = len(found) - len(known)
+            done.append(
+                f"{bucket.name}/{keys.history(prefix)} is missing, or {lost} iterations of it. "
+                f"It was reconstructed with {len(found)} iterations."
+            )
+    return done
+
+
+def _refilled_metrics(model: Model) -> list[str]:
+    """Write the episodes of finished iterations that have a trace, but are not in the metrics."""
+    bucket, prefix = model.bucket, model.prefix
+    finished = max((name.number for name in whole_checkpoints(bucket, prefix)), default=0)
+    traced = traced_iterations(bucket, prefix)
+    done = []
+    for worker in model.workers:
+        key = keys.training_metrics(model.metrics_prefix, worker)
+        records = read_all_metrics(bucket, key)
+        if any(r.iteration is None for r in records):
+            continue  # version 0.1.0 has not written which they are of
+        known = {r.iteration for r in records if r.phase == "training"}
+        lost = [n for n, keys_ in traced.items() if worker in keys_ and n not in known]
+        if not any(n < finished for n in lost):
+            continue
+        result = _write_metrics(model, worker, b"")
+        done.append(f"{bucket.name}/{key} is missing, or {len(lost)} iterations of it. {result}")
     return done
 
 

@@ -18,6 +18,7 @@ from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
 from drcli.store.keys import TEST_FOLDER
+from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
 from drcli.store.request_count import counter
 from drcli.store.s3_errors import (
@@ -25,6 +26,7 @@ from drcli.store.s3_errors import (
     Attempt,
     explain,
     explain_entry,
+    passes,
     patience_share,
 )
 
@@ -85,6 +87,7 @@ class S3Bucket:
         self._clock = clock
         self._pause = pause
         self._client = _client(endpoint, read_timeout_s)
+        self._outage = outage_of(endpoint.place, clock)
 
     def close(self) -> None:
         """Close the connections; not needed if the process ends."""
@@ -189,16 +192,21 @@ class S3Bucket:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
         from botocore.exceptions import BotoCoreError, ClientError
+        from botocore.parsers import ResponseParserError  # no BotoCoreError
 
+        failures = (BotoCoreError, ClientError, ResponseParserError, Boto3Error, ConnectionError)
         started_s = self._clock()
         delays = delays_s()
-        shown = False
+        ours = self.endpoint.engine is not None
         while True:
             try:
-                return call()
-            except (BotoCoreError, ClientError, Boto3Error, ConnectionError) as e:
-                share = patience_share(e, unattended=self._unattended)
-                patience_s = self._patience_s * share
+                result = call()
+                self._outage.end()
+                return result
+            except failures as e:
+                patience_s = self._patience_s * patience_share(
+                    e, ours=ours, unattended=self._unattended
+                )
                 if self._hurried():
                     patience_s = min(patience_s, HURRIED_PATIENCE_S)
                 waited_s = self._clock() - started_s
@@ -206,9 +214,8 @@ class S3Bucket:
                 if left_s <= 0:
                     attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
-                if not shown and waited_s > notices.QUIET_S:
-                    shown = True
-                    notices.show(f"Waiting for an answer from {self.endpoint.place} ...")
+                if waited_s > notices.QUIET_S:
+                    self._outage.note(started_s)
                 self._pause(min(next(delays), left_s))
 
     def _get(self, key: str, watch: Watch | None) -> bytes:
@@ -253,12 +260,19 @@ class S3Bucket:
             )
 
     def _delete_batch(self, keys: Sequence[str]) -> None:
+        from botocore.exceptions import ClientError
+
         for key in keys:
             self._before_write(key)
         answer = self._client.delete_objects(
             Bucket=self.name, Delete={"Objects": [{"Key": key} for key in keys], "Quiet": True}
         )
         for failure in answer.get("Errors", []):
+            if passes(failure.get("Code", "")):
+                # As an answer of its own, so that `_retry` asks again.
+                # The ignored check: the types want what only botocore adds.
+                response = {"Error": failure, "ResponseMetadata": answer["ResponseMetadata"]}
+                raise ClientError(response, "DeleteObjects")  # type: ignore[arg-type]
             if failure.get("Code") not in MISSING_CODES:
                 attempt = Attempt("delete", self.endpoint, self.name, str(failure.get("Key")))
                 raise explain_entry(failure.get("Code", ""), failure.get("Message", ""), attempt)

@@ -92,14 +92,21 @@ class Attempt:
         return f"{self.action} {what} at {self.endpoint.place}"
 
 
-def patience_share(error: Exception, *, unattended: bool = False) -> float:
+def patience_share(error: Exception, *, ours: bool, unattended: bool = False) -> float:
     """For which part of the patience a call is repeated: all (1), a little (0.1) or none (0).
 
-    A server that is silent or busy may be starting again. One with an internal error may be
-    overwriting the object; rclone then fails for a moment. An `unattended` process also waits for
-    the clock of its machine to be set right; a person wants to know at once that it is wrong.
+    A server that is silent or busy may be starting again. Our own one with an internal error may be
+    overwriting the object; rclone then fails for a moment, and what lasts longer is a full disk.
+    Other servers have internal errors that pass. An `unattended` process also waits for the clock
+    of its machine to be set right; a person wants to know at once that it is wrong.
+
+    Args:
+        error: Of boto3.
+        ours: Whether the server is the embedded one.
+        unattended: Whether nobody waits for the process.
     """
     from botocore import exceptions as boto
+    from botocore.parsers import ResponseParserError
 
     if isinstance(error, boto.ClientError):
         code, status = _answer(error)
@@ -109,9 +116,16 @@ def patience_share(error: Exception, *, unattended: bool = False) -> float:
             return 0.0
         if code in _BUSY_CODES or status == 503:
             return 1.0
-        return 0.1 if status >= 500 else 0.0
+        if status >= 500:
+            return 0.1 if ours else 1.0
+        return 0.0
     broken = (boto.ConnectionError, boto.HTTPClientError, boto.IncompleteReadError, ConnectionError)
-    return 1.0 if isinstance(error, broken) else 0.0
+    return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
+
+
+def passes(code: str) -> bool:
+    """Whether an object of a deletion may be deleted when it is tried again."""
+    return code in _BUSY_CODES | {"InternalError"}
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:
@@ -127,7 +141,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
             remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
             "export AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
         )
-    if patience_share(error) == 0:
+    if patience_share(error, ours=attempt.endpoint.engine is not None) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
     endpoint = attempt.endpoint
     if endpoint.engine is not None:

@@ -26,6 +26,11 @@ from drcli.workers import print_limit
 from drcli.workers.memory_shortage import memory_shortage
 from drcli.workers.pulse import Pulse
 
+OUTAGE_PATIENCE_S = 900.0
+"""How long a worker waits for a bucket on another machine: an outage of some minutes costs no more
+than its duration. The embedded server is different: the supervisor restarts it if a worker gives
+up."""
+
 BUG = 1
 """Exit code of an unexplained failure, which is a bug of ours."""
 
@@ -93,7 +98,9 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     It refuses writes when another training has taken over the model. When the worker was asked to
     stop, it waits only briefly for a server that does not answer.
     """
-    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop, unattended=True)
+    storage = job.config.storage
+    patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
+    bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
     return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 

@@ -288,6 +288,31 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
         assert not kept.endswith((".json", ".py", ".coach_checkpoint"))
 
 
+@pytest.mark.parametrize("name", ["pointer", "index", "history", "metrics"])
+def test_a_training_goes_on_from_a_model_that_has_lost_an_object(world, name, told):
+    key = key_of(world, name)
+    newest = str(CheckpointStore(world.here, PREFIX).pointed())
+    world.here.delete([key])
+
+    plan = world.planned(resume=True)
+
+    assert plan.resumes == newest
+    assert_whole(world.here)
+    assert [sentence for sentence in told if key in sentence and "missing" in sentence]
+    assert [info.key for info in world.here.list(f"runs/{PREFIX}/damaged/")] == []
+
+
+def test_what_a_model_has_lost_for_good_is_not_told_at_every_start(world, told):
+    world.here.delete([key_of(world, "history")])
+    world.here.delete(info.key for info in world.here.list(PREFIX + "/") if "simtrace" in info.key)
+    world.planned(resume=True)
+    told.clear()
+
+    world.planned(resume=True)
+
+    assert told == []
+
+
 def is_told(name: str, damage: str) -> bool:
     """Whether the repair of a model needs the object, so that its damage is told."""
     if name in ("lease", "trainer"):

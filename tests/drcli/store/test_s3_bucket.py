@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from botocore.exceptions import ClientError, EndpointConnectionError
+from botocore.parsers import ResponseParserError
 from botocore.response import StreamingBody
 
 from drcli.base import notices
@@ -156,6 +157,69 @@ def test_a_server_with_an_inner_failure_gets_a_tenth_of_the_patience(scripted, c
         bucket.get("k")
 
     assert clock.now_s == pytest.approx(6)
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [("InternalError", 500), ("SlowDown", 503), ("RequestTimeTooSkewed", 403), ("500", 500)],
+)
+def test_a_server_elsewhere_gets_all_the_patience_for_what_passes(scripted, clock, code, status):
+    bucket = scripted(answer(code, status), endpoint=REMOTE, repeat=True)
+
+    with pytest.raises(StorageError):
+        bucket.get("k")
+
+    assert clock.now_s == pytest.approx(60)
+
+
+def test_an_answer_that_is_no_xml_is_asked_for_again(scripted):
+    bucket = scripted(ResponseParserError("no element found"), endpoint=REMOTE)
+
+    assert bucket.get("k") == b"data"
+
+
+def test_an_outage_is_said_once_however_many_calls_it_meets(scripted, clock, monkeypatch):
+    said = []
+    monkeypatch.setattr(notices, "show", said.append)
+    bucket = scripted(*[SILENT] * 40, endpoint=REMOTE)
+    bucket._patience_s = 15
+
+    for _ in range(2):
+        with pytest.raises(StorageError):
+            bucket.fenced(lambda key: None).get("k")
+    assert bucket.get("k") == b"data"
+
+    assert said[0] == "Waiting for an answer from http://127.0.0.1:1 ..."
+    assert said[1:] == [f"http://127.0.0.1:1 answers again, after {clock.now_s:.0f} s."]
+
+
+def test_short_failures_are_not_said_again_and_again(scripted, clock, monkeypatch):
+    said = []
+    monkeypatch.setattr(notices, "show", said.append)
+    for _ in range(5):  # several buckets of one process, each with its own client
+        bucket = scripted(*[SILENT] * 6)
+        for _ in range(3):
+            assert bucket.get("k") == b"data"
+
+    assert said == ["Waiting for an answer from http://127.0.0.1:1 ..."]
+
+
+def test_an_object_that_could_not_be_deleted_just_then_is_deleted_again(clock, monkeypatch):
+    bucket = S3Bucket(REMOTE, "bucket", clock=clock, pause=clock.pause)
+    failure = {"Key": "b", "Code": "SlowDown", "Message": "Please reduce your request rate."}
+    metadata = {"HTTPStatusCode": 200}
+    answers = [{"Errors": [failure], "ResponseMetadata": metadata}, {"Errors": []}]
+    asked = []
+
+    def delete_objects(Bucket: str, Delete: dict) -> dict:  # noqa: N803  names of boto3
+        asked.append([item["Key"] for item in Delete["Objects"]])
+        return answers.pop(0)
+
+    monkeypatch.setattr(bucket._client, "delete_objects", delete_objects)
+
+    bucket.delete(["a", "b"])
+
+    assert asked == [["a", "b"], ["a", "b"]]
 
 
 @pytest.mark.parametrize("code", ["SignatureDoesNotMatch", "InvalidAccessKeyId"])

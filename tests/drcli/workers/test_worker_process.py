@@ -4,13 +4,17 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from drcli.base import log_files
-from drcli.base.errors import SettingsError
+from drcli.base.errors import NoAnswer, SettingsError
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
+from drcli.store.endpoint import Endpoint
+from drcli.store.s3_bucket import S3Bucket
+from drcli.workers import worker_process
 
 DEAF = """import signal
 
@@ -35,6 +39,14 @@ def main(job, lifeline):
 process.run("sim-0", main)
 """
 
+
+class Lifeline:
+    """Of a worker that nobody asks to stop."""
+
+    def should_stop(self) -> bool:
+        return False
+
+
 FAILING = """
 from drcli.workers import worker_process as process
 
@@ -55,6 +67,36 @@ def ended(job: Job, script: str) -> tuple[int, WorkerExit | None]:
     """Exit code and `WorkerExit` of a worker."""
     process = job.spawn([sys.executable, "-c", script], stdout=subprocess.DEVNULL)
     return process.wait(60), WorkerExit.read(job.folder, "sim-0")
+
+
+@pytest.mark.parametrize(("cloud", "waits_s"), [("local", 60.0), ("remote", 900.0)])
+def test_a_worker_waits_longer_for_a_bucket_that_nobody_here_can_restart(
+    job, monkeypatch, cloud, waits_s
+):
+    now_s = [0.0]
+
+    def pause(seconds: float) -> None:
+        now_s[0] += seconds
+
+    monkeypatch.setattr(
+        worker_process,
+        "open_bucket",
+        lambda storage, **options: S3Bucket(
+            Endpoint("http://127.0.0.1:1", "key", "secret"),
+            storage.bucket,
+            clock=lambda: now_s[0],
+            pause=pause,
+            **options,
+        ),
+    )
+    storage = replace(job.config.storage, cloud=cloud)
+    job = replace(job, config=replace(job.config, storage=storage))
+    bucket = worker_process.open_own_bucket(job, Lifeline())
+
+    with pytest.raises(NoAnswer):
+        bucket.get("k")
+
+    assert now_s[0] == pytest.approx(waits_s)
 
 
 def test_a_reward_function_that_swallows_its_deadline_ends_the_training_with_a_sentence(job):
