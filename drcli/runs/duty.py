@@ -1,6 +1,6 @@
 """What a supervisor does besides keeping its workers alive: uploads, watches, messages."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -68,6 +68,10 @@ class Duty:
 
     def restarted(self, child: Child) -> None:
         """Note that a worker has just been started again."""
+
+    def end_facts(self) -> Mapping[str, object]:
+        """What the `end` entry of the journal should tell programs."""
+        return {}
 
     def finish(self, ending: Ending) -> None:
         """Do what is left while the run still owns its model, within `ending.left_s()`."""

@@ -140,7 +140,10 @@ class RunEnding:
     def _save(self, outcome: Outcome, ending: Ending) -> None:
         """Record the outcome, then let the duties do what is left, and record what they did."""
         text = f"{outcome.message} {outcome.remedy}".rstrip()
-        self._journal.note("end", text, state=outcome.state, code=outcome.code)
+        facts: dict[str, object] = {}
+        for duty in self._duties:
+            facts |= attempt(duty, duty.end_facts) or {}
+        self._journal.note("end", text, state=outcome.state, code=outcome.code, **facts)
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
         for duty in self._duties:
             attempt(duty, partial(duty.finish, ending))

@@ -1,15 +1,13 @@
 """What is asked for, and the checks of it that need no machine: bucket, model, limits."""
 
-import json
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from drcli.base.errors import SettingsError
-from drcli.base.json_record import RecordError, parse_json
 from drcli.spot.aws_account import Account, code_of_answer
 from drcli.spot.instance_types import Processor
 from drcli.store import keys, lease
-from drcli.store.bucket import ObjectMissing
+from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.store.s3_bucket import S3Bucket
 
@@ -119,44 +117,14 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
             f"The training of {model} has ended at {newest} before; if its goal is still met, the "
             "machine has nothing to do and ends at once."
         )
-    if _stays_ended(bucket, prefix) is not None:
+    outcome = read_outcome(bucket, prefix)
+    if outcome is not None and outcome.stays_ended:
         notes.append(f"The training of {model} was stopped before; it is continued now.")
     return str(newest), notes
 
 
 def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
     """Let machines continue a training that somebody has stopped: whoever pays for one wants it."""
-    outcome = _stays_ended(bucket, prefix)
-    if outcome is not None:
-        text = json.dumps({**outcome, "stays_ended": False})
-        bucket.put(_outcome_key(prefix), text.encode())
-
-
-def _stays_ended(bucket: S3Bucket, prefix: str) -> dict[str, Any] | None:
-    """How the last start ended, if it says that only an explicit command continues the training."""
-    try:
-        outcome = parse_json(bucket.get(_outcome_key(prefix)))
-    except (ObjectMissing, RecordError):
-        return None
-    return outcome if isinstance(outcome, dict) and outcome.get("stays_ended") is True else None
-
-
-def _outcome_key(prefix: str) -> str:
-    return keys.run_folder(prefix) + "outcome.json"
-
-
-def key_of(account: Account, bucket: str) -> str:
-    """The KMS key that encrypts a bucket; empty for Amazon's own, or if nobody may know."""
-    from botocore.exceptions import ClientError
-
-    with account.trying(f"look at the encryption of {bucket}"):
-        try:
-            answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
-        except ClientError:
-            return ""  # old buckets have none, and not everybody may ask
-    for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
-        key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))
-        if key:
-            start = f"arn:aws:kms:{account.region}:{account.number}:key/"
-            return key if key.startswith("arn:") else start + key
-    return ""
+    outcome = read_outcome(bucket, prefix)
+    if outcome is not None and outcome.stays_ended:
+        write_outcome(bucket, prefix, replace(outcome, stays_ended=False))

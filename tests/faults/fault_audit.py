@@ -17,9 +17,10 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.complete_files import read_complete
 from drcli.store.history import read_history
 from drcli.store.reconstruct import traced_iterations
-from drcli.store.repair import Model, find_damage, read_metrics
+from drcli.store.repair import Model, find_damage, read_all_metrics
 
 LOOK_AGAIN_S = 1.5
 """When to look again at a model that is being trained: rclone deletes an old object a moment before
@@ -118,9 +119,7 @@ class Audit:
         for worker in range(self.workers):
             key = keys.training_metrics(keys.metrics_prefix(self.prefix), worker)
             try:
-                metrics[worker] = read_metrics(self.bucket, key)
-            except ObjectMissing:
-                metrics[worker] = []
+                metrics[worker] = read_all_metrics(self.bucket, key)
             except ObjectDamaged:
                 continue  # a finding of `_check_objects`
             self._check_order(worker, metrics[worker])
@@ -186,7 +185,7 @@ class Audit:
         if key in self.damaged and not self.ended:
             return
         try:
-            text = self.bucket.get(key).decode()
+            text = read_complete(self.bucket, key).decode()
             rows = {int(r["iteration"]): r for r in csv.DictReader(io.StringIO(text))}
             lines = len(text.splitlines()) - 1
         except ObjectMissing:
