@@ -128,3 +128,20 @@ def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
     outcome = read_outcome(bucket, prefix)
     if outcome is not None and outcome.stays_ended:
         write_outcome(bucket, prefix, replace(outcome, stays_ended=False))
+
+
+def key_of(account: Account, bucket: str) -> str:
+    """The KMS key that encrypts a bucket; empty for Amazon's own, or if nobody may know."""
+    from botocore.exceptions import ClientError
+
+    with account.trying(f"look at the encryption of {bucket}"):
+        try:
+            answer = account.client("s3").get_bucket_encryption(Bucket=bucket)
+        except ClientError:
+            return ""  # old buckets have none, and not everybody may ask
+    for rule in answer["ServerSideEncryptionConfiguration"]["Rules"]:
+        key = str(rule.get("ApplyServerSideEncryptionByDefault", {}).get("KMSMasterKeyID", ""))
+        if key:
+            start = f"arn:aws:kms:{account.region}:{account.number}:key/"
+            return key if key.startswith("arn:") else start + key
+    return ""
