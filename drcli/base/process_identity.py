@@ -55,17 +55,6 @@ def exists(pid: int) -> bool:
     return started_s(pid) is not None
 
 
-def is_stopped(pid: int) -> bool:
-    """Whether a process exists but does nothing: a signal or a debugger has stopped it."""
-    import psutil
-
-    try:
-        state = psutil.Process(pid).status()
-    except (psutil.Error, ValueError, OverflowError):
-        return False
-    return state in (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
-
-
 def is_alive(pid: int, began_s: float) -> bool:
     """Whether a process runs and is the one that began at that time (`started_s` or Unix time)."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)

@@ -14,7 +14,7 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import read_start
 from drcli.store import keys, lease
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.store.reconstruct import readable_records
 from drcli.store.repair import Model, find_damage, repair, set_aside
 
@@ -61,25 +61,24 @@ def _repair_parameters(model: Model) -> list[str]:
     ]
     sentences = []
     for key, name, check in checks:
-        try:
-            check(model.bucket.get(key), f"{model.bucket.name}/{key}")
-        except ObjectMissing:
-            continue
-        except SettingsError as error:
-            records = reversed(readable_records(model.bucket, model.prefix))
-            saved = next(
-                (r.counters.inputs[name] for r in records if name in r.counters.inputs), ""
-            )
+        damaged = model.bucket.get(key) if model.bucket.exists(key) else None
+        reason = f"{model.bucket.name}/{key} is missing."
+        if damaged is not None:
             try:
-                check(saved.encode(), name)
-            except SettingsError:
-                continue  # the command that needs the file says what is wrong with it
-            kept = set_aside(model.bucket, model.prefix, key)
-            model.bucket.put(key, saved.encode())
-            sentences.append(
-                f"{error} It was restored from a checkpoint. The damaged one is kept as "
-                f"{model.bucket.name}/{kept}."
-            )
+                check(damaged, f"{model.bucket.name}/{key}")
+                continue
+            except SettingsError as error:
+                reason = str(error)
+        records = reversed(readable_records(model.bucket, model.prefix))
+        saved = next((r.counters.inputs[name] for r in records if name in r.counters.inputs), "")
+        try:
+            check(saved.encode(), name)
+        except SettingsError:
+            continue  # the command that needs the file says what is wrong with it
+        kept = set_aside(model.bucket, model.prefix, key) if damaged is not None else None
+        model.bucket.put(key, saved.encode())
+        also = f" The damaged one is kept as {model.bucket.name}/{kept}." if kept else ""
+        sentences.append(f"{reason} It was restored from a checkpoint.{also}")
     return sentences
 
 

@@ -27,6 +27,7 @@ from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.last_outcome import write_outcome
 from drcli.store.model_prefix import newest_checkpoint
+from drcli.store.rollout_reader import delete_unlearned
 
 _logger = get_logger(__name__)
 
@@ -145,6 +146,9 @@ class RunEnding:
             facts |= attempt(duty, duty.end_facts) or {}
         self._journal.note("end", text, state=outcome.state, code=outcome.code, **facts)
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
+        if outcome.state == "finished":
+            with suppress(DrError):  # they are deleted with the model at the latest
+                delete_unlearned(self._bucket, self._prefix)
         for duty in self._duties:
             attempt(duty, partial(duty.finish, ending))
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)

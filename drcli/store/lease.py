@@ -16,7 +16,7 @@ from dataclasses import replace
 from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import NewerFormat, RecordError
-from drcli.base.process_identity import is_alive, is_stopped, started_s, this_machine
+from drcli.base.process_identity import is_alive, started_s, this_machine
 from drcli.exchange.run_state import Lease
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -69,18 +69,9 @@ def holder(bucket: Bucket, prefix: str) -> Lease | None:
 
 
 def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on the prefix; None if there is none, or its owner has ended.
-
-    Of an owner on this machine, more is known than the age of its lease: if it runs, it holds the
-    lease even when a clock that was set forward makes the lease look old.
-    """
-    lease = read_lease(bucket, prefix)
-    if lease is None or lease.newer or lease.released:
-        return lease if lease is not None and lease.newer else None
-    if lease.machine == this_machine():
-        renews = lease.age_s < STALE_S or not is_stopped(lease.pid)
-        return lease if renews and is_owner_alive(lease) else None
-    return lease if lease.age_s < STALE_S else None
+    """The lease of the training on the prefix; None if there is none, or its owner has ended."""
+    held = holder(bucket, prefix)
+    return held if held is not None and is_owner_alive(held) else None
 
 
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:

@@ -32,6 +32,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.reconstruct import whole_checkpoints
 from drcli.store.repair import read_metrics
+from drcli.workers.pulse import Pulse
 from drcli.workers.sim import SimWorker
 from drcli.workers.trainer import Trainer
 from drcli.workers.worker_process import StopRequested
@@ -58,10 +59,13 @@ class UntilFailure:
 
     def __init__(self) -> None:
         self.failures: list[BaseException] = []
+        self.pulse = Pulse()
         self._deadline_s = time.monotonic() + 60.0
 
     def should_stop(self) -> bool:
         return bool(self.failures) or time.monotonic() > self._deadline_s
+
+    step_done = should_stop
 
 
 class ProbedBucket(MemoryBucket):
@@ -288,7 +292,9 @@ def test_a_training_goes_on_from_a_model_with_a_damaged_object(world, name, dama
         assert not kept.endswith((".json", ".py", ".coach_checkpoint"))
 
 
-@pytest.mark.parametrize("name", ["pointer", "index", "history", "metrics"])
+@pytest.mark.parametrize(
+    "name", ["pointer", "index", "history", "metrics", "hyperparameters", "metadata"]
+)
 def test_a_training_goes_on_from_a_model_that_has_lost_an_object(world, name, told):
     key = key_of(world, name)
     newest = str(CheckpointStore(world.here, PREFIX).pointed())

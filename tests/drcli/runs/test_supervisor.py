@@ -363,7 +363,7 @@ def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
     waits = f"import os, time\nwhile not os.path.exists({str(ends)!r}): time.sleep(0.01)"
     stops = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
     second = f"open({str(ends)!r}, 'w').close(); import time; time.sleep(60)"
-    stage.scripts = {"trainer": [waits] * 3, "sim-0": [stops, second]}
+    stage.scripts = {"trainer": [waits, ENDS], "sim-0": [stops, second]}
     pulses = SeenPulses(stage.job.folder)
     stage.duties = [FrozenWatch(pulses, WarningsBoard(stage.job.folder, "start"))]
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import OwnershipLost, SettingsError
-from drcli.base.process_identity import is_stopped, started_s
+from drcli.base.process_identity import started_s
 from drcli.store import keys, lease
 from drcli.store.lease import read_lease, write_lease
 from memory_bucket import MemoryBucket
@@ -66,36 +65,14 @@ def test_an_owner_that_has_ended_holds_nothing(bucket):
     assert lease.live_holder(bucket, "model") is None
 
 
-@pytest.mark.parametrize("jump_s", [-6 * 3600.0, 61.0, 6 * 3600.0])
-def test_a_jump_of_the_servers_clock_takes_the_prefix_from_no_owner_on_this_machine(server, jump_s):
-    """The embedded server has the clock of this machine, and a lease is renewed every 10 s."""
+def test_a_servers_clock_that_is_set_back_takes_the_prefix_from_nobody(server):
     lease.take(server.bucket, "model", "theirs")
 
-    server.now_s += jump_s
+    server.now_s -= 6 * 3600.0
 
     assert lease.live_holder(server.bucket, "model").session == "theirs"
     with pytest.raises(SettingsError, match=r"last heard from \d+ s ago"):
         lease.refuse_other_owner(server.bucket, "model", "ours")
-
-
-def test_an_owner_on_this_machine_that_was_stopped_loses_its_lease_after_a_minute(server):
-    theirs = lease.take(server.bucket, "model", "theirs")
-    owner = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
-    try:
-        began_s = started_s(owner.pid)
-        write_lease(server.bucket, "model", replace(theirs, pid=owner.pid, pid_started=began_s))
-        owner.send_signal(signal.SIGSTOP)
-        deadline = time.monotonic() + 20.0
-        while not is_stopped(owner.pid):
-            assert time.monotonic() < deadline
-        assert lease.live_holder(server.bucket, "model") is not None
-
-        server.now_s += 61.0
-
-        assert lease.live_holder(server.bucket, "model") is None
-    finally:
-        owner.kill()
-        owner.wait()
 
 
 def test_the_clock_of_the_asking_machine_does_not_make_a_lease_stale(server, monkeypatch):

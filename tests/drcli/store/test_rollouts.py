@@ -12,7 +12,8 @@ from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys, rollout_reader
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
-from drcli.store.rollout_reader import RolloutReader, find_manifest
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.rollout_reader import RolloutReader, delete_unlearned, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
 from memory_bucket import MemoryBucket
 
@@ -327,3 +328,17 @@ def test_a_frugal_reader_notices_within_a_second_that_it_should_stop(memory, clo
     assert wait(reader, [0], should_stop=lambda: clock.now_s >= 3.0) == {}
     assert clock.now_s <= 4.1
     reader.close()
+
+
+def test_what_was_driven_ahead_of_the_last_update_is_deleted_at_the_end():
+    bucket = MemoryBucket()
+    hand_in(bucket, iteration=2)
+    hand_in(bucket, iteration=3)
+    delete_unlearned(bucket, PREFIX)
+    assert find_manifest(bucket, PREFIX, 3, 0) is not None  # no checkpoint says what is learned
+
+    CheckpointStore(bucket, PREFIX).save(3, 900, b"weights")
+    delete_unlearned(bucket, PREFIX)
+
+    assert find_manifest(bucket, PREFIX, 2, 0) is not None  # a replay buffer may need it
+    assert find_manifest(bucket, PREFIX, 3, 0) is None

@@ -161,7 +161,7 @@ def test_a_server_with_an_inner_failure_gets_a_tenth_of_the_patience(scripted, c
 
 @pytest.mark.parametrize(
     ("code", "status"),
-    [("InternalError", 500), ("SlowDown", 503), ("RequestTimeTooSkewed", 403), ("500", 500)],
+    [("InternalError", 500), ("SlowDown", 503), ("500", 500)],
 )
 def test_a_server_elsewhere_gets_all_the_patience_for_what_passes(scripted, clock, code, status):
     bucket = scripted(answer(code, status), endpoint=REMOTE, repeat=True)
