@@ -65,6 +65,14 @@ class Call:
         return self.words.split()[0]
 
 
+NO_KEYS = (
+    ("AWS_SHARED_CREDENTIALS_FILE", "/dev/null"),
+    ("AWS_CONFIG_FILE", "/dev/null"),
+    ("AWS_EC2_METADATA_DISABLED", "true"),
+    ("AWS_ACCESS_KEY_ID", ""),
+)
+"""No keys of Amazon, whatever the machine of the test has."""
+
 STARTED = Call("start-training -q --json", "run_id bucket prefix state pid workers history")
 
 WHILE_TRAINING = [
@@ -153,7 +161,9 @@ AFTERWARDS = [
     Call("droa-get-model ID --json", "DR_DROA_URL", 3),
     Call("droa-download-logs ID -o there --json", "DR_DROA_URL", 3),
     Call("droa-delete-model ID -y --json", "DR_DROA_URL", 3),
-    Call("droa-import-model --best --json", "dr-export droa", 3),
+    Call("droa-import-model --best --json", "DR_DROA_URL", 3),
+    Call("spot list --json", "no access keys", 4, NO_KEYS),
+    Call("send-message hello --json", "DR_WEBHOOK_URL", 3),
 ]
 
 TRANSFERS = [

@@ -20,8 +20,8 @@ from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.store.folder_bucket import FolderBucket
 from drcli.store.server import server
 from drcli.store.server.state import ServerState, own_file
+from fault_metadata import MetadataServer
 from fault_proxy import Proxy
-from metadata_server import MetadataServer
 
 BUCKET, PREFIX, PROFILE = "races", "team/model", "racer"
 

@@ -12,6 +12,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.store import lease
 from drcli.store.bucket import ObjectInfo
+from drcli.store.keys import TEST_FOLDER
 
 Spoil = Callable[[Any], object]
 """Changes a folder."""
@@ -583,7 +584,7 @@ class _Any(str):
 
 def late(folder):
     """A listing of a server whose clock is 20 minutes late; nothing lies where models go."""
-    if folder != ".validate/":
+    if not folder.endswith(f"{TEST_FOLDER}/"):
         return []
     return [ObjectInfo(_Any(), 5, "", datetime.now(UTC) - timedelta(minutes=20))]
 

@@ -209,8 +209,19 @@ def test_a_reward_function_that_is_only_among_the_custom_files_is_found(mover):
     assert mover.there.get(f"{TARGET}/reward_function.py") == b"mine"
 
 
-def test_a_model_without_an_index_is_refused(mover):
-    mover.here.delete([keys.deepracer_checkpoints("team/model")])
+def test_a_lost_index_is_written_again_before_an_upload(mover):
+    index = keys.deepracer_checkpoints("team/model")
+    mover.here.delete([index])
+
+    mover.upload()
+
+    assert mover.here.exists(index)
+
+
+def test_a_folder_without_checkpoints_is_refused(mover):
+    folder = keys.model_folder("team/model")
+    everything = [info.key for info in mover.here.list(folder)]
+    mover.here.delete(key for key in everything if not key.endswith("model_metadata.json"))
 
     with pytest.raises(
         SettingsError, match=r"^No checkpoint file available at s3://bucket/team/mod"

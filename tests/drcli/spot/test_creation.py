@@ -10,6 +10,7 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.config.loading import load_settings
+from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_state import Lease
 from drcli.spot import creation, network, stack_end
 from drcli.spot.before_spending import Wishes
@@ -21,7 +22,8 @@ from drcli.spot.machines import machines_of
 from drcli.spot.stack_access import add_access
 from drcli.spot.stack_report import report_on
 from drcli.spot.stacks import find_stack, need_stack, our_stacks
-from drcli.store import keys, lease
+from drcli.store import keys
+from drcli.store.last_outcome import lease, read_outcome, write_outcome
 
 WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
 WISHES = Wishes("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
@@ -164,15 +166,15 @@ def test_a_longer_name_of_a_model_is_not_in_the_way(amazon, settings, wishes):
 def test_a_training_that_was_stopped_is_continued(amazon, settings, wishes, stack, monkeypatch):
     bucket, prefix = amazon.bucket("models"), settings.model_prefix
     bucket.put(keys.checkpoint_record(prefix, "3_Step-30.ckpt"), b"{}")
-    bucket.put(keys.run_folder(prefix) + "outcome.json", b'{"code": 143, "stays_ended": true}')
+    stopped = RunOutcome("one", "host", 1.0, 2.0, "stopped", code=143, stays_ended=True)
+    write_outcome(bucket, prefix, stopped)
 
     plan = creation.prepare(amazon, settings, wishes, WHEEL)
     monkeypatch.setattr(creation, "create_stack", lambda *args, **named: stack)
     creation.carry_out(amazon, plan)
 
     assert any("it is continued now" in note for note in plan.notes)
-    outcome = json.loads(bucket.get(keys.run_folder(prefix) + "outcome.json"))
-    assert outcome == {"code": 143, "stays_ended": False}
+    assert read_outcome(bucket, prefix) == replace(stopped, stays_ended=False)
 
 
 def test_a_stack_that_cannot_be_made_leaves_no_files(amazon, settings, wishes, monkeypatch):

@@ -111,7 +111,7 @@ class PaperRun:
     def is_running(self, config: Any) -> bool:
         return self.running
 
-    def inspect(self, config: Any) -> RunReport:
+    def inspect(self, config: Any, reader: object = None) -> RunReport:
         if not self._started and "stop" not in self.asked:
             return self.before
         if len(self.looks) == 1 and self.between is not None:
