@@ -22,8 +22,8 @@ from drcli.spot.machines import machines_of
 from drcli.spot.stack_access import add_access
 from drcli.spot.stack_report import report_on
 from drcli.spot.stacks import find_stack, need_stack, our_stacks
-from drcli.store import keys
-from drcli.store.last_outcome import lease, read_outcome, write_outcome
+from drcli.store import keys, lease
+from drcli.store.last_outcome import read_outcome, write_outcome
 
 WHEEL = InstallSource("", "drcli-9-py3-none-any.whl", b"a wheel")
 WISHES = Wishes("run", "models", types=("c7i.xlarge", "c7g.xlarge"), image="ami-1e749f67")
