@@ -10,6 +10,7 @@ import pytest
 
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report, Skipped
+from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.exchange.car_trial import CarTrial, CarTrials
 from drcli.exchange.job import Job
 from drcli.exchange.training_start import Pretrained
@@ -48,6 +49,16 @@ from drcli.runs.journal_reader import JournalEvent, JournalReport
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
+from drcli.runs.support_bundle import BundledFile, BundleReport
+from drcli.spot.before_spending import Wishes
+from drcli.spot.cost_estimate import Estimate
+from drcli.spot.creation import CreatedStack
+from drcli.spot.machine_cost import MachineCost, StackCost
+from drcli.spot.machines import Machine
+from drcli.spot.prices import Offer
+from drcli.spot.stack_end import StoppedStack
+from drcli.spot.stack_report import StackReport
+from drcli.spot.stacks import Stack
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
@@ -289,6 +300,8 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         **{"difficulty": "medium", "about": "Of a championship, with many bends and a long name"},
     )
     _answer_as_car(monkeypatch, answer)
+    _answer_as_amazon(monkeypatch, answer)
+    _answer_about_machine(folder, answer)
     exported = {"source": URL, "choice": "last", "checkpoint": "8_Step-4000.ckpt", "metric": 1.0}
     compared = {"world": TRACK, "frames": 200, "same_actions": 200, "greatest_difference": 1e-7}
     archive = CarReport(
@@ -348,6 +361,97 @@ def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, objec
     sensors, metrics = {"camera": "connected", "lidar": "not_connected"}, {"fps_mean": 29.97}
     status = CarStatus("10.0.0.5", "community", "2.1", "R2", 9, sensors, "loaded", metrics)
     answer("remote.car_status.read_status", status)
+
+
+def _answer_as_amazon(
+    monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, object], None]
+) -> None:
+    """Let the modules behind `dr spot` answer."""
+    region, bucket = "ap-southeast-2", "racing-bucket-1a2b3c4d5e6f"
+    topic = f"arn:aws:sns:{region}:123456789012:racing"
+    ours = SimpleNamespace(region=region, profile=None, bucket=lambda name: None)
+    for module in ("create", "end", "look"):
+        answer(f"cli.commands.spot_{module}.account", ours)
+    tags = {"drcli:kind": "training", "drcli:model": MODEL, "drcli:bucket": bucket}
+    stack = Stack("my-run", "CREATE_COMPLETE", 1.79e9, tags, {"Topic": topic})
+    answer("spot.stacks.need_stack", stack)
+    answer("spot.stacks.refuse_existing", None)
+    made = SimpleNamespace(bucket=bucket, outputs={"Topic": topic})
+    answer("spot.stacks.create_stack", made)
+    kinds = ("c7i-flex.12xlarge", "m6id.metal")
+    plan = SimpleNamespace(
+        wishes=Wishes("my-run", bucket, kinds),
+        settings=SimpleNamespace(model_prefix=MODEL),
+        source=SimpleNamespace(shown="drcli==1.0.0"),
+        types=[SimpleNamespace(name=name) for name in kinds],
+        zones=(f"{region}a", f"{region}b"),
+        estimate=Estimate(0.61, 0.72, 0.008, 12.0),
+        resumes="8_Step-4000.ckpt",
+        notes=("The model is there already; the training goes on.",),
+    )
+    answer("spot.install_source.find_source", plan.source)
+    # Its checks would find what stands here for the report of `dr validate`.
+    monkeypatch.setattr("drcli.cli.commands.spot_create._checked", lambda *given: given[-1])
+    answer("spot.creation.prepare", plan)
+    created = CreatedStack(
+        "my-run", region, bucket, MODEL, kinds, "spot", 0.61, 8.74, 1.79e9, topic
+    )
+    answer("spot.creation.carry_out", created)
+    answer("spot.stack_access.subscribe", None)
+    answer("spot.stack_access.add_access", "203.0.113.7/32")
+    names = ("i-0123456789abcdef0", "i-0fedcba9876543210")
+    machines = (
+        Machine(names[0], kinds[0], f"{region}a", "spot", "gone", "", "", 1.79e9, 1.790007e9, 0.61),
+        Machine(names[1], kinds[1], f"{region}b", "spot", "running", "training", "", 1.790008e9, 0),
+    )
+    state = ("training", "CREATE_COMPLETE", "training", "A machine was taken away an hour ago.")
+    running = ("8_Step-4000.ckpt", machines, 1.26, 1.79e9, 1.79004e9)
+    base = StackReport(
+        *("racing", "base", "CREATE_COMPLETE", "ready", "", "", bucket, "", (), None, 1.78e9, 0)
+    )
+    answer("spot.stacks.our_stacks", [stack, stack])
+    reports = iter((StackReport("my-run", *state, MODEL, bucket, *running), base))
+    monkeypatch.setattr("drcli.spot.stack_report.report_on", lambda *_: next(reports))
+    answer("spot.spot_advisor.read_advisor", None)
+    answer("spot.instance_types.find_types", [])
+    offers = [
+        Offer(kinds[0], region, f"{region}a", 0.6123, 14, "<5%"),
+        Offer(kinds[1], region, f"{region}b", 12.3456, 40),
+    ]
+    answer("spot.prices.offers_of", offers)
+    answer("spot.machine_marks.read_marks", [])
+    answer("spot.machines.machines_of", machines)
+    costs = [
+        MachineCost(names[0], kinds[0], f"{region}a", "spot", 2.0, 0.62, 1.24),
+        MachineCost(names[1], kinds[1], f"{region}b", "on-demand", 1.5, None, None),
+    ]
+    unknown = f"The price of {names[1]} is not known."
+    answer("spot.machine_cost.cost_of", StackCost("my-run", costs, 0.0175, [unknown]))
+    answer("spot.stack_end.stop_training_there", names)
+    answer("spot.stack_end.verified_checkpoint", "8_Step-4000.ckpt")
+    stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12)
+    answer("spot.stack_end.remove_training", stopped)
+
+
+def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -> None:
+    """Let the modules behind `dr doctor` and `dr support-bundle` answer."""
+    remedy = "Delete old logs, or choose a folder on a larger disk with DR_LOCAL_S3_DATA_DIR."
+    findings = (
+        Finding("Python", "ok", f"3.12.3 in {folder}/.venv", facts={"version": "3.12.3"}),
+        Finding("memory", "warning", "2.1 GB are free; a worker takes 1.2 GB.", "Use fewer."),
+        Finding("disk", "problem", f"{folder}/data has only 120 MB left.", remedy),
+        Finding("upload bucket", "ok", f"{URL} can be read and written."),
+    )
+    answer("checks.doctor.diagnose.diagnose", DoctorReport(str(folder), 2.34, findings))
+    files = (
+        BundledFile("README.txt", 612, 0),
+        BundledFile(f"files/data/logs/sagemaker/{MODEL}/trainer.log", 1_048_576, 17),
+    )
+    removed = {"key of the bucket": 16, "password in an address": 1}
+    left_out = (f"status.json: {URL} cannot be reached.",)
+    target = f"{folder}/drcli-support-20261122-213000.tar.gz"
+    bundle = BundleReport(target, 234_567, files, removed, 5, left_out)
+    answer("runs.support_bundle.make_bundle", bundle)
 
 
 def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
