@@ -8,6 +8,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1] / "drcli"
 
 AGES = {
+    "store/bucket_trial.py": "the difference between the clocks of this machine and the server",
     "store/folder_bucket.py": "the age of a file, whose time is a time of day",
     "store/lease.py": "the age of a lease where the server tells no time",
 }

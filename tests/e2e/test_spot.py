@@ -135,7 +135,7 @@ class Amazon:
         programs = root / "opt/drcli/venv/bin"
         programs.mkdir(parents=True)
         for name in ("dr-start-training", "dr-stop-training"):
-            (programs / name).write_text(f'#!/bin/sh\nexec {PROGRAMS / name} "$@"\n')
+            (programs / name).write_text(f'#!/bin/sh\nexec "{PROGRAMS / name}" "$@"\n')
             (programs / name).chmod(0o755)
         return made
 
